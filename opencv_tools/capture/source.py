@@ -1,0 +1,95 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the text of the parameter ``source`` stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import glob
+import os
+from pathlib import Path
+import stat
+
+from opencv_tools.capture.frame import CaptureError, Source
+from opencv_tools.capture.pattern import parse_pattern, PatternSource
+from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
+from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.capture.video import VideoSource
+
+
+def check_source(text: str) -> None:
+    """
+    Refuse a text that can be no source at all.
+
+    :raises ValueError: it is empty, or a pattern that is written wrongly.
+    """
+    if not text:
+        raise ValueError('name a camera, a file, a folder, a URL, or pattern')
+    if _is_pattern(text):
+        parse_pattern(text)
+
+
+def open_source(text: str) -> Source:
+    """
+    Open a source.
+
+    :param text: a device number, a device's path, a video file, a picture file, a folder or glob
+        of pictures, a stream's URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+    :returns: the source, opened.
+    :raises CaptureError: it cannot be opened.
+    :raises ValueError: see :func:`check_source`.
+    """
+    check_source(text)
+    if _is_pattern(text):
+        return PatternSource(parse_pattern(text))
+    if text.isdecimal():
+        return CameraSource(Path(f'/dev/video{int(text)}'))
+    text = text[len('file://'):] if text.startswith('file://') else text
+    if '://' in text:
+        return VideoSource(text)
+    return _open_path(Path(text).expanduser())
+
+
+def _is_pattern(text: str) -> bool:
+    return text == 'pattern' or text.startswith('pattern:')
+
+
+def _open_path(path: Path) -> Source:
+    """Open what lies at a path: a device, a folder, a picture, a video, or a glob of pictures."""
+    try:
+        mode = path.stat().st_mode
+    except OSError as err:
+        if path.is_relative_to('/dev'):
+            return CameraSource(path)
+        matches = [Path(match) for match in glob.glob(str(path))]
+        if matches:
+            return PictureSequence(_pictures(matches), str(path))
+        raise CaptureError(f'{path} cannot be opened: {err.strerror}') from err
+    if stat.S_ISCHR(mode):
+        return CameraSource(path)
+    if not os.access(path, os.R_OK):
+        raise CaptureError(f'no permission to read {path}')
+    if stat.S_ISDIR(mode):
+        return PictureSequence(_pictures(path.iterdir()), str(path))
+    if path.suffix.lower() in PICTURE_SUFFIXES:
+        return PictureSequence([path], str(path))
+    return VideoSource(str(path))
+
+
+def _pictures(paths: Iterable[Path]) -> list[Path]:
+    """Keep the picture files, in natural order."""
+    return sorted((path for path in paths
+                   if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()),
+                  key=natural_order)

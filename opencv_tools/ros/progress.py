@@ -1,0 +1,65 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How a stream of frames goes, said on the console."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+
+_SECONDS_BETWEEN_LINES = 1.0
+
+
+class Progress:
+    """Count frames and say at most once a second how they go."""
+
+    def __init__(self, say: Callable[[str], object], phrase: str) -> None:
+        """
+        Start counting.
+
+        :param say: takes a line.
+        :param phrase: what is being done, such as ``Publishing video frame``.
+        """
+        self.count = 0
+        self._say = say
+        self._phrase = phrase
+        self._first_at = self._said_at = 0.0
+        self._said_count = 0
+        self._last_at = 0.0
+
+    def tick(self, width: int, height: int, encoding: str, dropped: int) -> None:
+        """
+        Count a frame.
+
+        :param width: of the frame, in pixels.
+        :param height: of the frame, in pixels.
+        :param encoding: of the frame.
+        :param dropped: frames lost so far.
+        """
+        self.count += 1
+        now = self._last_at = time.monotonic()
+        self._first_at = self._first_at or now
+        if self._said_at and now - self._said_at < _SECONDS_BETWEEN_LINES:
+            return
+        since = now - self._said_at
+        rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
+        self._said_at, self._said_count = now, self.count
+        self._say(f'{self._phrase} {self.count}: {width}x{height} {encoding}, '
+                  f'{rate}{dropped} dropped')
+
+    def average_rate(self) -> float:
+        """Give the frames per second from the first frame to the last, 0.0 for fewer than two."""
+        seconds = self._last_at - self._first_at
+        return (self.count - 1) / seconds if seconds > 0 else 0.0

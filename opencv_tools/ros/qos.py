@@ -1,0 +1,80 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Quality of service of an image topic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from opencv_tools.ros.parameters import ParameterError
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+
+_DEPTH = 10
+_MAX_DEPTH = 10_000
+
+
+def reliable_qos() -> QoSProfile:
+    """Make the profile of frames that arrive whole: what the publisher offers."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def best_effort_qos() -> QoSProfile:
+    """Make the profile that matches every publisher, for one that offers no more than this."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publisher:
+    """
+    Create a reliable publisher whose history, depth and reliability parameters may override.
+
+    :param node: the node that publishes.
+    :param message_type: class of the messages.
+    :param topic: where to.
+    :returns: the publisher.
+    :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
+    """
+    options = QoSOverridingOptions.with_default_policies(callback=_check_depth)
+    try:
+        return node.create_publisher(
+            message_type, topic, reliable_qos(), qos_overriding_options=options)
+    except (InvalidQosOverridesError, RuntimeError) as err:
+        raise ParameterError(f'{topic} cannot be published: {err}') from err
+
+
+def _check_depth(qos: QoSProfile) -> SetParametersResult:
+    if 0 <= qos.depth <= _MAX_DEPTH:
+        return SetParametersResult(successful=True)
+    return SetParametersResult(
+        reason=f'depth is {qos.depth}: give a number from 0 to {_MAX_DEPTH}')

@@ -1,0 +1,152 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From the command line to an exit status: start a node, spin it, end it cleanly."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+import re
+import signal
+import sys
+from types import FrameType
+from typing import Protocol
+
+from opencv_tools.capture.frame import CaptureError
+from opencv_tools.recording.recorder import RecordingError
+from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+
+# Exit statuses of both executables.
+DONE = 0
+FAILED = 1
+BAD_USAGE = 2
+
+# Python runs its signal handlers when the executor comes back to it, this often at least.
+_SIGNAL_SECONDS = 0.1
+
+
+class Runnable(Protocol):
+    """
+    A node that ends by itself or is ended.
+
+    ``done`` gets the exit status when there is nothing more to do.
+    """
+
+    done: Future
+
+    def close(self) -> int:
+        """
+        Finish what was begun, say how it went and let go of everything.
+
+        :returns: the exit status.
+        """
+
+
+def run(
+    make_node: Callable[[], Runnable], args: Sequence[str] | None, program: str,
+    description: str, table: Sequence[Parameter],
+) -> int:
+    """
+    Run a node until it is done, Ctrl-C or SIGTERM.
+
+    :param make_node: makes the node, once ROS is up.
+    :param args: command line with the program's name first; None for the process's own.
+    :param program: name of the executable, for ``--help``.
+    :param description: what it does, for ``--help``.
+    :param table: its parameters, for ``--help``.
+    :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
+    """
+    logger = get_logger(program)
+    args = list(sys.argv if args is None else args)
+    signals = _Signals()
+    try:
+        _parse_arguments(remove_ros_args(args), program, description, table)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        return _run(make_node, signals)
+    except (ParameterError, ParameterException) as err:
+        logger.error(str(err))
+        return BAD_USAGE
+    except (CaptureError, RecordingError) as err:
+        logger.error(str(err))
+        return FAILED
+    except KeyboardInterrupt:
+        return FAILED  # a second Ctrl-C: what was begun is not finished
+    except RuntimeError as err:
+        if rclpy.ok():
+            raise
+        logger.error(_describe_bad_arguments(err))
+        return BAD_USAGE
+    finally:
+        rclpy.try_shutdown()
+
+
+class _Signals:
+    """
+    Take note of SIGINT and SIGTERM.
+
+    rclpy's own handlers shut ROS down at once, under the feet of a node that is being made or has
+    frames to finish. Here the node is told to end while ROS still works.
+    """
+
+    def __init__(self) -> None:
+        self.received = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._receive)
+
+    def _receive(self, number: int, _: FrameType | None) -> None:
+        self.received = True
+        # Whoever asks twice does not want to wait.
+        signal.signal(number, signal.default_int_handler)
+
+
+def _parse_arguments(
+    args: list[str], program: str, description: str, table: Sequence[Parameter],
+) -> None:
+    """Answer ``--help`` and refuse words that are no ROS arguments, by leaving the program."""
+    parser = argparse.ArgumentParser(
+        prog=program, description=description, formatter_class=argparse.RawTextHelpFormatter,
+        usage=f'{program} [--ros-args -p NAME:=VALUE ...]',
+        epilog=f'parameters [default]:\n{describe_parameters(table)}')
+    parser.parse_args(args[1:])
+
+
+def _run(make_node: Callable[[], Runnable], signals: _Signals) -> int:
+    node = make_node()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    node.done.add_done_callback(lambda _: executor.wake())
+    try:
+        while not (signals.received or node.done.done()):
+            executor.spin_once(timeout_sec=_SIGNAL_SECONDS)
+    finally:
+        status = node.close()
+        node.destroy_node()
+    return status
+
+
+def _describe_bad_arguments(err: RuntimeError) -> str:
+    """Say what rcl says of arguments, without its source lines, and how to write a parameter."""
+    reason = re.sub(r', at \S+:[0-9]+', '', str(err))
+    if 'parameter override' in reason:
+        reason += ('; write -p NAME:=VALUE, and a value with braces, brackets or spaces in quotes '
+                   """within quotes: -p 'NAME:="VALUE"'""")
+    return f'these ROS arguments cannot be used: {reason}'

@@ -1,0 +1,46 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'opencv_tools'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/launch', glob('launch/*.launch.py')),
+        (f'share/{package_name}/config', glob('config/*.yaml')),
+    ],
+    python_requires='>=3.10',
+    install_requires=['setuptools', 'numpy'],
+    extras_require={'test': ['pytest']},
+    zip_safe=True,
+    maintainer='opencv_tools maintainers',
+    maintainer_email='opencv-tools@example.org',
+    description='Webcam, video and picture frames as image messages and back to files',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'img_publisher = opencv_tools.basic_image_publisher:main',
+            'img_subscriber = opencv_tools.basic_image_subscriber:main',
+        ],
+    },
+)
