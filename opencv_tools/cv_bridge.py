@@ -115,7 +115,7 @@ class CvBridge:
         message.step = message.width * declared.pixel_bytes
         message.is_bigendian = _is_bigendian(cvim.dtype)
         data = array.array('B')
-        data.frombytes(np.ascontiguousarray(cvim).data)
+        data.frombytes(np.ascontiguousarray(cvim).reshape(-1).view(np.uint8))
         message.data = data
         return message
 

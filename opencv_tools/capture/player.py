@@ -29,25 +29,27 @@ PICTURE_RATE = 10.0  # frames per second of pictures, which have no rate of thei
 class Pacer:
     """Say when the next frame is due, so many times a second, and count the slots missed."""
 
-    def __init__(self, rate: float, stopped: Event) -> None:
+    def __init__(self, rate: float, stopped: Event, early: float = 0.0) -> None:
         """
         Start at once: the first frame is due now.
 
         :param rate: frames per second; 0.0 when every frame is due as soon as it is there.
         :param stopped: ends a wait.
+        :param early: seconds that a frame may be ahead of its time.
         """
         self.missed = 0
+        self._early = early
         self._period = 1.0 / rate if rate else 0.0
         self._stopped = stopped
         self._due = 0.0
 
     def is_due(self) -> bool:
         """Tell whether the next frame's time has come."""
-        return time.monotonic() >= self._due
+        return time.monotonic() >= self._due - self._early
 
     def wait(self) -> None:
         """Wait until the next frame is due, or playing is stopped."""
-        delay = self._due - time.monotonic()
+        delay = self._due - self._early - time.monotonic()
         if delay > 0:
             self._stopped.wait(delay)
 
@@ -82,7 +84,9 @@ class Player:
         self._on_end = on_end
         self._stopped = stopped
         self._on_broken = on_broken
-        self._pacer = Pacer(_shown_rate(source, rate), stopped)
+        # A camera's frame that comes half its period early is nearer to the slot than the next.
+        early = 0.5 / source.rate if source.live and source.rate else 0.0
+        self._pacer = Pacer(_shown_rate(source, rate), stopped, early)
 
     @property
     def missed(self) -> int:

@@ -82,11 +82,11 @@ def _is_named(encoding: Encoding) -> bool:
 
 def _reorder(image: NDArray[np.generic], source: str, target: str) -> NDArray[np.generic]:
     """Turn channels in one order into another; a new alpha channel is opaque."""
-    if target == 'gray':
+    if target == 'y':
         return _gray(image, source)
     reordered = np.empty((*image.shape[:2], len(target)), image.dtype)
     for index, channel in enumerate(target):
-        if source == 'gray' and channel != 'a':
+        if source == 'y' and channel != 'a':
             reordered[..., index] = image
         elif channel in source:
             reordered[..., index] = image[..., source.index(channel)]

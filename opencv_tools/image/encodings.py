@@ -38,8 +38,8 @@ class Encoding:
     :param name: as it stands in the message, such as ``'bgr8'`` or ``'32FC1'``.
     :param dtype: numpy name of one channel's type, such as ``'uint8'``.
     :param channels: values a pixel takes in a row of the message.
-    :param order: the channels in order, such as ``'bgr'``, ``'gray'``; ``''`` when the values
-        of a pixel are not colours that can be reordered (bayer, yuv, depth, generic types).
+    :param order: the channels in order, such as ``'bgr'``, or ``'y'`` for gray; ``''`` when a
+        pixel's values are not colours that can be reordered (bayer, yuv, depth, generic types).
     """
 
     name: str
@@ -68,8 +68,8 @@ ENCODINGS = {encoding.name: encoding for encoding in (
     Encoding('bgra8', 'uint8', 4, 'bgra'),
     Encoding('bgr16', 'uint16', 3, 'bgr'),
     Encoding('bgra16', 'uint16', 4, 'bgra'),
-    Encoding('mono8', 'uint8', 1, 'gray'),
-    Encoding('mono16', 'uint16', 1, 'gray'),
+    Encoding('mono8', 'uint8', 1, 'y'),
+    Encoding('mono16', 'uint16', 1, 'y'),
     *_BAYER,
     Encoding('yuv422', 'uint8', 2),
     Encoding('yuv422_yuy2', 'uint8', 2),

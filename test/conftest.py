@@ -1,0 +1,165 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the tests share: domains of their own, processes that always end, a ROS node in here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import itertools
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import time
+
+from ament_index_python.packages import get_package_prefix
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
+CLIP_FRAMES = 90
+DEADLINE = 30.0  # seconds that any wait may last
+
+# Domains 1 to 100 are safe on Linux; a second run on the same machine begins elsewhere.
+_domains = itertools.count(os.getpid() * 7)
+
+
+class NodeProcess:
+    """One of the executables in a process of its own."""
+
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
+        self._log = log
+        with log.open('w') as console:
+            self._process = subprocess.Popen(
+                command, env=environment, stdin=subprocess.DEVNULL, stdout=console,
+                stderr=subprocess.STDOUT, cwd=log.parent)
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text()
+
+    def wait_for(self, text: str) -> None:
+        """Wait until a text is on the console."""
+        deadline = time.monotonic() + DEADLINE
+        while text not in self.output:
+            assert self._process.poll() is None, f'ended before {text!r}:\n{self.output}'
+            assert time.monotonic() < deadline, f'{text!r} did not come:\n{self.output}'
+            time.sleep(0.02)
+
+    def finish(self) -> int:
+        """Wait for the end; the exit status."""
+        try:
+            status = self._process.wait(DEADLINE)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f'did not end:\n{self.output}')
+        assert 'Traceback' not in self.output, self.output
+        return status
+
+    def interrupt(self, number: int = signal.SIGINT) -> None:
+        self._process.send_signal(number)
+
+    def segments(self) -> set[Path]:
+        """Give the files of Fast DDS in shared memory that the process uses."""
+        maps = Path(f'/proc/{self._process.pid}/maps').read_text()
+        return {Path(line.split()[-1]) for line in maps.splitlines() if 'fastrtps' in line}
+
+    def kill(self) -> None:
+        """End the process in any case; a clean end leaves no shared memory behind."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(5)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+
+
+def executable(name: str) -> str:
+    """Find an executable where ``ros2 run`` does, else on the path."""
+    installed = Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools', name)
+    return str(installed if installed.exists() else shutil.which(name))
+
+
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Give the test a ROS domain of its own, on this machine only."""
+    number = 1 + next(_domains) % 100
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    return number
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """
+    Start an executable of the package: ``start('img_publisher', source='pattern')``.
+
+    Keywords are parameters; words before them go to the command line as they are.
+    """
+    processes: list[NodeProcess] = []
+
+    def _start(name: str, *words: str, **parameters: object) -> NodeProcess:
+        given = [f'{key}:={value}' for key, value in parameters.items()]
+        command = [executable(name), *words, '--ros-args',
+                   *itertools.chain.from_iterable(('-p', assignment) for assignment in given)]
+        log = tmp_path / f'{name}_{len(processes)}.log'
+        processes.append(NodeProcess(command, log, dict(os.environ)))
+        return processes[-1]
+
+    yield _start
+    for process in processes:
+        process.kill()
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Node]:
+    """Give a plain node in this process, which knows nothing of the package."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    plain = Node('plain', context=context)
+    yield plain
+    plain.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def spin_until(node: Node, condition: Callable[[], bool]) -> None:
+    """Spin a node until a condition holds."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline, 'the condition did not come to hold'
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+
+
+def read_pictures(folder: Path, suffix: str = '.png') -> list[np.ndarray]:
+    """Read the pictures of a folder in the order of their names."""
+    return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            for path in sorted(folder.glob(f'*{suffix}'))]
+
+
+def decode_clip() -> list[np.ndarray]:
+    """Decode the clip, independently of the package."""
+    capture = cv2.VideoCapture(str(CLIP), cv2.CAP_FFMPEG)
+    frames = [capture.read()[1] for _ in range(CLIP_FRAMES)]
+    assert not capture.read()[0]
+    return frames

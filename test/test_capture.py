@@ -1,0 +1,244 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sources of frames and how they are played, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event
+import time
+
+from conftest import CLIP, CLIP_FRAMES, decode_clip
+import cv2
+import numpy as np
+from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
+from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
+from opencv_tools.capture.player import Pacer, Player
+from opencv_tools.capture.sequence import natural_order
+from opencv_tools.capture.source import check_source, open_source
+import pytest
+
+
+def frames_of(source: Source) -> Iterator[Frame]:
+    return iter(source.read, None)
+
+
+@pytest.mark.parametrize(('text', 'spec'), [
+    ('pattern', PatternSpec(640, 480, 30.0)),
+    ('pattern:320x240', PatternSpec(320, 240, 30.0)),
+    ('pattern:1x1@12.5', PatternSpec(1, 1, 12.5)),
+])
+def test_pattern_is_parsed(text: str, spec: PatternSpec) -> None:
+    assert parse_pattern(text) == spec
+
+
+@pytest.mark.parametrize('text', [
+    '', 'pattern:', 'pattern:640', 'pattern:0x480', 'pattern:640x480@0', 'pattern:640x480@1001',
+    'pattern:99999x1', 'pattern:-1x5', 'pattern:640x480@30@30'])
+def test_sources_that_cannot_be(text: str) -> None:
+    with pytest.raises(ValueError):
+        check_source(text)
+
+
+@pytest.mark.parametrize(('width', 'height'), [(640, 480), (1, 1), (3, 200), (200, 3), (1921, 7)])
+def test_pattern_frames_differ_and_repeat_exactly(width: int, height: int) -> None:
+    source = PatternSource(PatternSpec(width, height))
+    first, second = source.read().image, source.read().image
+    assert first.shape == (height, width, 3)
+    assert np.array_equal(second, draw_pattern(1, width, height))
+    if width >= 200:
+        assert not np.array_equal(first, second)
+    source.rewind()
+    assert source.skip()
+    assert np.array_equal(source.read().image, second)
+
+
+def test_pattern_shows_its_number() -> None:
+    images = {draw_pattern(number, 640, 480)[160:320, 200:440].tobytes()
+              for number in range(0, 640, 64)}
+    assert len(images) == 10  # the moving line is where it was, so the digits differ
+
+
+def test_video_gives_every_frame_and_its_rate() -> None:
+    source = open_source(str(CLIP))
+    assert source.rate == 25.0 and not source.live
+    for expected, frame in zip(decode_clip(), frames_of(source), strict=True):
+        assert frame.encoding == 'bgr8' and frame.stamp_ns is None
+        assert np.array_equal(frame.image, expected)
+    source.rewind()
+    assert np.array_equal(source.read().image, decode_clip()[0])
+    source.close()
+
+
+def test_video_can_be_a_file_url() -> None:
+    source = open_source(f'file://{CLIP}')
+    assert source.skip() and not source.live
+    assert len(list(frames_of(source))) == CLIP_FRAMES - 1
+
+
+PICTURES = {
+    'mono8.png': ('mono8', (4, 5), np.uint8), 'mono16.png': ('mono16', (4, 5), np.uint16),
+    'bgr8.bmp': ('bgr8', (4, 5, 3), np.uint8), 'bgr16.tiff': ('bgr16', (4, 5, 3), np.uint16),
+    'bgra8.png': ('bgra8', (4, 5, 4), np.uint8), 'float.tiff': ('32FC1', (4, 5), np.float32),
+}
+
+
+@pytest.mark.parametrize('name', PICTURES)
+def test_picture_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None:
+    encoding, shape, dtype = PICTURES[name]
+    image = np.random.default_rng(3).integers(0, 255, shape).astype(dtype)
+    cv2.imwrite(str(tmp_path / name), image)
+    (frame,) = frames_of(open_source(str(tmp_path / name)))
+    assert frame.encoding == encoding
+    assert np.array_equal(frame.image, image)
+
+
+def test_folder_and_glob_are_read_in_natural_order(tmp_path: Path) -> None:
+    for number in (10, 9, 1, 2):
+        cv2.imwrite(str(tmp_path / f'f{number}.png'), np.full((2, 2), number, np.uint8))
+    (tmp_path / 'notes.txt').write_text('no picture')
+    (tmp_path / 'folder.png').mkdir()
+    for text in (tmp_path, tmp_path / '*', tmp_path / 'f*.png'):
+        values = [int(frame.image[0, 0]) for frame in frames_of(open_source(str(text)))]
+        assert values == [1, 2, 9, 10]
+    assert sorted(map(Path, ('a10', 'a9', 'b', '1')), key=natural_order) == [
+        Path('1'), Path('a9'), Path('a10'), Path('b')]
+
+
+def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
+    (tmp_path / '1.png').write_text('no picture')
+    source = open_source(str(tmp_path))
+    broken: list[BrokenFrameError] = []
+    player = Player(source, 100.0, 'stop', Event(), broken.append)
+    assert [int(frame.image[0, 0]) for frame in player.frames()] == [0, 2]
+    assert [str(err) for err in broken] == [
+        f'{tmp_path}/1.png is not a picture that OpenCV can read']
+
+
+@pytest.mark.parametrize(('name', 'text'), [
+    ('none.mp4', 'No such file or directory'), ('text.mp4', 'cannot be opened as a video'),
+    ('empty.mp4', 'cannot be opened as a video'), ('folder', 'there is no picture in'),
+    ('*.png', 'No such file or directory'), ('*.txt', 'there is no picture in'),
+])
+def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / 'text.mp4').write_text('hello')
+    (tmp_path / 'some.txt').write_text('hello')
+    (tmp_path / 'empty.mp4').touch()
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(CaptureError, match=text):
+        open_source(str(tmp_path / name))
+
+
+@pytest.mark.parametrize(('text', 'reason'), [
+    ('987', 'there is no camera /dev/video987; cameras on this machine: '),
+    ('/dev/v4l/by-id/none', 'there is no camera /dev/v4l/by-id/none'),
+    ('/dev/null', '/dev/null is not a camera'),
+])
+def test_devices_that_are_no_camera(text: str, reason: str) -> None:
+    with pytest.raises(CaptureError, match=reason):
+        open_source(text)
+
+
+def numbers(player: Player, most: int) -> list[int]:
+    return [int(frame.image.flat[0]) for _, frame in zip(range(most), player.frames())]
+
+
+@pytest.mark.parametrize(('on_end', 'expected'), [
+    ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2, 2, 2])])
+def test_what_follows_the_last_frame(tmp_path: Path, on_end: str, expected: list[int]) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
+    player = Player(open_source(str(tmp_path)), 500.0, on_end, Event(), pytest.fail)
+    assert numbers(player, 7) == expected
+
+
+@pytest.mark.parametrize('on_end', ['stop', 'loop', 'hold'])
+def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
+    (tmp_path / '1.png').write_text('no picture')
+    player = Player(open_source(str(tmp_path)), 100.0, on_end, Event(), lambda err: None)
+    with pytest.raises(CaptureError, match='has no frame that can be read'):
+        list(player.frames())
+
+
+class LiveSource:
+    """A camera that gives a numbered frame every 10 ms, whether or not it is read."""
+
+    name = 'live'
+    rate = 100.0
+    live = True
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+        self._number = 0
+
+    def skip(self) -> bool:
+        self._number += 1
+        time.sleep(max(0.0, self._began + self._number / self.rate - time.monotonic()))
+        return True
+
+    def read(self) -> Frame:
+        self.skip()
+        return Frame(np.full((1, 1), self._number, np.uint16), 'mono16', time.monotonic_ns())
+
+    def rewind(self) -> None:
+        raise CaptureError('no way back')
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(('rate', 'shown'), [(0.0, 100), (20.0, 20), (1000.0, 100)])
+def test_a_camera_is_shown_as_often_as_asked_and_never_stale(rate: float, shown: int) -> None:
+    stopped = Event()
+    player = Player(LiveSource(), rate, 'stop', stopped, pytest.fail)
+    ages = []
+    until = time.monotonic() + 1.0
+    for frame in player.frames():
+        ages.append((time.monotonic_ns() - frame.stamp_ns) / 1e9)
+        if time.monotonic() > until:
+            stopped.set()
+    assert len(ages) == pytest.approx(shown, rel=0.15)
+    assert np.median(ages) < 0.01
+
+
+def test_a_file_is_played_at_its_rate() -> None:
+    player = Player(PatternSource(PatternSpec(8, 8, 50.0)), 0.0, 'stop', Event(), pytest.fail)
+    began = time.monotonic()
+    assert len(numbers(player, 51)) == 51
+    assert time.monotonic() - began == pytest.approx(1.0, rel=0.05)
+    assert player.missed == 0
+
+
+def test_slots_that_pass_are_missed_and_not_made_up_for() -> None:
+    pacer = Pacer(20.0, Event())
+    pacer.advance()
+    time.sleep(0.22)
+    pacer.advance()
+    assert 2 <= pacer.missed <= 3
+    assert pacer.is_due()
+    pacer.advance()
+    assert not pacer.is_due()
+
+
+def test_a_stop_ends_a_wait_at_once() -> None:
+    stopped = Event()
+    player = Player(PatternSource(PatternSpec(8, 8, 0.1)), 0.0, 'stop', stopped, pytest.fail)
+    began = time.monotonic()
+    for _ in player.frames():
+        stopped.set()
+    assert time.monotonic() - began < 1.0

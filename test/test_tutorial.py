@@ -1,0 +1,92 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What followers of the tutorial have: its publisher, its subscriber, its names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+
+from conftest import NodeProcess, read_pictures, spin_until
+import numpy as np
+from opencv_tools.capture.pattern import draw_pattern
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+Start = Callable[..., NodeProcess]
+
+
+def fill_as_the_tutorial_does(frame: np.ndarray) -> Image:
+    """Fill a message as ``cv_bridge.cv2_to_imgmsg(frame)`` of ROS 2 does: no stamp, 8UC3."""
+    message = Image()
+    message.height, message.width = frame.shape[:2]
+    message.encoding = '8UC3'
+    message.is_bigendian = 0
+    message.data.frombytes(frame.tobytes())
+    message.step = len(message.data) // message.height
+    return message
+
+
+def test_the_tutorials_publisher_is_received_and_written(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    frames = [random.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(10)]
+    publisher = node.create_publisher(Image, 'video_frames', 10)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=10, timeout=20)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    for frame in frames:
+        publisher.publish(fill_as_the_tutorial_does(frame))
+        time.sleep(0.02)
+    assert subscriber.finish() == 0, subscriber.output
+    assert 'Receiving video frame 1: 64x48 8UC3' in subscriber.output
+    written = read_pictures(tmp_path / 'out')
+    assert all(np.array_equal(left, right) for left, right in zip(written, frames, strict=True))
+
+
+def test_a_plain_subscriber_reads_our_frames(start: Start, node: Node) -> None:
+    messages: list[Image] = []
+    node.create_subscription(Image, 'video_frames', messages.append, 10)
+    began = time.time()
+    publisher = start('img_publisher', source='pattern:65x49', publish_rate=20, max_frames=20,
+                      wait_for_subscribers=1)
+    spin_until(node, lambda: len(messages) == 20)
+    assert publisher.finish() == 0, publisher.output
+
+    stamps = []
+    for number, message in enumerate(messages):
+        assert (message.width, message.height, message.step) == (65, 49, 65 * 3)
+        assert (message.encoding, message.is_bigendian) == ('bgr8', 0)
+        assert message.header.frame_id == 'camera'
+        frame = np.frombuffer(message.data, np.uint8).reshape(49, 65, 3)
+        assert np.array_equal(frame, draw_pattern(number, 65, 49))
+        stamps.append(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
+    assert began < stamps[0] < stamps[-1] < time.time()
+    assert all(np.diff(stamps) > 0)
+    assert np.mean(np.diff(stamps)) == pytest.approx(1 / 20, rel=0.05)
+
+
+def test_the_names_of_the_tutorial(start: Start, node: Node) -> None:
+    publisher = start('img_publisher', source='pattern')
+    subscriber = start('img_subscriber')
+    spin_until(node, lambda: {'image_publisher', 'image_subscriber'} <= set(node.get_node_names()))
+    spin_until(node, lambda: bool(node.get_publishers_info_by_topic('/video_frames')
+                                  and node.get_subscriptions_info_by_topic('/video_frames')))
+    (offered,) = node.get_publishers_info_by_topic('/video_frames')
+    assert offered.topic_type == 'sensor_msgs/msg/Image'
+    assert offered.qos_profile.reliability.name == 'RELIABLE'
+    publisher.wait_for('Publishing video frame')
+    subscriber.wait_for('Receiving video frame')
