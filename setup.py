@@ -28,6 +28,8 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/launch', glob('launch/*.launch.py')),
         (f'share/{package_name}/config', glob('config/*.yaml')),
+        (f'share/{package_name}/urdf', glob('urdf/*')),
+        (f'share/{package_name}/sdf/my_robot', glob('sdf/my_robot/*')),
     ],
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy'],

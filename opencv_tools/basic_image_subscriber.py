@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 import sys
+from typing import TypedDict
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.recording.naming import FileNames
@@ -29,8 +30,7 @@ from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import best_effort_qos, reliable_qos
 from opencv_tools.ros.runtime import DONE, FAILED, run
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import (
-    QoSMessageLostInfo, QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks)
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -58,6 +58,12 @@ PARAMETERS = (
 )
 
 
+class MessageInfo(TypedDict):
+    """What rclpy tells of a message, as far as it is used here."""
+
+    publication_sequence_number: int | None
+
+
 class ImageSubscriber(Node):
     """Receive ``video_frames`` and write each frame to a file."""
 
@@ -76,6 +82,7 @@ class ImageSubscriber(Node):
         self._max_frames = settings['max_frames']
         self._accepted = 0
         self._lost = 0
+        self._last_number = 0
         self._refused = 0
         self._recorder = Recorder(
             self._folder, FileNames(settings['file_name']), self._report_failure)
@@ -88,14 +95,16 @@ class ImageSubscriber(Node):
         self.get_logger().info(
             f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
-    def listener_callback(self, data: Image) -> None:
+    def listener_callback(self, data: Image, info: MessageInfo) -> None:
         """
         Hand a frame over to be written.
 
         :param data: the message.
+        :param info: what the middleware says of it, its number among them.
         """
         if self.done.done():
             return
+        self._count_lost(info)
         if self._timer:
             self._timer.reset()
         try:
@@ -129,7 +138,7 @@ class ImageSubscriber(Node):
         return self.create_subscription(
             Image, 'video_frames', self.listener_callback, qos,
             event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._accept_best_effort, message_lost=self._count_lost))
+                incompatible_qos=self._accept_best_effort))
 
     def _accept_best_effort(self, _: QoSRequestedIncompatibleQoSInfo) -> None:
         """Ask for less, so that a publisher that offers no more is received too."""
@@ -137,8 +146,14 @@ class ImageSubscriber(Node):
         self.destroy_subscription(self.subscription)
         self.subscription = self._subscribe(best_effort_qos())
 
-    def _count_lost(self, event: QoSMessageLostInfo) -> None:
-        self._lost += event.total_count_change
+    def _count_lost(self, info: MessageInfo) -> None:
+        """Count the messages that were published since the last one but did not arrive."""
+        number = info['publication_sequence_number'] or 0
+        missing = number - self._last_number - 1 if self._last_number else 0
+        # The numbers of several publishers say nothing: each counts for itself.
+        if missing > 0 and self.subscription.get_publisher_count() == 1:
+            self._lost += missing
+        self._last_number = number
 
     def _dropped(self) -> int:
         return self._lost + self._recorder.dropped

@@ -23,15 +23,15 @@ from __future__ import annotations
 
 import array
 import sys
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
-from std_msgs.msg import Header
-
 from opencv_tools.image.color import ConversionError, convert
 from opencv_tools.image.encodings import EncodingError, find_encoding, generic_encoding
 from opencv_tools.image.layout import LayoutError, view_pixels
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 __all__ = ['CvBridge', 'CvBridgeError']
 
@@ -59,7 +59,7 @@ class CvBridge:
 
     def imgmsg_to_cv2(
         self, img_msg: Image, desired_encoding: str = 'passthrough',
-    ) -> NDArray[np.generic]:
+    ) -> NDArray[Any]:
         """
         Convert an image message to an array.
 
@@ -84,7 +84,7 @@ class CvBridge:
             raise CvBridgeError(str(err)) from err
 
     def cv2_to_imgmsg(
-        self, cvim: NDArray[np.generic], encoding: str = 'passthrough',
+        self, cvim: NDArray[Any], encoding: str = 'passthrough',
         header: Header | None = None,
     ) -> Image:
         """
@@ -120,6 +120,6 @@ class CvBridge:
         return message
 
 
-def _is_bigendian(dtype: np.dtype[np.generic]) -> bool:
+def _is_bigendian(dtype: np.dtype[Any]) -> bool:
     """Tell whether numbers of a type have their most significant byte first."""
     return dtype.byteorder == '>' or (dtype.byteorder == '=' and sys.byteorder == 'big')

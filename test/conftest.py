@@ -79,7 +79,8 @@ class NodeProcess:
     def segments(self) -> set[Path]:
         """Give the files of Fast DDS in shared memory that the process uses."""
         maps = Path(f'/proc/{self._process.pid}/maps').read_text()
-        return {Path(line.split()[-1]) for line in maps.splitlines() if 'fastrtps' in line}
+        files = {Path(line.split()[-1]) for line in maps.splitlines() if '/dev/shm/' in line}
+        return {file for file in files if 'fastrtps' in file.name}
 
     def kill(self) -> None:
         """End the process in any case; a clean end leaves no shared memory behind."""
@@ -110,7 +111,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
-    Start an executable of the package: ``start('img_publisher', source='pattern')``.
+    Start executables of the package, and end those that a test leaves running.
 
     Keywords are parameters; words before them go to the command line as they are.
     """

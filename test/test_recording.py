@@ -93,7 +93,7 @@ def test_big_endian_frames_are_kept_by_value() -> None:
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(UnwritableError, match='an empty frame, 0x5, cannot be kept as .png'):
+    with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
         encode_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.png')
 
 

@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 #  CaptureError          the source cannot be opened, or has broken for good
@@ -45,7 +44,7 @@ class Frame:
         of a file, which is as new as the moment it is shown.
     """
 
-    image: NDArray[np.generic]
+    image: NDArray[Any]
     encoding: str
     stamp_ns: int | None = None
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 import re
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,7 +85,7 @@ class PictureSequence:
         pass
 
 
-def _read_picture(path: Path) -> NDArray[np.generic]:
+def _read_picture(path: Path) -> NDArray[Any]:
     """
     Read a picture file with the depth and channels it has.
 

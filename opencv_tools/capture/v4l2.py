@@ -55,7 +55,8 @@ class CameraSource:
 
     def skip(self) -> bool:
         if not self._capture.grab():
-            raise CaptureError(f'camera {self.name} stopped giving frames; is it still plugged in?')
+            raise CaptureError(
+                f'camera {self.name} stopped giving frames; is it still plugged in?')
         return True
 
     def read(self) -> Frame:

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +33,8 @@ class ConversionError(ValueError):
 
 
 def convert(
-    image: NDArray[np.generic], source: Encoding, target: Encoding,
-) -> NDArray[np.generic]:
+    image: NDArray[Any], source: Encoding, target: Encoding,
+) -> NDArray[Any]:
     """
     Convert an image from one encoding to another: colours first, then depth.
 
@@ -46,10 +48,8 @@ def convert(
     native = np.asarray(image, np.dtype(source.dtype))
     if source.order and target.order and source.order != target.order:
         native = _reorder(native, source.order, target.order)
-    converted = _change_depth(native, source, target)
-    if np.may_share_memory(converted, image):
-        return converted.copy()
-    return np.ascontiguousarray(converted)
+    converted = np.ascontiguousarray(_change_depth(native, source, target))
+    return np.copy(converted) if np.may_share_memory(converted, image) else converted
 
 
 def check_conversion(source: Encoding, target: Encoding) -> None:
@@ -80,7 +80,7 @@ def _is_named(encoding: Encoding) -> bool:
     return encoding.name[0].islower()
 
 
-def _reorder(image: NDArray[np.generic], source: str, target: str) -> NDArray[np.generic]:
+def _reorder(image: NDArray[Any], source: str, target: str) -> NDArray[Any]:
     """Turn channels in one order into another; a new alpha channel is opaque."""
     if target == 'y':
         return _gray(image, source)
@@ -91,11 +91,11 @@ def _reorder(image: NDArray[np.generic], source: str, target: str) -> NDArray[np
         elif channel in source:
             reordered[..., index] = image[..., source.index(channel)]
         else:
-            reordered[..., index] = np.iinfo(image.dtype).max  # type: ignore[type-var]
+            reordered[..., index] = np.iinfo(image.dtype).max
     return reordered
 
 
-def _gray(image: NDArray[np.generic], source: str) -> NDArray[np.generic]:
+def _gray(image: NDArray[Any], source: str) -> NDArray[Any]:
     """Weigh the colours of every pixel: ``(9798 R + 19235 G + 3735 B + 2**14) >> 15``."""
     weighed = np.full(image.shape[:2], 1 << (_GRAY_SHIFT - 1), np.uint32)
     for channel, weight in _GRAY_WEIGHTS.items():
@@ -106,8 +106,8 @@ def _gray(image: NDArray[np.generic], source: str) -> NDArray[np.generic]:
 
 
 def _change_depth(
-    image: NDArray[np.generic], source: Encoding, target: Encoding,
-) -> NDArray[np.generic]:
+    image: NDArray[Any], source: Encoding, target: Encoding,
+) -> NDArray[Any]:
     """
     Change the type of every channel.
 
@@ -116,17 +116,21 @@ def _change_depth(
     """
     depths = (source.dtype, target.dtype)
     if depths == ('uint8', 'uint16'):
-        return np.multiply(image, np.uint16(257), dtype=np.uint16)
+        widened: NDArray[Any] = np.multiply(image, np.uint16(257), dtype=np.uint16)
+        return widened
     if depths == ('uint16', 'uint8'):
-        rounded = np.add(image, np.uint32(128), dtype=np.uint32) // np.uint32(257)
-        return rounded.astype(np.uint8)
+        narrowed = image.astype(np.uint32)
+        narrowed += np.uint32(128)
+        narrowed //= np.uint32(257)
+        return narrowed.astype(np.uint8)
     wanted = np.dtype(target.dtype)
     if wanted == image.dtype or wanted.kind == 'f':
         return image.astype(wanted, copy=False)
     if image.dtype.kind == 'f':
         int32 = np.iinfo(np.int32)
-        rounded = np.rint(image.astype(np.float64))  # type: ignore[type-var]
-        inside = (rounded >= int32.min) & (rounded <= int32.max)  # False for NaN
-        image = np.where(inside, rounded, int32.min).astype(np.int64)
+        nearest = np.rint(image.astype(np.float64))
+        inside = (nearest >= int32.min) & (nearest <= int32.max)  # False for NaN
+        image = np.where(inside, nearest, int32.min)
     limits = np.iinfo(wanted)
-    return np.clip(image.astype(np.int64), limits.min, limits.max).astype(wanted)
+    saturated: NDArray[Any] = image.astype(np.int64).clip(limits.min, limits.max)
+    return saturated.astype(wanted)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ def find_encoding(name: str) -> Encoding:
     return Encoding(name, _DEPTHS[generic[1]], channels)
 
 
-def generic_encoding(image: NDArray[np.generic]) -> Encoding:
+def generic_encoding(image: NDArray[Any]) -> Encoding:
     """
     Name the type of an array as OpenCV does.
 
@@ -121,7 +122,7 @@ _PICTURE_NAMES = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bg
                   ('uint16', 1): 'mono16', ('uint16', 3): 'bgr16', ('uint16', 4): 'bgra16'}
 
 
-def picture_encoding(image: NDArray[np.generic]) -> Encoding:
+def picture_encoding(image: NDArray[Any]) -> Encoding:
     """
     Name what OpenCV read from a picture file, whose channels are gray, BGR or BGRA.
 

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +31,7 @@ class LayoutError(ValueError):
 def view_pixels(
     data: memoryview | bytes | bytearray, height: int, width: int, step: int,
     encoding: Encoding, is_bigendian: bool = False,
-) -> NDArray[np.generic]:
+) -> NDArray[Any]:
     """
     View the bytes of an image message as an array, without a copy.
 

@@ -47,7 +47,7 @@ class FileNames:
 
     @property
     def suffix(self) -> str:
-        """The file name extension in lower case, with its dot; empty when there is none."""
+        """Give the extension in lower case, with its dot; empty when there is none."""
         stem, dot, suffix = self._template.rpartition('.')
         return f'{dot}{suffix}'.lower() if stem else ''
 

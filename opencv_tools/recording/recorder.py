@@ -22,8 +22,8 @@ import os
 from pathlib import Path
 from queue import Full, Queue
 from threading import Lock, Thread
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from opencv_tools.recording.naming import FileNames
@@ -40,7 +40,7 @@ class RecordingError(Exception):
 @dataclass(frozen=True)
 class _Job:
     seq: int
-    image: NDArray[np.generic]
+    image: NDArray[Any]
     encoding: str
 
 
@@ -74,7 +74,7 @@ class Recorder:
         for thread in self._threads:
             thread.start()
 
-    def put(self, image: NDArray[np.generic], encoding: str) -> bool:
+    def put(self, image: NDArray[Any], encoding: str) -> bool:
         """
         Hand a frame over to be written.
 
@@ -132,7 +132,7 @@ def _prepare(folder: Path) -> list[str]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        names = os.listdir(folder)
+        names = [path.name for path in folder.iterdir()]
     except OSError as err:
         raise RecordingError(f'output_dir {folder} cannot be used: {err.strerror}') from err
     if not os.access(folder, os.W_OK | os.X_OK):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import io
 import itertools
+from typing import Any
 
 import cv2
 import numpy as np
@@ -65,7 +66,7 @@ def check_format(suffix: str) -> None:
         raise ValueError(f'the extension is one of {", ".join(FORMATS)}')
 
 
-def encode_frame(image: NDArray[np.generic], encoding_name: str, suffix: str) -> bytes:
+def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
     """
     Make the content of a file of a frame.
 
@@ -100,9 +101,10 @@ def encode_frame(image: NDArray[np.generic], encoding_name: str, suffix: str) ->
     return content_array.tobytes()
 
 
-def _file_order(image: NDArray[np.generic], encoding: Encoding) -> NDArray[np.generic]:
+def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     """Put colours in the order of OpenCV's encoders, and numbers in native byte order."""
     order = _FILE_ORDER.get(encoding.order)
     if order:
-        return convert(image, encoding, find_encoding(encoding.name.replace(encoding.order, order)))
+        target = find_encoding(encoding.name.replace(encoding.order, order))
+        return convert(image, encoding, target)
     return np.ascontiguousarray(image, np.dtype(encoding.dtype))

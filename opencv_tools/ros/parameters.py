@@ -112,7 +112,8 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
     :returns: name to value.
     :raises ParameterError: a value that was given cannot be used.
     """
-    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix('').items()}
+    overrides = node.get_parameters_by_prefix('')
+    given = {name: parameter.value for name, parameter in overrides.items()}
     names = [parameter.name for parameter in table]
     for name in given:
         if name not in names and not name.startswith(_ROS_PARAMETERS):

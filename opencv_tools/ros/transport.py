@@ -28,7 +28,8 @@ _LEAST_SEGMENT_BYTES = 16 << 20
 
 # What a user may have set; then nothing is touched.
 _PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-_USER_VARIABLES = (_PROFILE_VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+_USER_VARIABLES = (
+    _PROFILE_VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
 _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
@@ -93,7 +94,7 @@ def _is_configured() -> bool:
 
 
 def _affordable_segment() -> int:
-    """Give the segment's size in bytes: at most half of what is free, 0 when that is too little."""
+    """Give the segment's size in bytes: at most half of what is free, 0 when that is little."""
     try:
         status = os.statvfs(_SHARED_MEMORY)
     except OSError:

@@ -1,0 +1,62 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Start the publisher and the subscriber with the parameters of config/camera.yaml."""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+
+ARGUMENTS = {
+    'image_publisher': {'source': 'camera number, file, folder, URL or pattern'},
+    'image_subscriber': {'output_dir': 'folder that the frames are written to'},
+}
+EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subscriber'}
+
+
+def start_nodes(context: LaunchContext) -> list[Node]:
+    """Start each node with the file's parameters, and over them the arguments that were given."""
+    nodes = []
+    for name, executable in EXECUTABLES.items():
+        given = {argument: LaunchConfiguration(argument).perform(context)
+                 for argument in ARGUMENTS[name]}
+        over = {argument: ParameterValue(value, value_type=str)
+                for argument, value in given.items() if value}
+        nodes.append(Node(
+            package='opencv_tools', executable=executable, name=name, output='screen',
+            namespace=LaunchConfiguration('namespace'),
+            parameters=[LaunchConfiguration('params_file'), *([over] if over else [])]))
+    return nodes
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the arguments and both nodes."""
+    config = Path(get_package_share_directory('opencv_tools'), 'config', 'camera.yaml')
+    arguments = [
+        DeclareLaunchArgument(argument, default_value='', description=description)
+        for described in ARGUMENTS.values() for argument, description in described.items()]
+    return LaunchDescription([
+        *arguments,
+        DeclareLaunchArgument('namespace', default_value='',
+                              description='namespace of both nodes and of the topic'),
+        DeclareLaunchArgument('params_file', default_value=str(config),
+                              description='YAML file with the parameters of both nodes'),
+        OpaqueFunction(function=start_nodes),
+    ])

@@ -1,0 +1,83 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which room may import what: the pure ones work without ROS and without OpenCV."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import subprocess
+import sys
+
+import opencv_tools
+import pytest
+
+ROOT = Path(opencv_tools.__file__).parent
+MODULES = sorted(
+    '.'.join(path.relative_to(ROOT.parent).with_suffix('').parts).removesuffix('.__init__')
+    for path in ROOT.rglob('*.py'))
+
+# Modules of a room import only what stands here, beside the standard library and numpy.
+PURE = ('opencv_tools.image', 'opencv_tools.recording.naming')
+ALLOWED = {
+    'opencv_tools.image': {'opencv_tools.image'},
+    'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image', 'cv2'},
+    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image', 'cv2'},
+    'opencv_tools.recording.naming': set(),
+    'opencv_tools.cv_bridge': {'opencv_tools.image', 'sensor_msgs', 'std_msgs'},
+    'opencv_tools.ros': {'opencv_tools.ros', 'opencv_tools.capture.frame',
+                         'opencv_tools.recording.recorder', 'rclpy', 'rcl_interfaces'},
+}
+NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
+         'opencv_tools.basic_image_subscriber')
+
+
+def imported(module: str) -> set[str]:
+    """Name what a module's source imports."""
+    path = ROOT.parent.joinpath(*module.split('.'))
+    source = path / '__init__.py' if path.is_dir() else path.with_suffix('.py')
+    names = set()
+    for statement in ast.walk(ast.parse(source.read_text())):
+        if isinstance(statement, ast.Import):
+            names.update(alias.name for alias in statement.names)
+        elif isinstance(statement, ast.ImportFrom):
+            names.add(statement.module)
+    return names
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name not in NODES])
+def test_imports_point_down(module: str) -> None:
+    room = max((name for name in ALLOWED if f'{module}.'.startswith(f'{name}.')), key=len)
+    free = {*sys.stdlib_module_names, 'numpy'}
+    wrong = [name for name in imported(module) if name.partition('.')[0] not in free
+             and not any(f'{name}.'.startswith(f'{allowed}.') for allowed in ALLOWED[room])]
+    assert not wrong
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith(PURE)])
+def test_pure_modules_need_neither_ros_nor_opencv(module: str) -> None:
+    blocked = ('import sys; sys.modules.update(dict.fromkeys(("rclpy", "cv2", "sensor_msgs"))); '
+               f'import {module}')
+    finished = subprocess.run(
+        [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+
+
+def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
+    blocked = ('import sys; sys.modules.update(cv2=None); import opencv_tools.cv_bridge; '
+               'assert "rclpy" not in sys.modules')
+    finished = subprocess.run(
+        [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr

@@ -1,0 +1,105 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The linters of ROS 2 Jazzy, ruff, and mypy on the rooms that do not import ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+from catkin_pkg.package import parse_package
+import pytest
+
+ROOT = Path(__file__).parent.parent
+CODE = ('opencv_tools', 'test', 'launch', 'examples', 'setup.py')
+
+
+def check(*command: str) -> None:
+    """Run a checker from the root of the package; it has to find nothing."""
+    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300,
+                              check=False)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+
+
+def tool(name: str, remedy: str) -> str:
+    """Find a checker that only some machines can have."""
+    path = shutil.which(name)
+    if path is None:
+        pytest.skip(f'{name} is not on this machine; {remedy}')
+    return path
+
+
+@pytest.mark.linter
+@pytest.mark.flake8
+def test_flake8() -> None:
+    check('ament_flake8', '--linelength', '99', *CODE)
+
+
+@pytest.mark.linter
+@pytest.mark.pep257
+def test_pep257() -> None:
+    check('ament_pep257', 'opencv_tools', 'launch', 'examples', 'setup.py')
+
+
+@pytest.mark.linter
+@pytest.mark.copyright
+def test_copyright() -> None:
+    check(tool('ament_copyright', 'sudo apt install ament-copyright'), *CODE)
+
+
+@pytest.mark.linter
+@pytest.mark.copyright
+def test_every_source_file_begins_with_the_licence() -> None:
+    files = [path for folder in CODE for path in ROOT.glob(f'{folder}/**/*.py')]
+    header = (ROOT / 'setup.py').read_text().partition('\n\n')[0]
+    assert 'Licensed under the Apache License, Version 2.0' in header
+    assert [path for path in files
+            if path.read_text() and not path.read_text().startswith(header)] == []
+
+
+@pytest.mark.linter
+@pytest.mark.xmllint
+def test_xmllint() -> None:
+    check(tool('ament_xmllint', 'sudo apt install ament-xmllint'), 'package.xml')
+
+
+@pytest.mark.linter
+def test_package_xml_is_what_colcon_and_rosdep_read() -> None:
+    warnings: list[str] = []
+    package = parse_package(ROOT / 'package.xml', warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert (package.package_format, package.get_build_type()) == (3, 'ament_python')
+
+
+@pytest.mark.linter
+def test_xml_files_are_well_formed() -> None:
+    files = [path for folder in ('urdf', 'sdf') for path in (ROOT / folder).rglob('*.*')]
+    assert files
+    for path in files:
+        ElementTree.parse(path)
+
+
+@pytest.mark.linter
+def test_ruff() -> None:
+    check(tool('ruff', 'pip install ruff'), 'check', *CODE)
+
+
+@pytest.mark.linter
+def test_mypy() -> None:
+    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
+          'opencv_tools/recording', 'opencv_tools/capture')

@@ -1,0 +1,84 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ctrl-C and SIGTERM in the middle: exit status 0, whole files, nothing left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import re
+import signal
+
+from conftest import NodeProcess, read_pictures
+import numpy as np
+from opencv_tools.capture.pattern import draw_pattern
+import pytest
+
+Start = Callable[..., NodeProcess]
+SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+
+
+@SIGNALS
+def test_both_nodes_end_cleanly(start: Start, tmp_path: Path, number: int) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    publisher = start('img_publisher', source='pattern:640x480@60', publish_rate=0,
+                      wait_for_subscribers=1)
+    subscriber.wait_for('Receiving video frame 3')
+    segments = subscriber.segments() | publisher.segments()
+    assert segments
+
+    subscriber.interrupt(number)
+    assert subscriber.finish() == 0, subscriber.output
+    publisher.interrupt(number)
+    assert publisher.finish() == 0, publisher.output
+
+    for process in (subscriber, publisher):
+        assert '[ERROR]' not in process.output
+        assert '[WARN]' not in process.output
+    received = int(re.search(r'Received (\d+) frames', subscriber.output)[1])
+    written = read_pictures(tmp_path / 'out')
+    assert len(written) == received
+    assert len(list((tmp_path / 'out').iterdir())) == received
+    assert all(np.array_equal(picture, draw_pattern(index, 640, 480))
+               for index, picture in enumerate(written))
+    assert not [segment for segment in segments if segment.exists()]
+
+
+@SIGNALS
+@pytest.mark.parametrize(('name', 'parameters', 'text'), [
+    ('img_publisher', {'source': 'pattern', 'wait_for_subscribers': 1}, 'Waiting for 1'),
+    ('img_subscriber', {}, 'Waiting for /video_frames'),
+    ('img_publisher', {'source': 'pattern:8x8@0.01', 'publish_rate': 0}, 'video frame 1:'),
+])
+def test_a_node_that_waits_ends_at_once(
+        start: Start, name: str, parameters: dict[str, object], text: str, number: int) -> None:
+    process = start(name, **parameters)
+    process.wait_for(text)
+    process.interrupt(number)
+    assert process.finish() == 0, process.output
+
+
+def test_frames_in_the_queue_are_written_before_the_end(start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    publisher = start('img_publisher', source='pattern:1280x720', publish_rate=100, max_frames=40,
+                      wait_for_subscribers=1)
+    assert publisher.finish() == 0, publisher.output
+    subscriber.interrupt()
+    assert subscriber.finish() == 0, subscriber.output
+    received, written, failed = map(int, re.search(
+        r'Received (\d+) .*: (\d+) written .* (\d+) failed', subscriber.output).groups())
+    assert received > 1
+    assert (written, failed) == (received, 0)
+    assert len(read_pictures(tmp_path / 'out')) == written
