@@ -79,7 +79,7 @@ class ImagePublisher(Node):
         self._wanted_subscribers = settings['wait_for_subscribers']
         self._source = open_source(settings['source'])
         self._stopped = Event()
-        self._broken = 0
+        self._dropped = 0
         self._player = Player(self._source, settings['publish_rate'], settings['on_end'],
                               self._stopped, self._leave_out)
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
@@ -101,7 +101,7 @@ class ImagePublisher(Node):
             self._source.close()
         self.get_logger().info(
             f'Published {self._progress.count} frames at {self._progress.average_rate():.1f} Hz, '
-            f'{self._dropped()} dropped')
+            f'{self._dropped} dropped')
         return self.done.result() if self.done.done() else DONE
 
     def _publish_all(self) -> None:
@@ -137,15 +137,12 @@ class ImagePublisher(Node):
                 self._leave_out(BrokenFrameError(str(err)))
                 return
         self.publisher_.publish(self.br.cv2_to_imgmsg(image, encoding, header))
-        self._progress.tick(image.shape[1], image.shape[0], encoding, self._dropped())
+        self._progress.tick(image.shape[1], image.shape[0], encoding, self._dropped)
 
     def _leave_out(self, err: BrokenFrameError) -> None:
         """Take note of a frame that cannot be published."""
-        self._broken += 1
+        self._dropped += 1
         self.get_logger().warning(f'frame left out: {err}')
-
-    def _dropped(self) -> int:
-        return self._broken + self._player.missed
 
     def _await_subscribers(self) -> None:
         """Wait until enough subscribers are matched; a camera is kept running meanwhile."""

@@ -46,7 +46,8 @@ def test_every_frame_of_the_clip_is_on_the_disk(
     assert publisher.finish() == 0, publisher.output
     assert subscriber.finish() == 0, subscriber.output
     assert_same_frames(read_pictures(tmp_path / 'out'), decode_clip())
-    assert re.search(r'Published 90 frames at 2[45]\.\d Hz, 0 dropped', publisher.output)
+    published = re.search(r'Published 90 frames at ([\d.]+) Hz, 0 dropped', publisher.output)
+    assert 15 < float(published[1]) <= 25.5  # the clip's own rate; a busy machine is slower
     assert re.search(r'Received 90 frames .*: 90 written to .*, 0 dropped, 0 failed',
                      subscriber.output)
 

@@ -27,7 +27,7 @@ PICTURE_RATE = 10.0  # frames per second of pictures, which have no rate of thei
 
 
 class Pacer:
-    """Say when the next frame is due, so many times a second, and count the slots missed."""
+    """Say when the next frame is due, so many times a second."""
 
     def __init__(self, rate: float, stopped: Event, early: float = 0.0) -> None:
         """
@@ -37,7 +37,6 @@ class Pacer:
         :param stopped: ends a wait.
         :param early: seconds that a frame may be ahead of its time.
         """
-        self.missed = 0
         self._early = early
         self._period = 1.0 / rate if rate else 0.0
         self._stopped = stopped
@@ -54,13 +53,11 @@ class Pacer:
             self._stopped.wait(delay)
 
     def advance(self) -> None:
-        """Take note that a frame was shown; whole slots that passed meanwhile are missed."""
+        """Take note that a frame was shown; slots that passed meanwhile are not made up for."""
         now = time.monotonic()
         self._due = (self._due or now) + self._period
-        if self._period:
-            late = max(0, int((now - self._due) / self._period))
-            self.missed += late
-            self._due += late * self._period
+        if self._period and now > self._due:
+            self._due += (now - self._due) // self._period * self._period
 
 
 class Player:
@@ -87,11 +84,6 @@ class Player:
         # A camera's frame that comes half its period early is nearer to the slot than the next.
         early = 0.5 / source.rate if source.live and source.rate else 0.0
         self._pacer = Pacer(_shown_rate(source, rate), stopped, early)
-
-    @property
-    def missed(self) -> int:
-        """Frames that were due but not shown, because the source or the machine was too slow."""
-        return self._pacer.missed
 
     def frames(self) -> Iterator[Frame]:
         """
