@@ -96,7 +96,7 @@ def _read_picture(path: Path) -> NDArray[Any]:
     flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if oriented else cv2.IMREAD_UNCHANGED
     try:
         encoded = np.fromfile(path, np.uint8)
-        image = cv2.imdecode(encoded, flags) if encoded.size else None
+        image: NDArray[Any] | None = cv2.imdecode(encoded, flags) if encoded.size else None
     except OSError as err:
         raise BrokenFrameError(f'{path} cannot be read: {err.strerror}') from err
     except cv2.error as err:

@@ -44,7 +44,8 @@ class VideoSource:
         self.live = '://' in location and self._capture.get(cv2.CAP_PROP_FRAME_COUNT) <= 0
 
     def skip(self) -> bool:
-        return self._capture.grab()
+        grabbed: bool = self._capture.grab()
+        return grabbed
 
     def read(self) -> Frame | None:
         decoded, image = self._capture.read()

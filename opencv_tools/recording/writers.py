@@ -51,6 +51,10 @@ FORMATS = {
     _ANYTHING: frozenset[str](),
 }
 
+# Left alone, OpenCV 4 packs 32FC3 TIFF as LogLuv, which loses; 5 is lossless LZW.
+_TIFF_OPTIONS = (cv2.IMWRITE_TIFF_COMPRESSION, 5)
+_ENCODER_OPTIONS = {'.tif': _TIFF_OPTIONS, '.tiff': _TIFF_OPTIONS}
+
 # OpenCV's encoders take colours in this order.
 _FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
 
@@ -78,9 +82,9 @@ def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
     """
     encoding = find_encoding(encoding_name)
     if suffix == _ANYTHING:
-        content = io.BytesIO()
-        np.save(content, image)
-        return content.getvalue()
+        file = io.BytesIO()
+        np.save(file, image)
+        return file.getvalue()
     type_name = generic_encoding(image).name
     if type_name not in FORMATS[suffix]:
         able = [other for other, types in FORMATS.items() if type_name in types] + [_ANYTHING]
@@ -91,14 +95,14 @@ def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
                               f'cannot be kept as {suffix}')
     picture = _file_order(image, encoding)
     try:
-        encoded, content_array = cv2.imencode(suffix, picture)
+        encoded, content = cv2.imencode(suffix, picture, _ENCODER_OPTIONS.get(suffix, ()))
     except cv2.error as err:
         raise UnwritableError(f'a {image.shape[1]}x{image.shape[0]} {encoding_name} frame '
                               f'cannot be kept as {suffix}: {err.err}') from err
     if not encoded:
         raise UnwritableError(f'OpenCV made no {suffix} of a {image.shape[1]}x{image.shape[0]} '
                               f'{encoding_name} frame')
-    return content_array.tobytes()
+    return bytes(content)
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
