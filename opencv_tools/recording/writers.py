@@ -102,7 +102,8 @@ def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
     if not encoded:
         raise UnwritableError(f'OpenCV made no {suffix} of a {image.shape[1]}x{image.shape[0]} '
                               f'{encoding_name} frame')
-    return bytes(content)
+    data: bytes = content.tobytes()
+    return data
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
