@@ -1,14 +1,15 @@
 # make demo          a video through two ROS 2 nodes onto the disk, compared pixel for pixel
 # make test          build the package with colcon and run its tests
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
+# make bench         what the package is measured by
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included. Where ROS 2 Jazzy is sourced, demo and test use that and install nothing.
+# Jazzy included. Where ROS 2 Jazzy is sourced, all but test-oldest use that and install nothing.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test test-oldest clean
+.PHONY: demo test test-oldest bench clean
 
 PYTHON ?= python3
 
@@ -35,6 +36,9 @@ ifeq ($(sourced),yes)
 demo:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 examples/demo.py
 
+bench:
+	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/startup.py
+
 test:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
@@ -44,6 +48,9 @@ else
 
 demo: .venv/ready
 	@$(call in_venv,.venv) python examples/demo.py
+
+bench: .venv/ready
+	@$(call in_venv,.venv) python benchmarks/startup.py
 
 test: .venv/ready
 	$(call colcon_test,$(call in_venv,.venv),)

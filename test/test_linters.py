@@ -25,7 +25,7 @@ from catkin_pkg.package import parse_package
 import pytest
 
 ROOT = Path(__file__).parent.parent
-CODE = ('opencv_tools', 'test', 'launch', 'examples', 'setup.py')
+CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'setup.py')
 
 
 def check(*command: str) -> None:
@@ -52,7 +52,7 @@ def test_flake8() -> None:
 @pytest.mark.linter
 @pytest.mark.pep257
 def test_pep257() -> None:
-    check('ament_pep257', 'opencv_tools', 'launch', 'examples', 'setup.py')
+    check('ament_pep257', *(path for path in CODE if path != 'test'))
 
 
 @pytest.mark.linter

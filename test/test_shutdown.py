@@ -76,6 +76,7 @@ def test_frames_in_the_queue_are_written_before_the_end(start: Start, tmp_path: 
                       wait_for_subscribers=1)
     assert publisher.finish() == 0, publisher.output
     subscriber.interrupt()
+    subscriber.interrupt()  # as ros2 launch does after the terminal did
     assert subscriber.finish() == 0, subscriber.output
     received, written, failed = map(int, re.search(
         r'Received (\d+) .*: (\d+) written .* (\d+) failed', subscriber.output).groups())

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 import re
 import signal
 import sys
+import time
 from types import FrameType
 from typing import Protocol
 
@@ -42,6 +43,7 @@ BAD_USAGE = 2
 
 # Python runs its signal handlers when the executor comes back to it, this often at least.
 _SIGNAL_SECONDS = 0.1
+_PATIENCE_SECONDS = 1.0
 
 
 class Runnable(Protocol):
@@ -89,7 +91,7 @@ def run(
         logger.error(str(err))
         return FAILED
     except KeyboardInterrupt:
-        return FAILED  # a second Ctrl-C: what was begun is not finished
+        return FAILED  # asked again: what was begun is not finished
     except RuntimeError as err:
         if rclpy.ok():
             raise
@@ -108,14 +110,21 @@ class _Signals:
     """
 
     def __init__(self) -> None:
-        self.received = False
+        self._first_at = 0.0
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._receive)
 
+    @property
+    def received(self) -> bool:
+        """Tell whether the node was asked to end."""
+        return self._first_at > 0.0
+
     def _receive(self, number: int, _: FrameType | None) -> None:
-        self.received = True
-        # Whoever asks twice does not want to wait.
-        signal.signal(number, signal.default_int_handler)
+        now = time.monotonic()
+        self._first_at = self._first_at or now
+        # ros2 launch sends SIGINT after the terminal did; who asks much later is tired of waiting.
+        if now - self._first_at > _PATIENCE_SECONDS:
+            raise KeyboardInterrupt
 
 
 def _parse_arguments(
