@@ -25,6 +25,9 @@ import xml.etree.ElementTree as ElementTree
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from conftest import NodeProcess
+from opencv_tools.basic_image_publisher import PARAMETERS as PUBLISHER_PARAMETERS
+from opencv_tools.basic_image_subscriber import PARAMETERS as SUBSCRIBER_PARAMETERS
+from opencv_tools.ros.parameters import Parameter
 import pytest
 import yaml
 
@@ -71,3 +74,10 @@ def test_the_modules_can_be_run(module: str) -> None:
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'parameters [default]:' in finished.stdout
+
+
+@pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],
+                         ids=lambda parameter: parameter.name)
+def test_every_parameter_is_in_the_readme(parameter: Parameter) -> None:
+    readme = Path(__file__).parent.parent.joinpath('README.md').read_text()
+    assert f'| `{parameter.name}` | `{parameter.default!r}` | {parameter.description}' in readme
