@@ -30,7 +30,7 @@ from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 from opencv_tools.ros.parameters import declare_parameters, Parameter
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import create_frame_publisher
-from opencv_tools.ros.runtime import DONE, FAILED, run
+from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.transport import room_for_frames
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -111,7 +111,7 @@ class ImagePublisher(Node):
             self._await_subscribers()
             for frame in self._player.frames():
                 self._publish(frame)
-                if self._progress.count == self._max_frames:
+                if self._max_frames and self._progress.count == self._max_frames:
                     break
             self._await_acknowledgement()
             status = DONE
@@ -128,7 +128,8 @@ class ImagePublisher(Node):
         """Publish one frame, stamped with the time of its capture."""
         now = self.get_clock().now().nanoseconds
         age = time.monotonic_ns() - frame.stamp_ns if frame.stamp_ns is not None else 0
-        header = Header(stamp=Time(nanoseconds=now - age).to_msg(), frame_id=self._frame_id)
+        stamp = Time(nanoseconds=max(0, now - age))  # simulated time may be younger than a frame
+        header = Header(stamp=stamp.to_msg(), frame_id=self._frame_id)
         image, encoding = frame.image, self._encoding or frame.encoding
         if encoding != frame.encoding:
             try:
@@ -159,10 +160,10 @@ class ImagePublisher(Node):
                 settled_at = now + _SETTLE_SECONDS
             elif now >= settled_at:
                 return
-            if self._source.live:
-                self._source.skip()
-            else:
+            if not self._source.live:
                 self._stopped.wait(_POLL_SECONDS)
+            elif not self._source.skip():
+                return
 
     def _await_acknowledgement(self) -> None:
         """Stay until reliable subscribers have every frame: what is not sent ends with us."""
@@ -182,8 +183,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: the command line, program name first; None for the process's own.
     :returns: 0 when it ended as asked, 1 when the source failed, 2 for bad parameters.
     """
-    return run(_make_publisher, args, 'img_publisher',
-               'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS)
+    program = Program(
+        'img_publisher', 'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS)
+    return run(program, _make_publisher, args, failures=(CaptureError,))
 
 
 def _make_publisher() -> ImagePublisher:

@@ -23,12 +23,12 @@ from typing import TypedDict
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.recorder import Recorder, RecordingError
 from opencv_tools.recording.writers import check_format
 from opencv_tools.ros.parameters import declare_parameters, Parameter
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import best_effort_qos, reliable_qos
-from opencv_tools.ros.runtime import DONE, FAILED, run
+from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -113,9 +113,9 @@ class ImageSubscriber(Node):
             self._refused += 1
             self._report_failure(f'message left out: {err}')
             accepted = False
-        self._progress.tick(data.width, data.height, data.encoding, self._dropped())
+        self._progress.tick(data.width, data.height, data.encoding[:40], self._dropped())
         self._accepted += accepted
-        if self._accepted == self._max_frames:
+        if self._max_frames and self._accepted == self._max_frames:
             self.done.set_result(DONE)
 
     def close(self) -> int:
@@ -177,8 +177,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: the command line, program name first; None for the process's own.
     :returns: 0 when it ended as asked, 1 when frames or files failed, 2 for bad parameters.
     """
-    return run(ImageSubscriber, args, 'img_subscriber',
-               'Write the frames on video_frames to files.', PARAMETERS)
+    program = Program(
+        'img_subscriber', 'Write the frames on video_frames to files.', PARAMETERS)
+    return run(program, ImageSubscriber, args, failures=(RecordingError,))
 
 
 if __name__ == '__main__':

@@ -37,8 +37,7 @@ ALLOWED = {
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'sensor_msgs', 'std_msgs'},
-    'opencv_tools.ros': {'opencv_tools.ros', 'opencv_tools.capture.frame',
-                         'opencv_tools.recording.recorder', 'rclpy', 'rcl_interfaces'},
+    'opencv_tools.ros': {'opencv_tools.ros', 'rclpy', 'rcl_interfaces'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')

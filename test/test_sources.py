@@ -121,3 +121,9 @@ def test_pictures_of_different_sizes_and_a_broken_one(
     large = np.zeros((20, 30, 3), np.uint8)
     cv2.imwrite(str(tmp_path / 'in' / '3.png'), large)
     assert_equal(receive(start, node, 3, source='in'), [pictures[0], pictures[2], large])
+
+
+def test_a_picture_without_colours_is_left_out_and_the_rest_is_shown(
+        start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray]) -> None:
+    cv2.imwrite(str(tmp_path / 'in' / '0.tiff'), np.zeros((4, 4), np.float32))
+    assert_equal(receive(start, node, 3, source='in'), pictures)

@@ -90,3 +90,27 @@ def test_the_names_of_the_tutorial(start: Start, node: Node) -> None:
     assert offered.qos_profile.reliability.name == 'RELIABLE'
     publisher.wait_for('Publishing video frame')
     subscriber.wait_for('Receiving video frame')
+
+
+def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_written(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    good = fill_as_the_tutorial_does(np.full((4, 6, 3), 7, np.uint8))
+    messages = []
+    for fields in ({'encoding': ''}, {'encoding': 'x' * 10000}, {'step': 1}, {'height': 2**32 - 1},
+                   {'width': 2**32 - 1, 'height': 2**32 - 1, 'step': 2**32 - 1}, {'data': b'x'},
+                   {'is_bigendian': 1}, {}):
+        message = fill_as_the_tutorial_does(np.full((4, 6, 3), 7, np.uint8))
+        for name, value in fields.items():
+            setattr(message, name, value)
+        messages.append(message)
+    publisher = node.create_publisher(Image, 'video_frames', 10)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=20)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    for message in messages:
+        publisher.publish(message)
+        time.sleep(0.02)
+    assert subscriber.finish() == 1
+    assert 'message left out: Unrecognized image encoding []' in subscriber.output
+    assert ': 2 written to' in subscriber.output and '6 failed' in subscriber.output
+    expected = np.frombuffer(good.data, np.uint8).reshape(4, 6, 3)
+    assert all(np.array_equal(picture, expected) for picture in read_pictures(tmp_path / 'out'))

@@ -134,5 +134,9 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 def describe_parameters(table: Sequence[Parameter]) -> str:
     """Write a table of parameters for ``--help``: name, default and description a line."""
     width = max(len(parameter.name) for parameter in table)
-    return '\n'.join(f'  {parameter.name:{width}}  {parameter.description} '
-                     f'[{parameter.default!r}]' for parameter in table)
+    lines = []
+    for parameter in table:
+        choices = ': ' + ', '.join(filter(None, parameter.choices)) if parameter.choices else ''
+        lines.append(f'  {parameter.name:{width}}  {parameter.description}{choices} '
+                     f'[{parameter.default!r}]')
+    return '\n'.join(lines)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 import re
 import signal
 import sys
@@ -25,8 +26,6 @@ import time
 from types import FrameType
 from typing import Protocol
 
-from opencv_tools.capture.frame import CaptureError
-from opencv_tools.recording.recorder import RecordingError
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -44,6 +43,15 @@ BAD_USAGE = 2
 # Python runs its signal handlers when the executor comes back to it, this often at least.
 _SIGNAL_SECONDS = 0.1
 _PATIENCE_SECONDS = 1.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """What ``--help`` says of an executable: its name, what it does, its parameters."""
+
+    name: str
+    description: str
+    parameters: Sequence[Parameter]
 
 
 class Runnable(Protocol):
@@ -64,30 +72,30 @@ class Runnable(Protocol):
 
 
 def run(
-    make_node: Callable[[], Runnable], args: Sequence[str] | None, program: str,
-    description: str, table: Sequence[Parameter],
+    program: Program, make_node: Callable[[], Runnable], args: Sequence[str] | None,
+    failures: tuple[type[Exception], ...],
 ) -> int:
     """
     Run a node until it is done, Ctrl-C or SIGTERM.
 
+    :param program: the executable.
     :param make_node: makes the node, once ROS is up.
     :param args: command line with the program's name first; None for the process's own.
-    :param program: name of the executable, for ``--help``.
-    :param description: what it does, for ``--help``.
-    :param table: its parameters, for ``--help``.
+    :param failures: what making the node raises, with a sentence for the user, when it cannot do
+        its job.
     :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
     """
-    logger = get_logger(program)
+    logger = get_logger(program.name)
     args = list(sys.argv if args is None else args)
     signals = _Signals()
     try:
-        _parse_arguments(remove_ros_args(args), program, description, table)
+        _parse_arguments(remove_ros_args(args), program)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return _run(make_node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
         return BAD_USAGE
-    except (CaptureError, RecordingError) as err:
+    except failures as err:
         logger.error(str(err))
         return FAILED
     except KeyboardInterrupt:
@@ -127,14 +135,13 @@ class _Signals:
             raise KeyboardInterrupt
 
 
-def _parse_arguments(
-    args: list[str], program: str, description: str, table: Sequence[Parameter],
-) -> None:
+def _parse_arguments(args: list[str], program: Program) -> None:
     """Answer ``--help`` and refuse words that are no ROS arguments, by leaving the program."""
     parser = argparse.ArgumentParser(
-        prog=program, description=description, formatter_class=argparse.RawTextHelpFormatter,
-        usage=f'{program} [--ros-args -p NAME:=VALUE ...]',
-        epilog=f'parameters [default]:\n{describe_parameters(table)}')
+        prog=program.name, description=program.description,
+        formatter_class=argparse.RawTextHelpFormatter,
+        usage=f'{program.name} [--ros-args -p NAME:=VALUE ...]',
+        epilog=f'parameters [default]:\n{describe_parameters(program.parameters)}')
     parser.parse_args(args[1:])
 
 

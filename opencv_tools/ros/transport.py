@@ -74,7 +74,7 @@ def room_for_frames() -> Iterator[None]:
     if not segment:
         yield
         return
-    with NamedTemporaryFile('w', prefix='opencv_tools_', suffix='.xml') as profile:
+    with NamedTemporaryFile('w', dir=_SHARED_MEMORY, suffix='.xml') as profile:
         profile.write(_PROFILE.format(segment=segment, message=segment // 2))
         profile.flush()
         os.environ[_PROFILE_VARIABLE] = profile.name
@@ -95,9 +95,8 @@ def _is_configured() -> bool:
 
 def _affordable_segment() -> int:
     """Give the segment's size in bytes: at most half of what is free, 0 when that is little."""
-    try:
-        status = os.statvfs(_SHARED_MEMORY)
-    except OSError:
+    if not os.access(_SHARED_MEMORY, os.W_OK):
         return 0
+    status = os.statvfs(_SHARED_MEMORY)
     segment = min(_SEGMENT_BYTES, status.f_bavail * status.f_frsize // 2)
     return segment if segment >= _LEAST_SEGMENT_BYTES else 0
