@@ -67,7 +67,7 @@ test-oldest: .venv-oldest/ready
 # numpy 1.26 has no wheels for a newer Python.
 .venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
   python3.10; do $$python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' 2>/dev/null && \
-  echo $$python; done) $(PYTHON))
+  echo $$python; done; true) $(PYTHON))
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready: requirements/constraints-oldest.txt
 
