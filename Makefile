@@ -24,7 +24,8 @@ in_venv = env -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PAT
 # $(1): the command's environment; $(2): where build, install and log go
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
-  --event-handlers console_stderr- console_cohesion+
+  --event-handlers console_stderr- || \
+  { cat $(2)log/latest_build/opencv_tools/stdout_stderr.log; exit 1; }
 @rm -f $(2)build/opencv_tools/pytest.xml
 @$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
   --return-code-on-test-failure --event-handlers console_direct+
