@@ -31,7 +31,7 @@ from opencv_tools.ros.parameters import declare_parameters, Parameter
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
-from opencv_tools.ros.transport import room_for_frames
+from opencv_tools.ros.transport import transport_for_frames
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
@@ -189,7 +189,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _make_publisher() -> ImagePublisher:
-    with room_for_frames():
+    with transport_for_frames():
         return ImagePublisher()
 
 

@@ -101,7 +101,7 @@ def segment_in_use() -> int | None:
 
 @pytest.mark.usefixtures('untouched')
 def test_the_segment_holds_several_frames_and_the_profile_goes_away() -> None:
-    with transport.room_for_frames():
+    with transport.transport_for_frames():
         path = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'])
         assert segment_in_use() == 64 << 20
     assert not path.exists()
@@ -115,14 +115,14 @@ def test_the_segment_holds_several_frames_and_the_profile_goes_away() -> None:
 def test_what_the_user_configured_is_left_alone(
         monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
     monkeypatch.setenv(variable, value)
-    with transport.room_for_frames():
+    with transport.transport_for_frames():
         assert segment_in_use() is None
 
 
 @pytest.mark.usefixtures('untouched')
 def test_a_profile_in_the_folder_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
-    with transport.room_for_frames():
+    with transport.transport_for_frames():
         assert segment_in_use() is None
 
 
@@ -134,7 +134,7 @@ def test_a_small_dev_shm_is_not_filled(
     values = list(os.statvfs('/'))
     values[1], values[4] = 4096, free // 4096  # f_frsize, f_bavail
     monkeypatch.setattr(os, 'statvfs', lambda path: os.statvfs_result(values))
-    with transport.room_for_frames():
+    with transport.transport_for_frames():
         assert segment_in_use() == segment
 
 
