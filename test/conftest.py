@@ -74,6 +74,7 @@ class NodeProcess:
         return status
 
     def interrupt(self, number: int = signal.SIGINT) -> None:
+        """Send a signal."""
         self._process.send_signal(number)
 
     def segments(self) -> set[Path]:

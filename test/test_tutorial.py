@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import re
+import signal
 import time
 
 from conftest import NodeProcess, read_pictures, spin_until
@@ -114,3 +116,22 @@ def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_writte
     assert ': 2 written to' in subscriber.output and '6 failed' in subscriber.output
     expected = np.frombuffer(good.data, np.uint8).reshape(4, 6, 3)
     assert all(np.array_equal(picture, expected) for picture in read_pictures(tmp_path / 'out'))
+
+
+def test_frames_that_do_not_arrive_are_counted(start: Start, node: Node, tmp_path: Path) -> None:
+    message = fill_as_the_tutorial_does(np.zeros((720, 1280, 3), np.uint8))
+    publisher = node.create_publisher(Image, 'video_frames', 10)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', timeout=3)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(message)
+    subscriber.wait_for('Receiving video frame 1:')
+    subscriber.interrupt(signal.SIGSTOP)
+    for _ in range(59):  # of which the middleware keeps ten
+        publisher.publish(message)
+    subscriber.interrupt(signal.SIGCONT)
+    assert subscriber.finish() == 1, subscriber.output
+    received, written, dropped = map(int, re.search(
+        r'Received (\d+) .*: (\d+) written to .*, (\d+) dropped', subscriber.output).groups())
+    assert dropped > 30
+    assert received + dropped == 60
+    assert written == received
