@@ -16,8 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
+import time
 
 from conftest import CLIP, decode_clip, NodeProcess, spin_until
 import cv2
@@ -110,9 +114,72 @@ def test_empty_encoding_keeps_the_depth_of_a_picture(
     np.testing.assert_array_equal(received, depth)
 
 
-def test_a_stream_is_read_from_its_url(start: Start, node: Node) -> None:
-    received = receive(start, node, 2, source=f'file://{CLIP}', max_frames=2)
-    assert_equal(received, decode_clip()[:2])
+class StreamHandler(BaseHTTPRequestHandler):
+    """A web server with the clip, and with a camera whose frames count upwards, 30 a second."""
+
+    def do_GET(self) -> None:
+        if self.path == '/clip.mp4':
+            self.send_clip(int(self.headers.get('Range', 'bytes=0-')[len('bytes='):-1]))
+            return
+        self.send_response(200)
+        self.send_header('Content-Type', 'multipart/x-mixed-replace; boundary=frame')
+        self.end_headers()
+        for number in range(256):
+            self.server.number = number
+            picture = cv2.imencode('.jpg', np.full((48, 64), number, np.uint8))[1].tobytes()
+            head = f'--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n'
+            try:
+                self.wfile.write(head.encode() + picture + b'\r\n')
+            except OSError:
+                return  # the reader has left
+            time.sleep(1 / 30)
+
+    def send_clip(self, begin: int) -> None:
+        """Send the clip from a byte on, as web servers do for who wants to seek in it."""
+        content = CLIP.read_bytes()
+        self.send_response(206)
+        self.send_header('Content-Range', f'bytes {begin}-{len(content) - 1}/{len(content)}')
+        self.send_header('Content-Length', str(len(content) - begin))
+        self.end_headers()
+        with suppress(OSError):  # the reader may leave
+            self.wfile.write(content[begin:])
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def server() -> Iterator[ThreadingHTTPServer]:
+    """Serve streams on this machine."""
+    with ThreadingHTTPServer(('127.0.0.1', 0), StreamHandler) as running:
+        Thread(target=running.serve_forever, daemon=True).start()
+        yield running
+        running.shutdown()
+
+
+def test_a_file_on_a_web_server_is_shown_whole(
+        start: Start, node: Node, server: ThreadingHTTPServer) -> None:
+    url = f'http://127.0.0.1:{server.server_port}/clip.mp4'
+    assert_equal(receive(start, node, 90, source=url), decode_clip())
+
+
+def test_of_a_stream_the_newest_frame_is_shown(
+        start: Start, node: Node, server: ThreadingHTTPServer) -> None:
+    behind = []
+    shown = []
+
+    def compare(message: Image) -> None:
+        shown.append(int(np.frombuffer(message.data, np.uint8)[0]))
+        behind.append(server.number - shown[-1])
+
+    node.create_subscription(Image, 'video_frames', compare, 10)
+    url = f'http://127.0.0.1:{server.server_port}/camera.mjpg'
+    publisher = start('img_publisher', source=url, publish_rate=10, max_frames=30,
+                      wait_for_subscribers=1)
+    spin_until(node, lambda: len(shown) == 30)
+    assert publisher.finish() == 0, publisher.output
+    assert 2 < np.mean(np.diff(shown)) < 4  # ten of thirty a second
+    assert np.median(behind) <= 3
 
 
 def test_pictures_of_different_sizes_and_a_broken_one(
