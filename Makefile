@@ -47,18 +47,18 @@ test:
 
 else
 
-demo: .venv/ready
+demo: .venv/installed
 	@$(call in_venv,.venv) python examples/demo.py
 
-bench: .venv/ready
+bench: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/startup.py
 
-test: .venv/ready
+test: .venv/installed
 	$(call colcon_test,$(call in_venv,.venv),)
 
 endif
 
-test-oldest: .venv-oldest/ready
+test-oldest: .venv-oldest/installed
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
 .venv/ready: python = $(PYTHON)
@@ -72,7 +72,7 @@ test-oldest: .venv-oldest/ready
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready: requirements/constraints-oldest.txt
 
-%/ready: requirements/ros.txt requirements/dev.txt setup.py setup.cfg
+%/ready: requirements/ros.txt requirements/dev.txt
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
 	    exit 1; }
@@ -83,6 +83,10 @@ test-oldest: .venv-oldest/ready
 	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
 	  --constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/ros.txt --requirement requirements/dev.txt
+	@touch $@
+
+# What is not code is copied at installation; the code itself is used where it stands.
+%/installed: %/ready setup.py setup.cfg
 	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --editable .
 	@touch $@

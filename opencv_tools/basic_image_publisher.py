@@ -21,7 +21,7 @@ import sys
 from threading import Event, Thread
 import time
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
+from opencv_tools.capture.frame import CaptureError, Frame, MAX_RATE
 from opencv_tools.capture.player import ON_END, Player
 from opencv_tools.capture.source import check_source, open_source
 from opencv_tools.cv_bridge import CvBridge
@@ -43,7 +43,7 @@ PARAMETERS = (
     Parameter('source', '0', 'device number, device path, video file, picture file, folder or '
               'glob of pictures, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source),
     Parameter('publish_rate', 10.0, "frames per second; 0 for the source's own rate",
-              maximum=1000.0),
+              maximum=MAX_RATE),
     Parameter('encoding', 'bgr8', "encoding of the messages; '' for the source's own",
               choices=(*COLOR_ENCODINGS, '')),
     Parameter('frame_id', 'camera', 'coordinate frame of the camera, for the header'),
@@ -135,12 +135,12 @@ class ImagePublisher(Node):
             try:
                 image = convert(image, find_encoding(frame.encoding), find_encoding(encoding))
             except ConversionError as err:
-                self._leave_out(BrokenFrameError(str(err)))
+                self._leave_out(err)
                 return
         self.publisher_.publish(self.br.cv2_to_imgmsg(image, encoding, header))
         self._progress.tick(image.shape[1], image.shape[0], encoding, self._dropped)
 
-    def _leave_out(self, err: BrokenFrameError) -> None:
+    def _leave_out(self, err: Exception) -> None:
         """Take note of a frame that cannot be published."""
         self._dropped += 1
         self.get_logger().warning(f'frame left out: {err}')

@@ -58,7 +58,7 @@ def test_pep257() -> None:
 @pytest.mark.linter
 @pytest.mark.copyright
 def test_copyright() -> None:
-    check(tool('ament_copyright', 'sudo apt install ament-copyright'), *CODE)
+    check(tool('ament_copyright', 'sudo apt install python3-ament-copyright'), *CODE)
 
 
 @pytest.mark.linter
@@ -74,7 +74,7 @@ def test_every_source_file_begins_with_the_licence() -> None:
 @pytest.mark.linter
 @pytest.mark.xmllint
 def test_xmllint() -> None:
-    check(tool('ament_xmllint', 'sudo apt install ament-xmllint'), 'package.xml')
+    check(tool('ament_xmllint', 'sudo apt install python3-ament-xmllint'), 'package.xml')
 
 
 @pytest.mark.linter

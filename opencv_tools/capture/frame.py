@@ -21,6 +21,8 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+MAX_RATE = 1000.0  # frames per second; what claims to be faster is wrong
+
 #  CaptureError          the source cannot be opened, or has broken for good
 #  └─ BrokenFrameError   one frame is unreadable; the next may be fine
 

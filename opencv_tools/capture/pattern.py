@@ -21,12 +21,10 @@ import re
 
 import numpy as np
 from numpy.typing import NDArray
-
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import Frame, MAX_RATE
 
 _SPEC = re.compile(r'pattern(?::([0-9]+)x([0-9]+)(?:@([0-9]+(?:\.[0-9]+)?))?)?')
 _MAX_SIDE = 16384
-_MAX_RATE = 1000.0
 
 # Colour bars in BGR, as they stand on a television test card.
 _BARS = ((192, 192, 192), (0, 192, 192), (192, 192, 0), (0, 192, 0),
@@ -65,9 +63,9 @@ def parse_pattern(spec: str) -> PatternSpec:
     parsed = PatternSpec(int(match[1] or default.width), int(match[2] or default.height),
                          float(match[3] or default.rate))
     if not (1 <= parsed.width <= _MAX_SIDE and 1 <= parsed.height <= _MAX_SIDE
-            and 0 < parsed.rate <= _MAX_RATE):
+            and 0 < parsed.rate <= MAX_RATE):
         raise ValueError(f'a pattern is 1 to {_MAX_SIDE} pixels wide and high '
-                         f'and has at most {_MAX_RATE:g} frames per second')
+                         f'and has at most {MAX_RATE:g} frames per second')
     return parsed
 
 
@@ -87,9 +85,7 @@ class PatternSource:
         return True
 
     def read(self) -> Frame:
-        image = self._background.copy()
-        _draw_line(image, self._number)
-        _draw_number(image, self._number)
+        image = _draw_over(self._background, self._number)
         self._number += 1
         return Frame(image, 'bgr8')
 
@@ -107,7 +103,12 @@ def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
     :param number: of the frame, from 0.
     :returns: (height, width, 3) uint8 in BGR.
     """
-    image = _draw_background(width, height)
+    return _draw_over(_draw_background(width, height), number)
+
+
+def _draw_over(background: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+    """Draw what changes from frame to frame over a copy of what does not."""
+    image = np.array(background)
     _draw_line(image, number)
     _draw_number(image, number)
     return image

@@ -24,7 +24,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
 from opencv_tools.image.encodings import EncodingError, picture_encoding
 

@@ -23,11 +23,9 @@ import stat
 import time
 
 import cv2
-
 from opencv_tools.capture.frame import CaptureError, Frame
 
 _V4L2_MAJOR = 81  # Linux, Documentation/admin-guide/devices.txt: video4linux
-_STALL_SECONDS = '2'
 
 
 class CameraSource:
@@ -43,9 +41,7 @@ class CameraSource:
         :raises CaptureError: there is no such camera, or it cannot be used.
         """
         self.name = str(device)
-        check_device(device)
-        # OpenCV reads this when it opens a camera; its own 10 s would keep Ctrl-C waiting.
-        os.environ.setdefault('OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT', _STALL_SECONDS)
+        _check_device(device)
         self._capture = cv2.VideoCapture(self.name, cv2.CAP_V4L2)
         if not self._capture.isOpened():
             raise CaptureError(
@@ -77,7 +73,7 @@ class CameraSource:
         self._capture.release()
 
 
-def check_device(device: Path) -> None:
+def _check_device(device: Path) -> None:
     """
     Tell why a camera could not be opened, as far as the file system knows.
 

@@ -20,10 +20,7 @@ import math
 import time
 
 import cv2
-
-from opencv_tools.capture.frame import CaptureError, Frame
-
-_MAX_RATE = 1000.0
+from opencv_tools.capture.frame import CaptureError, Frame, MAX_RATE
 
 
 class VideoSource:
@@ -39,7 +36,7 @@ class VideoSource:
         self.name = location
         self._capture = self._open()
         rate = self._capture.get(cv2.CAP_PROP_FPS)
-        self.rate = rate if math.isfinite(rate) and 0 < rate <= _MAX_RATE else 0.0
+        self.rate = rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
         # A stream has no number of frames; a file served over the network has one.
         self.live = '://' in location and self._capture.get(cv2.CAP_PROP_FRAME_COUNT) <= 0
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.image.encodings import Encoding
 
 # ITU-R BT.601 weights of red, green and blue, scaled by 2**15 as OpenCV's cvtColor has them.
@@ -44,7 +43,7 @@ def convert(
     :returns: a fresh contiguous array in native byte order, (h, w) for one channel.
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
-    check_conversion(source, target)
+    _check_conversion(source, target)
     native = np.asarray(image, np.dtype(source.dtype))
     if source.order and target.order and source.order != target.order:
         native = _reorder(native, source.order, target.order)
@@ -52,7 +51,7 @@ def convert(
     return np.copy(converted) if np.may_share_memory(converted, image) else converted
 
 
-def check_conversion(source: Encoding, target: Encoding) -> None:
+def _check_conversion(source: Encoding, target: Encoding) -> None:
     """
     Refuse what cannot be converted.
 

@@ -25,7 +25,6 @@ from threading import Lock, Thread
 from typing import Any
 
 from numpy.typing import NDArray
-
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.writers import encode_frame
 

@@ -23,7 +23,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 

@@ -127,7 +127,7 @@ class _Signals:
         """Tell whether the node was asked to end."""
         return self._first_at > 0.0
 
-    def _receive(self, number: int, _: FrameType | None) -> None:
+    def _receive(self, _number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
         self._first_at = self._first_at or now
         # ros2 launch sends SIGINT after the terminal did; who asks much later is tired of waiting.
