@@ -22,9 +22,11 @@ import sys
 from typing import TypedDict
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.image.cdr import CdrError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.recorder import Recorder, RecordingError
 from opencv_tools.recording.writers import check_format
+from opencv_tools.ros.messages import read_image
 from opencv_tools.ros.parameters import declare_parameters, Parameter
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import best_effort_qos, reliable_qos
@@ -95,11 +97,11 @@ class ImageSubscriber(Node):
         self.get_logger().info(
             f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
-    def listener_callback(self, data: Image, info: MessageInfo) -> None:
+    def listener_callback(self, data: bytes, info: MessageInfo) -> None:
         """
         Hand a frame over to be written.
 
-        :param data: the message.
+        :param data: the message as it came over the wire; the frame is a view of it.
         :param info: what the middleware says of it, its number among them.
         """
         if self.done.done():
@@ -108,13 +110,14 @@ class ImageSubscriber(Node):
         if self._timer:
             self._timer.reset()
         try:
-            accepted = self._recorder.put(self.br.imgmsg_to_cv2(data), data.encoding)
-        except CvBridgeError as err:
+            image = read_image(data)
+            accepted = self._recorder.put(self.br.imgmsg_to_cv2(image), image.encoding)
+        except (CdrError, CvBridgeError) as err:
             self._refused += 1
             self._report_failure(f'message left out: {err}')
-            accepted = False
-        self._progress.tick(data.width, data.height, data.encoding[:40], self._dropped())
+            return
         self._accepted += accepted
+        self._progress.tick(image.width, image.height, image.encoding, self._dropped())
         if self._max_frames and self._accepted == self._max_frames:
             self.done.set_result(DONE)
 
@@ -136,7 +139,7 @@ class ImageSubscriber(Node):
 
     def _subscribe(self, qos: QoSProfile) -> Subscription:
         return self.create_subscription(
-            Image, 'video_frames', self.listener_callback, qos,
+            Image, 'video_frames', self.listener_callback, qos, raw=True,
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=self._accept_best_effort))
 

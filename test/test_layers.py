@@ -34,10 +34,14 @@ PURE = ('opencv_tools.image', 'opencv_tools.recording.naming')
 ALLOWED = {
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image', 'cv2'},
-    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image', 'cv2'},
+    'opencv_tools.pictures': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
+                               'opencv_tools.pictures'},
     'opencv_tools.recording.naming': set(),
-    'opencv_tools.cv_bridge': {'opencv_tools.image', 'sensor_msgs', 'std_msgs'},
-    'opencv_tools.ros': {'opencv_tools.ros', 'rclpy', 'rcl_interfaces'},
+    'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.pictures', 'sensor_msgs',
+                               'std_msgs'},
+    'opencv_tools.ros': {'opencv_tools.ros', 'opencv_tools.image', 'rclpy', 'rcl_interfaces',
+                         'sensor_msgs'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')

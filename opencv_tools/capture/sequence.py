@@ -25,7 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
-from opencv_tools.image.encodings import EncodingError, picture_encoding
+from opencv_tools.image.encodings import picture_encoding
+from opencv_tools.image.errors import EncodingError
 
 PICTURE_SUFFIXES = frozenset((
     '.png', '.jpg', '.jpeg', '.jpe', '.jp2', '.bmp', '.dib', '.tif', '.tiff', '.webp', '.pbm',

@@ -20,15 +20,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.encodings import Encoding
-
-# ITU-R BT.601 weights of red, green and blue, scaled by 2**15 as OpenCV's cvtColor has them.
-_GRAY_WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
-_GRAY_SHIFT = 15
-
-
-class ConversionError(ValueError):
-    """A conversion between two encodings that makes no sense or is not known."""
+from opencv_tools.image.bayer import bayer_to_color
+from opencv_tools.image.channels import reorder
+from opencv_tools.image.depth import change_depth
+from opencv_tools.image.encodings import Encoding, find_desired
+from opencv_tools.image.errors import ConversionError
+from opencv_tools.image.yuv import yuv_to_color
 
 
 def convert(
@@ -37,18 +34,41 @@ def convert(
     """
     Convert an image from one encoding to another: colours first, then depth.
 
-    :param image: array of shape (h, w) or (h, w, c), of any byte order; it is not changed.
+    :param image: array of shape (h, w) or (h, w, c), of any byte order and strides; it is not
+        changed. Where chroma has rows of its own, (rows, w) with those rows below the luma's.
     :param source: the encoding of the image.
     :param target: the wanted encoding.
     :returns: a fresh contiguous array in native byte order, (h, w) for one channel.
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
     _check_conversion(source, target)
-    native = np.asarray(image, np.dtype(source.dtype))
-    if source.order and target.order and source.order != target.order:
-        native = _reorder(native, source.order, target.order)
-    converted = np.ascontiguousarray(_change_depth(native, source, target))
-    return np.copy(converted) if np.may_share_memory(converted, image) else converted
+    native = np.ascontiguousarray(image, np.dtype(source.dtype))
+    converted = native
+    if target.kind == 'color' and source.order != target.order:
+        if source.kind == 'bayer':
+            converted = bayer_to_color(native, source.order, target.order)
+        elif source.kind == 'yuv':
+            converted = yuv_to_color(native, source, target.order)
+        else:
+            converted = reorder(native, source.order, target.order)
+    converted = change_depth(converted, target.dtype)
+    return converted.copy() if np.may_share_memory(converted, image) else converted
+
+
+def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[Any]:
+    """
+    Convert an image to the encoding that a caller of cv_bridge names.
+
+    :param image: as for ``convert``.
+    :param source: the encoding of the image.
+    :param desired: name of the wanted encoding; that of the image, or ``''``, for a mere copy.
+    :returns: as from ``convert``.
+    :raises EncodingError: the name is not known, or that of the image tells no channels (``8U``).
+    :raises ConversionError: no such conversion; the texts are those of cv_bridge.
+    """
+    if desired in ('', source.name):
+        return convert(image, source, source)
+    return convert(image, find_desired(source.name), find_desired(desired))
 
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:
@@ -57,79 +77,20 @@ def _check_conversion(source: Encoding, target: Encoding) -> None:
 
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
-    if source.name == target.name:
+    if source.name == target.name or (source.kind and target.kind == 'color'):
         return
-    if source.order and target.order:
-        return
-    if _is_named(source) and _is_named(target):
+    if source.kind and target.kind:
         raise ConversionError(
             f'Unsupported conversion from [{source.name}] to [{target.name}]')
-    if not _is_named(source) and _is_named(target):
+    if target.kind:
         raise ConversionError(f'[{source.name}] is not a color format. but [{target.name}] is. '
                               'The conversion does not make sense')
-    if source.channels != target.channels:
+    if source.kind and (source.channels != target.channels or source.planes != 1):
         raise ConversionError(
             f'[{source.name}] is a color format but [{target.name}] is not so they must have '
-            'the same OpenCV type, CV_8UC3, CV16UC1 ....' if _is_named(source) else
+            'the same OpenCV type, CV_8UC3, CV16UC1 ....')
+    if source.channels != target.channels:
+        raise ConversionError(
             f'[{source.name}] and [{target.name}] do not have the same number of channel')
-
-
-def _is_named(encoding: Encoding) -> bool:
-    """Tell a named encoding, which says what its channels mean, from a generic type."""
-    return encoding.name[0].islower()
-
-
-def _reorder(image: NDArray[Any], source: str, target: str) -> NDArray[Any]:
-    """Turn channels in one order into another; a new alpha channel is opaque."""
-    if target == 'y':
-        return _gray(image, source)
-    reordered = np.empty((*image.shape[:2], len(target)), image.dtype)
-    for index, channel in enumerate(target):
-        if source == 'y' and channel != 'a':
-            reordered[..., index] = image
-        elif channel in source:
-            reordered[..., index] = image[..., source.index(channel)]
-        else:
-            reordered[..., index] = np.iinfo(image.dtype).max
-    return reordered
-
-
-def _gray(image: NDArray[Any], source: str) -> NDArray[Any]:
-    """Weigh the colours of every pixel: ``(9798 R + 19235 G + 3735 B + 2**14) >> 15``."""
-    weighed = np.full(image.shape[:2], 1 << (_GRAY_SHIFT - 1), np.uint32)
-    for channel, weight in _GRAY_WEIGHTS.items():
-        weighed += np.multiply(
-            image[..., source.index(channel)], np.uint32(weight), dtype=np.uint32)
-    weighed >>= np.uint32(_GRAY_SHIFT)
-    return weighed.astype(image.dtype)
-
-
-def _change_depth(
-    image: NDArray[Any], source: Encoding, target: Encoding,
-) -> NDArray[Any]:
-    """
-    Change the type of every channel.
-
-    Between 8 and 16 bits the whole range is kept, by the factor 257 that maps 255 to 65535;
-    any other change keeps the numbers, rounded half to even and saturated as OpenCV does.
-    """
-    depths = (source.dtype, target.dtype)
-    if depths == ('uint8', 'uint16'):
-        widened: NDArray[Any] = np.multiply(image, np.uint16(257), dtype=np.uint16)
-        return widened
-    if depths == ('uint16', 'uint8'):
-        narrowed = image.astype(np.uint32)
-        narrowed += np.uint32(128)
-        narrowed //= np.uint32(257)
-        return narrowed.astype(np.uint8)
-    wanted = np.dtype(target.dtype)
-    if wanted == image.dtype or wanted.kind == 'f':
-        return image.astype(wanted, copy=False)
-    if image.dtype.kind == 'f':
-        int32 = np.iinfo(np.int32)
-        nearest = np.rint(image.astype(np.float64))
-        inside = (nearest >= int32.min) & (nearest <= int32.max)  # False for NaN
-        image = np.where(inside, nearest, int32.min)
-    limits = np.iinfo(wanted)
-    saturated: NDArray[Any] = image.astype(np.int64).clip(limits.min, limits.max)
-    return saturated.astype(wanted)
+    if not target.dtype:
+        raise ConversionError(f'Unrecognized image encoding [{target.name}]')

@@ -22,13 +22,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.image.errors import EncodingError
 
 _GENERIC = re.compile(r'(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]{1,3}))?')
+_GENERIC_DESIRED = re.compile(r'(?:8|16|32|64)[USF]C([0-9]{0,9})')
 _MAX_CHANNELS = 512  # CV_CN_MAX of OpenCV 4
-
-
-class EncodingError(ValueError):
-    """An encoding that is not known."""
 
 
 @dataclass(frozen=True)
@@ -39,49 +37,71 @@ class Encoding:
     :param name: as it stands in the message, such as ``'bgr8'`` or ``'32FC1'``.
     :param dtype: numpy name of one channel's type, such as ``'uint8'``.
     :param channels: values a pixel takes in a row of the message.
-    :param order: the channels in order, such as ``'bgr'``, or ``'y'`` for gray; ``''`` when a
-        pixel's values are not colours that can be reordered (bayer, yuv, depth, generic types).
+    :param kind: ``'color'`` for gray, RGB and BGR; ``'bayer'``; ``'yuv'``; ``''`` for a generic
+        type, whose numbers can mean anything.
+    :param order: of a color its channels, such as ``'bgra'``, or ``'y'`` for gray; of a bayer
+        pattern its colours row by row, such as ``'rggb'``; of yuv the bytes of a pair of pixels,
+        ``'uyvy'`` or ``'yuyv'``, or the name of the format with the chroma in rows of its own.
+    :param planes: rows in the data for a row of the picture: more than 1 where rows of chroma
+        follow the rows of luma.
     """
 
     name: str
     dtype: str
     channels: int
+    kind: str = ''
     order: str = ''
+    planes: float = 1
 
     @property
     def pixel_bytes(self) -> int:
         """Bytes of one pixel in a row of the message."""
         return self.channels * np.dtype(self.dtype).itemsize
 
+    def rows(self, height: int) -> int:
+        """Give the rows in the data of a picture of a height."""
+        return int(height * self.planes)
+
+    def height(self, rows: int) -> int:
+        """Give the height of the picture that takes so many rows of data."""
+        return int(rows / self.planes)
+
 
 _BAYER = tuple(
-    Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1)
+    Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, 'bayer', pattern)
     for bits in (8, 16) for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')
 )
 
 #: Every named encoding; the generic ones (``8UC3``, ``32FC1``) are read by their pattern.
 ENCODINGS = {encoding.name: encoding for encoding in (
-    Encoding('rgb8', 'uint8', 3, 'rgb'),
-    Encoding('rgba8', 'uint8', 4, 'rgba'),
-    Encoding('rgb16', 'uint16', 3, 'rgb'),
-    Encoding('rgba16', 'uint16', 4, 'rgba'),
-    Encoding('bgr8', 'uint8', 3, 'bgr'),
-    Encoding('bgra8', 'uint8', 4, 'bgra'),
-    Encoding('bgr16', 'uint16', 3, 'bgr'),
-    Encoding('bgra16', 'uint16', 4, 'bgra'),
-    Encoding('mono8', 'uint8', 1, 'y'),
-    Encoding('mono16', 'uint16', 1, 'y'),
+    Encoding('rgb8', 'uint8', 3, 'color', 'rgb'),
+    Encoding('rgba8', 'uint8', 4, 'color', 'rgba'),
+    Encoding('rgb16', 'uint16', 3, 'color', 'rgb'),
+    Encoding('rgba16', 'uint16', 4, 'color', 'rgba'),
+    Encoding('bgr8', 'uint8', 3, 'color', 'bgr'),
+    Encoding('bgra8', 'uint8', 4, 'color', 'bgra'),
+    Encoding('bgr16', 'uint16', 3, 'color', 'bgr'),
+    Encoding('bgra16', 'uint16', 4, 'color', 'bgra'),
+    Encoding('mono8', 'uint8', 1, 'color', 'y'),
+    Encoding('mono16', 'uint16', 1, 'color', 'y'),
     *_BAYER,
-    Encoding('yuv422', 'uint8', 2),
-    Encoding('yuv422_yuy2', 'uint8', 2),
+    Encoding('yuv422', 'uint8', 2, 'yuv', 'uyvy'),
+    Encoding('uyvy', 'uint8', 2, 'yuv', 'uyvy'),
+    Encoding('yuv422_yuy2', 'uint8', 2, 'yuv', 'yuyv'),
+    Encoding('yuyv', 'uint8', 2, 'yuv', 'yuyv'),
+    Encoding('nv12', 'uint8', 1, 'yuv', 'nv12', 1.5),
+    Encoding('nv21', 'uint8', 1, 'yuv', 'nv21', 1.5),
+    Encoding('nv24', 'uint8', 1, 'yuv', 'nv24', 3),
 )}
 
 #: The encodings whose channels are colours, which any of them can be converted to.
-COLOR_ENCODINGS = tuple(name for name, encoding in ENCODINGS.items() if encoding.order)
+COLOR_ENCODINGS = tuple(
+    name for name, encoding in ENCODINGS.items() if encoding.kind == 'color')
 
-_DEPTHS = {'8U': 'uint8', '8S': 'int8', '16U': 'uint16', '16S': 'int16', '32S': 'int32',
-           '32F': 'float32', '64F': 'float64'}
-_DEPTH_OF_DTYPE = {dtype: depth for depth, dtype in _DEPTHS.items()}
+#: numpy's name of each depth, in the order of OpenCV's numbers for them.
+DEPTHS = {'8U': 'uint8', '8S': 'int8', '16U': 'uint16', '16S': 'int16', '32S': 'int32',
+          '32F': 'float32', '64F': 'float64'}
+_DEPTH_OF_DTYPE = {dtype: depth for depth, dtype in DEPTHS.items()}
 
 
 def find_encoding(name: str) -> Encoding:
@@ -98,7 +118,26 @@ def find_encoding(name: str) -> Encoding:
     channels = int(generic[2] or 1) if generic else 0
     if not generic or not 1 <= channels <= _MAX_CHANNELS:
         raise EncodingError(f'Unrecognized image encoding [{name[:80]}]')
-    return Encoding(name, _DEPTHS[generic[1]], channels)
+    return Encoding(name, DEPTHS[generic[1]], channels)
+
+
+def find_desired(name: str) -> Encoding:
+    """
+    Look up the encoding that an image is to be converted to, as cv_bridge does.
+
+    A generic name must tell its number of channels here. One whose type there is not, such as
+    ``64UC1``, is found with no type, for the channels are compared before the types.
+
+    :param name: a named encoding, or a generic one.
+    :returns: the encoding.
+    :raises EncodingError: the name is neither.
+    """
+    generic = _GENERIC_DESIRED.fullmatch(name)
+    if name not in ENCODINGS and not generic:
+        raise EncodingError(f'Unknown encoding {name[:80]}')
+    if name in ENCODINGS or _GENERIC.fullmatch(name):
+        return find_encoding(name)
+    return Encoding(name, '', int(generic[1] or 1) if generic else 0)
 
 
 def generic_encoding(image: NDArray[Any]) -> Encoding:

@@ -16,15 +16,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding
-
-
-class LayoutError(ValueError):
-    """The size, step and data of an image that contradict each other."""
+from opencv_tools.image.errors import LayoutError
 
 
 def view_pixels(
@@ -34,28 +33,72 @@ def view_pixels(
     """
     View the bytes of an image message as an array, without a copy.
 
-    :param data: a buffer of bytes, at least ``height * step`` long; the view keeps it alive.
-    :param height: rows.
+    :param data: a buffer of bytes, long enough for all rows; the view keeps it alive.
+    :param height: rows of the picture.
     :param width: pixels a row.
     :param step: bytes from one row to the next; padding behind the pixels is left out.
     :param encoding: what a pixel is made of.
     :param is_bigendian: byte order of channels wider than a byte.
-    :returns: a view of shape (h, w) for one channel, (h, w, c) otherwise.
-    :raises LayoutError: the step cannot hold the pixels of a row, or the data are too short.
+    :returns: a view of shape (h, w) for one channel, (h, w, c) otherwise; where chroma has rows
+        of its own, of shape (encoding.rows(h), w), and of padded ``nv24`` a copy.
+    :raises LayoutError: the step cannot hold the pixels of a row or a whole number of them, the
+        data are too short, or the size leaves half a pair of pixels without its chroma.
     """
-    row = width * encoding.pixel_bytes
-    itemsize = np.dtype(encoding.dtype).itemsize
     described = f'{width}x{height} {encoding.name} image with step {step}'
+    row = width * encoding.pixel_bytes
     if step < row:
         raise LayoutError(f'{described}: a row takes {row} bytes, more than the step')
-    if step % itemsize:
-        raise LayoutError(f'{described}: the step is not a multiple of {itemsize} bytes')
-    flat = np.frombuffer(data, np.uint8)
-    if flat.size < height * step:
-        raise LayoutError(f'{described} takes {height * step} bytes, but data has {flat.size}')
+    if step % encoding.pixel_bytes:
+        raise LayoutError(f'{described}: the step is not a whole number of pixels of '
+                          f'{encoding.pixel_bytes} bytes')
+    if encoding.planes == 1.5 and (height % 2 or width % 2):
+        raise LayoutError(f'{described}: two rows and two columns share their chroma, '
+                          'so neither size can be odd')
+    rows = encoding.rows(height)
+    content = np.frombuffer(data, np.uint8)
+    if content.size < rows * step:
+        raise LayoutError(f'{described} takes {rows * step} bytes, but data has {content.size}')
+    lines = content[:rows * step].reshape(rows, step)
+    if not row:
+        lines = np.empty((rows, 0), np.uint8)
+    elif encoding.planes == 3 and step != row:
+        # The lines of chroma are twice as long, and only behind both halves is there padding.
+        chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
+        lines = np.concatenate([lines[:height, :row], chroma])
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
-    rows = flat[:height * step].reshape(height, step)[:, :row]
-    pixels = rows.view(dtype) if row else np.empty((height, 0), dtype)
-    if encoding.channels == 1:
-        return pixels
-    return pixels.reshape(height, width, encoding.channels)
+    pixels: NDArray[Any] = lines[:, :row].view(dtype)
+    return pixels if encoding.channels == 1 else pixels.reshape(height, width, encoding.channels)
+
+
+@dataclass(frozen=True)
+class Packed:
+    """
+    An image as the fields of a message have it.
+
+    :param height: rows of the picture.
+    :param width: pixels a row.
+    :param step: bytes from row to row.
+    :param is_bigendian: byte order of channels wider than a byte.
+    :param data: the bytes of the pixels, contiguous.
+    """
+
+    height: int
+    width: int
+    step: int
+    is_bigendian: bool
+    data: memoryview
+
+
+def pack_pixels(image: NDArray[Any], encoding: Encoding) -> Packed:
+    """
+    Lay an array out as the fields of a message, without a copy where it is contiguous.
+
+    :param image: array of shape (h, w) or (h, w, c) that the encoding fits, of any byte order.
+    :param encoding: what a pixel is made of.
+    :returns: the fields; the data are a view of a contiguous array, which stays alive with it.
+    """
+    rows = np.ascontiguousarray(image).reshape(-1).view(np.uint8)
+    width = image.shape[1]
+    order = image.dtype.byteorder
+    return Packed(encoding.height(len(image)), width, width * encoding.pixel_bytes,
+                  order == '>' or (order == '=' and sys.byteorder == 'big'), rows.data)

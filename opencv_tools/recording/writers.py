@@ -17,42 +17,28 @@
 from __future__ import annotations
 
 import io
-import itertools
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.pictures import encode_picture, FORMATS as PICTURE_FORMATS
 
 
-class UnwritableError(ValueError):
+class UnwritableError(ImageError):
     """A frame that a file format cannot hold; the message names one that can."""
-
-
-def _types(depths: str, channels: str) -> frozenset[str]:
-    return frozenset(f'{depth}C{count}' for depth, count in
-                     itertools.product(depths.split(), channels.split()))
 
 
 _ANYTHING = '.npy'
 
 #: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
 FORMATS = {
-    '.png': _types('8U 16U', '1 3 4'),
-    '.jpg': _types('8U', '1 3'),
-    '.jpeg': _types('8U', '1 3'),
-    '.tif': _types('8U 16U', '1 3 4') | _types('32F 64F', '1 3'),
-    '.tiff': _types('8U 16U', '1 3 4') | _types('32F 64F', '1 3'),
-    '.bmp': _types('8U', '1 3'),
-    '.webp': _types('8U', '3 4'),
+    **{suffix: PICTURE_FORMATS[suffix]
+       for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
     _ANYTHING: frozenset[str](),
 }
-
-# Left alone, OpenCV 4 packs 32FC3 TIFF as LogLuv, which loses; 5 is lossless LZW.
-_TIFF_OPTIONS = (cv2.IMWRITE_TIFF_COMPRESSION, 5)
-_ENCODER_OPTIONS = {'.tif': _TIFF_OPTIONS, '.tiff': _TIFF_OPTIONS}
 
 # OpenCV's encoders take colours in this order.
 _FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
@@ -85,24 +71,12 @@ def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
         np.save(file, image)
         return file.getvalue()
     type_name = generic_encoding(image).name
-    if type_name not in FORMATS[suffix]:
-        able = [other for other, types in FORMATS.items() if type_name in types] + [_ANYTHING]
+    if type_name not in FORMATS[suffix] or encoding.planes != 1:
+        able = [other for other, types in FORMATS.items()
+                if type_name in types and encoding.planes == 1] + [_ANYTHING]
         raise UnwritableError(f'a {encoding_name} frame cannot be kept as {suffix}; '
                               f'set the extension of file_name to {" or ".join(able)}')
-    if not image.size:
-        raise UnwritableError(f'an empty frame, {image.shape[1]}x{image.shape[0]}, '
-                              f'cannot be kept as {suffix}')
-    picture = _file_order(image, encoding)
-    try:
-        encoded, content = cv2.imencode(suffix, picture, _ENCODER_OPTIONS.get(suffix, ()))
-    except cv2.error as err:
-        raise UnwritableError(f'a {image.shape[1]}x{image.shape[0]} {encoding_name} frame '
-                              f'cannot be kept as {suffix}: {err.err}') from err
-    if not encoded:
-        raise UnwritableError(f'OpenCV made no {suffix} of a {image.shape[1]}x{image.shape[0]} '
-                              f'{encoding_name} frame')
-    data: bytes = content.tobytes()
-    return data
+    return encode_picture(_file_order(image, encoding), suffix).tobytes()
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:

@@ -1,0 +1,211 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Image messages in the format of the wire: CDR, to and from plain values.
+
+What rclpy makes of a message, byte for byte but for the padding, which is zero here, with one copy
+of the pixels instead of three; and back without a copy. A message is a head of four bytes, which
+names the encapsulation, and the fields in their order, numbers aligned to their size::
+
+    00 01 00 00 | sec i32 | nanosec u32 | frame_id | height u32 | width u32 | encoding |
+    is_bigendian u8 | step u32 | size of data u32 | data
+
+A string is its size as u32, with the NUL at its end counted, and its bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import struct
+from typing import Any
+
+from opencv_tools.image.errors import ImageError
+
+_HEAD_SIZE = 4
+_LITTLE_ENDIAN = b'\0\1\0\0'
+_ORDERS = {b'\0\0': '>', b'\0\1': '<'}
+
+
+class CdrError(ImageError):
+    """Bytes that are not a message, or a message that has no such bytes."""
+
+
+class EncapsulationError(CdrError):
+    """A message that is not in plain CDR; the middleware has to read it."""
+
+
+@dataclass(frozen=True)
+class WireImage:
+    """
+    A sensor_msgs/Image as plain values, which CvBridge reads as it does the message.
+
+    :param sec: seconds of the stamp.
+    :param nanosec: nanoseconds of the stamp.
+    :param frame_id: frame of the header.
+    :param height: rows.
+    :param width: pixels a row.
+    :param encoding: of the pixels.
+    :param is_bigendian: whether the most significant byte of a number comes first.
+    :param step: bytes from row to row.
+    :param data: a buffer of bytes.
+    """
+
+    sec: int
+    nanosec: int
+    frame_id: str
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: bool
+    step: int
+    data: Any
+
+
+@dataclass(frozen=True)
+class WireCompressedImage:
+    """
+    A sensor_msgs/CompressedImage as plain values, which CvBridge reads as it does the message.
+
+    :param sec: seconds of the stamp.
+    :param nanosec: nanoseconds of the stamp.
+    :param frame_id: frame of the header.
+    :param format: what the data are, such as ``'jpeg'``.
+    :param data: a buffer of bytes.
+    """
+
+    sec: int
+    nanosec: int
+    frame_id: str
+    format: str  # noqa: A003
+    data: Any
+
+
+def image_to_cdr(image: WireImage) -> bytes:
+    """
+    Serialise an image message, copying its data once.
+
+    :param image: the message; its data are contiguous.
+    :returns: little-endian CDR.
+    :raises CdrError: a number or a string that the message cannot hold.
+    """
+    return _write(('i', image.sec), ('I', image.nanosec), image.frame_id, ('I', image.height),
+                  ('I', image.width), image.encoding, ('B', image.is_bigendian),
+                  ('I', image.step), data=image.data)
+
+
+def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
+    """
+    Serialise a compressed image message, copying its data once.
+
+    :param image: the message; its data are contiguous.
+    :returns: little-endian CDR.
+    :raises CdrError: a number or a string that the message cannot hold.
+    """
+    return _write(('i', image.sec), ('I', image.nanosec), image.frame_id, image.format,
+                  data=image.data)
+
+
+def cdr_to_image(serialized: Any) -> WireImage:
+    """
+    Read a serialised image message.
+
+    :param serialized: a buffer of CDR, little-endian or big-endian.
+    :returns: the message, its data a view of the buffer, which stays alive with it.
+    :raises EncapsulationError: it is not in plain CDR.
+    :raises CdrError: it ends too early.
+    """
+    reader = _Reader(serialized)
+    return WireImage(
+        reader.number('i'), reader.number('I'), reader.string(), reader.number('I'),
+        reader.number('I'), reader.string(), bool(reader.number('B')), reader.number('I'),
+        reader.rest())
+
+
+def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
+    """
+    Read a serialised compressed image message.
+
+    :param serialized: a buffer of CDR, little-endian or big-endian.
+    :returns: the message, its data a view of the buffer, which stays alive with it.
+    :raises EncapsulationError: it is not in plain CDR.
+    :raises CdrError: it ends too early.
+    """
+    reader = _Reader(serialized)
+    return WireCompressedImage(
+        reader.number('i'), reader.number('I'), reader.string(), reader.string(), reader.rest())
+
+
+def _write(*fields: str | tuple[str, int], data: Any) -> bytes:
+    """Serialise strings and numbers with their struct formats, then a sequence of bytes."""
+    pixels = memoryview(data).cast('B')
+    head = bytearray(_LITTLE_ENDIAN)
+    try:
+        for field in (*fields, ('I', pixels.nbytes)):
+            if isinstance(field, str):
+                text = field.encode()
+                if b'\0' in text:
+                    raise CdrError(f'{field[:80]!r} has a NUL, which no string of a message has')
+                _append(head, 'I', len(text) + 1)
+                head += text + b'\0'
+            else:
+                _append(head, *field)
+    except struct.error as err:
+        raise CdrError(f'a number is out of the range of its field: {err}') from err
+    return b''.join((head, pixels))
+
+
+def _append(head: bytearray, code: str, number: int) -> None:
+    head += bytes(-len(head) % struct.calcsize(f'<{code}')) + struct.pack(f'<{code}', number)
+
+
+class _Reader:
+    """Read the fields of a message one after another."""
+
+    def __init__(self, serialized: Any) -> None:
+        self._bytes = memoryview(serialized).cast('B')
+        encapsulation = bytes(self._bytes[:2])
+        if self._bytes.nbytes < _HEAD_SIZE:
+            raise CdrError(f'{self._bytes.nbytes} bytes are no message')
+        if encapsulation not in _ORDERS:
+            raise EncapsulationError(f'encapsulation {encapsulation.hex()} is not plain CDR')
+        self._order = _ORDERS[encapsulation]
+        self._position = _HEAD_SIZE
+
+    def number(self, code: str) -> int:
+        """Read a number with its struct format."""
+        size = struct.calcsize(f'{self._order}{code}')
+        self._position += -self._position % size
+        field = self._take(size)
+        value: int = struct.unpack(f'{self._order}{code}', field)[0]
+        return value
+
+    def string(self) -> str:
+        """Read a string; what is not UTF-8 in it is replaced."""
+        text = bytes(self._take(self.number('I')))
+        return text.removesuffix(b'\0').decode(errors='replace')
+
+    def rest(self) -> memoryview:
+        """Read a sequence of bytes, as a view."""
+        return self._take(self.number('I'))
+
+    def _take(self, size: int) -> memoryview:
+        end = self._position + size
+        if end > self._bytes.nbytes:
+            raise CdrError(
+                f'the message ends after {self._bytes.nbytes} bytes, but its next field '
+                f'takes {size} from {self._position} on')
+        field = self._bytes[self._position:end]
+        self._position = end
+        return field

@@ -1,0 +1,52 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Compressed images: what the format string of a sensor_msgs/CompressedImage says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import re
+
+# As compressed_image_transport writes it: 'rgb8; jpeg compressed bgr8', '16UC1; png compressed '.
+_TRANSPORT = re.compile(r'([^;]*);\s*(\w+)\s+compressed\s*(\w*).*', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class CompressedFormat:
+    """
+    The format of a compressed image.
+
+    :param codec: name of the codec, such as ``'jpeg'`` or ``'png'``.
+    :param original: encoding of the image that was compressed, or ``''``.
+    :param stored: encoding of the picture in the data, or ``''``.
+    """
+
+    codec: str
+    original: str = ''
+    stored: str = ''
+
+
+def parse_format(text: str) -> CompressedFormat:
+    """
+    Read the format string of a compressed image.
+
+    :param text: a codec alone, such as ``'jpeg'``, or what compressed_image_transport writes, such
+        as ``'rgb8; jpeg compressed bgr8'``.
+    :returns: what it says.
+    """
+    parts = _TRANSPORT.fullmatch(text)
+    if not parts:
+        return CompressedFormat(text.strip())
+    return CompressedFormat(parts[2], parts[1].strip(), parts[3])

@@ -1,0 +1,33 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What can be wrong with an image: every error of this room has one base."""
+
+from __future__ import annotations
+
+
+class ImageError(ValueError):
+    """An image that cannot be understood or converted; the message says why."""
+
+
+class EncodingError(ImageError):
+    """An encoding that is not known."""
+
+
+class LayoutError(ImageError):
+    """The size, step and data of an image that contradict each other."""
+
+
+class ConversionError(ImageError):
+    """A conversion between two encodings that makes no sense or is not known."""

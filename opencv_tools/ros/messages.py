@@ -1,0 +1,39 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Image messages as they come over the wire."""
+
+from __future__ import annotations
+
+from opencv_tools.image.cdr import cdr_to_image, CdrError, EncapsulationError, WireImage
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
+
+
+def read_image(serialized: bytes) -> WireImage | Image:
+    """
+    Read an image message that was received raw.
+
+    :param serialized: the message in the format of the wire.
+    :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
+        it.
+    :raises CdrError: it is no image message.
+    """
+    try:
+        return cdr_to_image(serialized)
+    except EncapsulationError:
+        try:
+            return deserialize_message(serialized, Image)
+        except RuntimeError as err:  # rclpy's RMWError is private
+            raise CdrError(f'the middleware cannot read the message: {err}') from err
