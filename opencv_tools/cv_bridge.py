@@ -22,7 +22,6 @@ part, so it works with every numpy. Only compressed images and colormaps need Op
 
 from __future__ import annotations
 
-import array
 from functools import partial
 import sys
 from typing import Any
@@ -169,7 +168,7 @@ class CvBridge:
             is_bigendian=packed.is_bigendian)
         if header is not None:
             message.header = header
-        message.data = _byte_array(packed.data)
+        message.data.frombytes(packed.data)  # an assignment would copy once more
         return message
 
     def compressed_imgmsg_to_cv2(
@@ -226,7 +225,7 @@ class CvBridge:
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
-        message.data = _byte_array(content)
+        message.data.frombytes(content)
         return message
 
 
@@ -335,10 +334,3 @@ def _channel_step() -> int:
     """Give the difference that one more channel makes to the number of an OpenCV type."""
     step: int = getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)
     return step
-
-
-def _byte_array(content: Any) -> array.array[int]:
-    """Copy bytes into what a message takes at once; anything else it would check byte by byte."""
-    data = array.array('B')
-    data.frombytes(content)
-    return data

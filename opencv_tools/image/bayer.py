@@ -32,7 +32,8 @@ def bayer_to_color(image: NDArray[Any], pattern: str, target: str) -> NDArray[An
 
     Where two neighbours have it, the mean ``(a + b + 1) >> 1``; where four have it, the mean
     ``(a + b + c + d + 2) >> 2``. Gray weighs the sums before they are rounded. The outermost
-    columns, then the outermost rows, are those beside them; without any beside them, black.
+    columns, then the outermost rows, are those beside them; in an image that is nothing but
+    outermost ones everything is 0, alpha too.
 
     :param image: contiguous (h, w) array of uint8 or uint16 in native byte order.
     :param pattern: colours of the first two rows' first two pixels, such as ``'rggb'``.
@@ -51,8 +52,8 @@ def bayer_to_color(image: NDArray[Any], pattern: str, target: str) -> NDArray[An
         colors[:, -1] = colors[:, -2]
         colors[0] = colors[1]
         colors[-1] = colors[-2]
-    if target.endswith('a'):
-        colors[..., 3] = np.iinfo(image.dtype).max
+        if target.endswith('a'):
+            colors[..., 3] = np.iinfo(image.dtype).max
     return colors[..., 0] if target == 'y' else colors
 
 

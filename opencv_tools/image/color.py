@@ -43,6 +43,8 @@ def convert(
     """
     _check_conversion(source, target)
     native = np.ascontiguousarray(image, np.dtype(source.dtype))
+    if not native.size:
+        return _empty(native, source, target)
     converted = native
     if target.kind == 'color' and source.order != target.order:
         if source.kind == 'bayer':
@@ -53,6 +55,13 @@ def convert(
             converted = reorder(native, source.order, target.order)
     converted = change_depth(converted, target.dtype)
     return converted.copy() if np.may_share_memory(converted, image) else converted
+
+
+def _empty(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
+    """Give an image without pixels, however many rows it is said to have."""
+    rows = source.height(len(image)) if target.kind == 'color' else len(image)
+    channels = () if target.channels == 1 else (target.channels,)
+    return np.empty((rows, image.shape[1], *channels), target.dtype)
 
 
 def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[Any]:

@@ -27,13 +27,14 @@ from opencv_tools.image.errors import LayoutError
 
 
 def view_pixels(
-    data: memoryview | bytes | bytearray, height: int, width: int, step: int,
+    data: Any, height: int, width: int, step: int,
     encoding: Encoding, is_bigendian: bool = False,
 ) -> NDArray[Any]:
     """
     View the bytes of an image message as an array, without a copy.
 
-    :param data: a buffer of bytes, long enough for all rows; the view keeps it alive.
+    :param data: a buffer of bytes, long enough for all rows, which the view keeps alive; a list
+        of numbers is copied.
     :param height: rows of the picture.
     :param width: pixels a row.
     :param step: bytes from one row to the next; padding behind the pixels is left out.
@@ -55,7 +56,7 @@ def view_pixels(
         raise LayoutError(f'{described}: two rows and two columns share their chroma, '
                           'so neither size can be odd')
     rows = encoding.rows(height)
-    content = np.frombuffer(data, np.uint8)
+    content = _view_bytes(data)
     if content.size < rows * step:
         raise LayoutError(f'{described} takes {rows * step} bytes, but data has {content.size}')
     lines = content[:rows * step].reshape(rows, step)
@@ -68,6 +69,14 @@ def view_pixels(
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
     pixels: NDArray[Any] = lines[:, :row].view(dtype)
     return pixels if encoding.channels == 1 else pixels.reshape(height, width, encoding.channels)
+
+
+def _view_bytes(data: Any) -> NDArray[np.uint8]:
+    """View anything that holds bytes as an array of them."""
+    try:
+        return np.frombuffer(data if not isinstance(data, list) else bytes(data), np.uint8)
+    except (BufferError, TypeError, ValueError) as err:
+        raise LayoutError(f'data of the type {type(data).__name__} are not bytes: {err}') from err
 
 
 @dataclass(frozen=True)

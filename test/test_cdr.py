@@ -1,0 +1,189 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages in the format of the wire, against rclpy's own serialiser."""
+
+from __future__ import annotations
+
+import array
+import struct
+
+from hypothesis import given, settings, strategies as st
+from images import random_image
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import (
+    cdr_to_compressed_image, cdr_to_image, CdrError, compressed_image_to_cdr, EncapsulationError,
+    image_to_cdr, WireCompressedImage, WireImage,
+)
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import pack_pixels
+from opencv_tools.ros.messages import read_image
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CompressedImage, Image
+
+UINT32 = st.integers(0, 2**32 - 1)
+TEXTS = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=40)
+STAMPS = {'sec': st.integers(-2**31, 2**31 - 1), 'nanosec': UINT32, 'frame_id': TEXTS}
+IMAGES = st.builds(
+    WireImage, **STAMPS, height=UINT32, width=UINT32, encoding=TEXTS, is_bigendian=st.booleans(),
+    step=UINT32, data=st.binary(max_size=100))
+COMPRESSED_IMAGES = st.builds(
+    WireCompressedImage, **STAMPS, format=TEXTS, data=st.binary(max_size=100))
+
+
+def message_of(image: WireImage | WireCompressedImage) -> Image | CompressedImage:
+    """Make the ROS message with the same fields."""
+    if isinstance(image, WireImage):
+        message = Image(height=image.height, width=image.width, encoding=image.encoding,
+                        is_bigendian=image.is_bigendian, step=image.step)
+    else:
+        message = CompressedImage(format=image.format)
+    message.header.frame_id = image.frame_id
+    message.header.stamp.sec = image.sec
+    message.header.stamp.nanosec = image.nanosec
+    message.data = array.array('B', bytes(image.data))
+    return message
+
+
+def padding_of(image: WireImage | WireCompressedImage) -> list[int]:
+    """Find the bytes between the fields, which the middleware leaves as they were."""
+    if isinstance(image, WireImage):  # two numbers, a string and a byte follow the first string
+        unaligned = [image.frame_id, f'{image.encoding}{"x" * 9}']
+    else:
+        unaligned = [image.frame_id, image.format]
+    positions = []
+    end = 12
+    for text in unaligned:
+        end += 4 + len(text.encode()) + 1
+        aligned = -(-end // 4) * 4
+        positions += range(end, aligned)
+        end = aligned
+    return positions
+
+
+def without(data: bytes, positions: list[int]) -> bytes:
+    return bytes(byte for index, byte in enumerate(data) if index not in positions)
+
+
+@settings(max_examples=300, deadline=None)
+@given(IMAGES)
+def test_an_image_is_serialised_as_rclpy_does(image: WireImage) -> None:
+    ours, theirs = image_to_cdr(image), serialize_message(message_of(image))
+    assert len(ours) == len(theirs)
+    assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
+    assert deserialize_message(ours, Image) == message_of(image)
+    assert cdr_to_image(theirs) == image
+    assert cdr_to_image(ours) == image
+
+
+@settings(max_examples=200, deadline=None)
+@given(COMPRESSED_IMAGES)
+def test_a_compressed_image_is_serialised_as_rclpy_does(image: WireCompressedImage) -> None:
+    ours, theirs = compressed_image_to_cdr(image), serialize_message(message_of(image))
+    assert len(ours) == len(theirs)
+    assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
+    assert deserialize_message(ours, CompressedImage) == message_of(image)
+    assert cdr_to_compressed_image(theirs) == image
+    assert cdr_to_compressed_image(ours) == image
+
+
+@settings(max_examples=300, deadline=None)
+@given(IMAGES, st.data())
+def test_a_message_cut_short_is_refused(image: WireImage, data: st.DataObject) -> None:
+    whole = image_to_cdr(image)
+    cut = whole[:data.draw(st.integers(0, len(whole) - 1))]
+    with pytest.raises(CdrError):
+        cdr_to_image(cut)
+    with pytest.raises(CdrError):
+        read_image(cut)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200))
+def test_any_other_bytes_are_read_or_refused(data: bytes) -> None:
+    for head in (b'', b'\0\0\0\0', b'\0\1\0\0', b'\0\3\0\0'):
+        for read in (cdr_to_image, cdr_to_compressed_image, read_image):
+            try:
+                image = read(head + data)
+            except CdrError as err:
+                assert str(err)
+            else:
+                assert len(image.data) <= len(data)
+
+
+def big_endian(image: WireImage) -> bytes:
+    """Serialise by hand, with the most significant byte first."""
+    def text(value: str, position: int) -> bytes:
+        encoded = value.encode() + b'\0'
+        return bytes(-position % 4) + struct.pack('>I', len(encoded)) + encoded
+    data = b'\0\0\0\0' + struct.pack('>iI', image.sec, image.nanosec)
+    data += text(image.frame_id, len(data))
+    data += bytes(-len(data) % 4) + struct.pack('>II', image.height, image.width)
+    data += text(image.encoding, len(data)) + bytes([image.is_bigendian])
+    data += bytes(-len(data) % 4) + struct.pack('>II', image.step, len(image.data))
+    return data + bytes(image.data)
+
+
+@settings(max_examples=100, deadline=None)
+@given(IMAGES)
+def test_big_endian_messages_are_read(image: WireImage) -> None:
+    assert cdr_to_image(big_endian(image)) == image
+
+
+def test_other_encapsulations_are_left_to_the_middleware() -> None:
+    serialized = serialize_message(Image(height=1, width=1, encoding='mono8', step=1))
+    parameter_list = b'\0\3' + serialized[2:]
+    with pytest.raises(EncapsulationError, match='0003 is not plain CDR'):
+        cdr_to_image(parameter_list)
+    try:
+        assert isinstance(read_image(parameter_list), Image)
+    except CdrError as err:
+        assert 'the middleware cannot read the message' in str(err)
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', 'mono16', '32FC3', 'nv12'])
+def test_an_array_goes_over_the_wire_and_back_without_a_copy_on_the_way_in(encoding: str) -> None:
+    image = random_image(encoding, 6, 8)
+    packed = pack_pixels(image, find_encoding(encoding))
+    serialized = image_to_cdr(WireImage(
+        1, 2, 'camera', packed.height, packed.width, encoding, packed.is_bigendian, packed.step,
+        packed.data))
+    assert deserialize_message(serialized, Image).data == CvBridge().cv2_to_imgmsg(
+        image, encoding).data
+    view = CvBridge().imgmsg_to_cv2(cdr_to_image(serialized))
+    np.testing.assert_array_equal(view, image)
+    assert np.may_share_memory(view, np.frombuffer(serialized, np.uint8))
+    assert not view.flags.writeable
+
+
+@pytest.mark.parametrize(('field', 'value', 'text'), [
+    ('height', 2**32, 'out of the range'), ('step', -1, 'out of the range'),
+    ('sec', 2**31, 'out of the range'), ('frame_id', 'a\0b', 'has a NUL'),
+])
+def test_what_a_message_cannot_hold_is_refused(field: str, value: object, text: str) -> None:
+    fields = {'sec': 0, 'nanosec': 0, 'frame_id': '', 'height': 0, 'width': 0, 'encoding': '',
+              'is_bigendian': False, 'step': 0, 'data': b''}
+    with pytest.raises(CdrError, match=text):
+        image_to_cdr(WireImage(**{**fields, field: value}))
+
+
+def test_text_that_is_not_utf_8_is_read() -> None:
+    serialized = bytearray(image_to_cdr(WireImage(0, 0, 'abc', 1, 1, 'mono8', False, 1, b'x')))
+    serialized[16:19] = b'\xff\xfe\xfd'
+    assert cdr_to_image(serialized).frame_id == '\ufffd' * 3
+    serialized[12:16] = struct.pack('<I', 2**32 - 1)
+    with pytest.raises(CdrError, match='takes 4294967295 from 16 on'):
+        cdr_to_image(serialized)

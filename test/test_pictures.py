@@ -1,0 +1,229 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Compressed messages and images for display."""
+
+from __future__ import annotations
+
+import cv2
+from images import random_image
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay
+from opencv_tools.image.compressed import CompressedFormat, parse_format
+import pytest
+from sensor_msgs.msg import CompressedImage
+
+LOSSLESS = ('png', 'bmp', 'dib', 'tif', 'tiff', 'sr', 'ras', 'ppm')
+LOSSY = ('jpg', 'jpeg', 'jpe')
+
+
+def compressed(image: np.ndarray, suffix: str, text: str) -> CompressedImage:
+    """Make a message as another node would, with OpenCV alone."""
+    message = CompressedImage(format=text)
+    message.data.frombytes(cv2.imencode(suffix, image)[1].tobytes())
+    return message
+
+
+def smooth_image(height: int, width: int) -> np.ndarray:
+    """Make a BGR image that JPEG can hold well."""
+    return cv2.GaussianBlur(random_image('bgr8', height, width), (0, 0), 5)
+
+
+@pytest.mark.parametrize('codec', LOSSLESS)
+def test_lossless_codecs_keep_every_pixel(codec: str) -> None:
+    bridge = CvBridge()
+    image = random_image('bgr8', 40, 50)
+    message = bridge.cv2_to_compressed_imgmsg(image, codec)
+    assert message.format == codec
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), image)
+    np.testing.assert_array_equal(
+        bridge.compressed_imgmsg_to_cv2(message, 'rgb8'), image[..., ::-1])
+
+
+@pytest.mark.parametrize('codec', LOSSY)
+def test_jpeg_by_every_name_and_in_the_quality_asked_for(codec: str) -> None:
+    bridge = CvBridge()
+    image = smooth_image(120, 160)
+    sizes = []
+    for quality in (10, 60, 100):
+        message = bridge.cv2_to_compressed_imgmsg(image, codec, quality=quality)
+        assert message.format == codec
+        expected = cv2.imencode('.jpg', image, (cv2.IMWRITE_JPEG_QUALITY, quality))[1]
+        assert message.data.tobytes() == expected.tobytes()
+        sizes.append(len(message.data))
+    assert sizes == sorted(sizes)
+    default = bridge.cv2_to_compressed_imgmsg(image, codec)
+    assert default.data.tobytes() == cv2.imencode('.jpg', image)[1].tobytes()
+
+
+def test_16_bit_png_is_kept() -> None:
+    bridge = CvBridge()
+    depth = random_image('mono16', 30, 40)
+    message = bridge.cv2_to_compressed_imgmsg(depth, 'png')
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), depth)
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message, 'mono16'), depth)
+
+
+@pytest.mark.parametrize(('picture', 'suffix', 'text', 'desired', 'expected'), [
+    ('bgr8', '.png', 'bgr8; png compressed bgr8', 'rgb8', 'bgr8'),
+    ('bgr8', '.png', 'rgb8; png compressed bgr8', 'mono8', 'bgr8'),
+    ('bgr8', '.png', 'rgb8; png compressed rgb8', 'bgr8', 'rgb8'),
+    ('mono8', '.png', 'mono8; jpeg compressed mono8', 'bgr8', 'mono8'),
+    ('mono8', '.png', 'bayer_rggb8; png compressed ', 'bgr8', 'bayer_rggb8'),
+    ('mono16', '.png', '16UC1; png compressed ', '32FC1', '16UC1'),
+    ('mono16', '.png', 'mono16; png compressed mono16', 'mono8', 'mono16'),
+    ('bgra8', '.png', 'png', 'rgb8', 'bgra8'),
+    ('mono8', '.png', 'png', 'rgb8', 'mono8'),
+    ('mono8', '.png', 'foo; png compressed bar', 'rgb8', 'mono8'),
+    ('bgr8', '.png', '32FC1; png compressed mono8', 'rgb8', 'bgr8'),
+])
+def test_the_format_says_what_the_picture_holds(
+        picture: str, suffix: str, text: str, desired: str, expected: str) -> None:
+    bridge = CvBridge()
+    image = random_image(picture, 12, 14)
+    message = compressed(image, suffix, text)
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), image)
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message, ''), image)
+    np.testing.assert_array_equal(
+        bridge.compressed_imgmsg_to_cv2(message, desired),
+        bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, expected), desired))
+
+
+def test_a_depth_image_is_not_taken_for_gray() -> None:
+    message = compressed(random_image('mono16', 4, 5), '.png', '16UC1; png compressed ')
+    with pytest.raises(CvBridgeError, match=r'\[16UC1\] is not a color format. but \[mono8\] is.'):
+        CvBridge().compressed_imgmsg_to_cv2(message, 'mono8')
+
+
+def test_an_rgb_array_is_compressed_as_bgr_where_the_format_says_so() -> None:
+    bridge = CvBridge()
+    image = random_image('rgb8', 12, 14)
+    message = bridge.cv2_to_compressed_imgmsg(image, 'rgb8; png compressed bgr8')
+    assert message.format == 'rgb8; png compressed bgr8'
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), image[..., ::-1])
+    np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message, 'rgb8'), image)
+
+
+@pytest.mark.parametrize(('text', 'expected'), [
+    ('jpeg', CompressedFormat('jpeg')),
+    ('', CompressedFormat('')),
+    ('bgr8; jpeg compressed bgr8', CompressedFormat('jpeg', 'bgr8', 'bgr8')),
+    ('16UC1; png compressed ', CompressedFormat('png', '16UC1', '')),
+    ('mono8;png compressed', CompressedFormat('png', 'mono8', '')),
+    ('rgb8; tiff compressed rgb8', CompressedFormat('tiff', 'rgb8', 'rgb8')),
+])
+def test_format_strings(text: str, expected: CompressedFormat) -> None:
+    assert parse_format(text) == expected
+
+
+@pytest.mark.parametrize(('image', 'text', 'quality', 'reason'), [
+    (np.zeros((2, 3), np.uint16), 'jpg', None,
+     'a 3x2 16UC1 image cannot be kept as jpg; png or tif or tiff or pgm can hold it'),
+    (np.zeros((2, 3, 4), np.uint8), 'jpeg', None, 'a 3x2 8UC4 image cannot be kept as jpeg; png'),
+    (np.zeros((2, 3, 2), np.float32), 'png', None, 'nor as any other picture'),
+    (np.zeros((2, 3), np.uint8), 'gif2', None, "'gif2' is not a known picture format"),
+    (np.zeros((2, 3), np.uint8), '', None, "'' is not a known picture format"),
+    (np.zeros((2, 3), np.uint8), 'jpg', 101, 'quality 101 cannot be used for jpg'),
+    (np.zeros((2, 3), np.uint8), 'png', 50, 'quality 50 cannot be used for png'),
+    (np.zeros((2, 3, 3), np.uint8), 'mono8; png compressed mono8', None,
+     'encoding specified as mono8, but image has incompatible type 8UC3'),
+])
+def test_what_cannot_be_compressed_is_refused(
+        image: np.ndarray, text: str, quality: int | None, reason: str) -> None:
+    with pytest.raises(CvBridgeError) as caught:
+        CvBridge().cv2_to_compressed_imgmsg(image, text, quality=quality)
+    assert reason in str(caught.value)
+    with pytest.raises(TypeError, match='Your input type is not a numpy array'):
+        CvBridge().cv2_to_compressed_imgmsg([1, 2])
+
+
+def test_labels_are_shown_in_colours() -> None:
+    labels = np.arange(-3, 147, dtype=np.int32).reshape(10, 15)
+    shown = cvtColorForDisplay(labels, '32SC1', 'bgr8')
+    assert shown.dtype == np.uint8 and shown.shape == (10, 15, 3)
+    assert (shown.reshape(-1, 3)[:3] == 0).all()
+    aliceblue, antiquewhite, aqua = shown.reshape(-1, 3)[3:6].tolist()
+    assert (aliceblue, antiquewhite, aqua) == ([255, 248, 239], [214, 235, 249], [255, 255, 0])
+    assert shown.reshape(-1, 3)[149].tolist() == aliceblue  # 146 begins again
+    np.testing.assert_array_equal(
+        cvtColorForDisplay(labels.astype(np.int64), '32SC1', 'bgr8'), shown)
+
+
+@pytest.mark.parametrize('options', [
+    {'do_dynamic_scaling': True}, {'min_image_value': 50.0, 'max_image_value': 150.0}, {}])
+def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> None:
+    image = np.array([[50, 100, 150, -np.inf, np.inf, np.nan]], np.float32)
+    shown = cvtColorForDisplay(image, '32FC1', 'mono8', **options)
+    assert shown.tolist() == [[0, 128, 255, 0, 0, 0]]
+    in_color = cvtColorForDisplay(image.astype(np.float64), '64FC1', '', **options)
+    np.testing.assert_array_equal(in_color, np.repeat(shown[..., np.newaxis], 3, axis=2))
+
+
+def test_float_colours_are_shown() -> None:
+    image = np.array([[[0, 0.5, 1], [1, 0.25, 0]]], np.float32)
+    assert cvtColorForDisplay(image, '32FC3', 'rgb8').tolist() == [
+        [[255, 128, 0], [0, 64, 255]]]
+
+
+def test_numbers_all_alike_are_shown_as_middle_gray() -> None:
+    image = np.full((2, 3), 7, np.uint16)
+    shown = cvtColorForDisplay(image, '16UC1', 'mono8', do_dynamic_scaling=True)
+    assert shown.tolist() == [[128] * 3] * 2
+    nothing = np.full((2, 3), np.nan, np.float32)
+    assert cvtColorForDisplay(nothing, '32FC1', 'bgr8').tolist() == [[[128] * 3] * 3] * 2
+
+
+def test_a_colormap_colours_what_is_scaled() -> None:
+    image = np.array([[0, 5, 10, np.nan]], np.float32)
+    shown = cvtColorForDisplay(
+        image, '32FC1', 'rgb8', do_dynamic_scaling=True, colormap=cv2.COLORMAP_JET)
+    expected = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_JET)
+    assert shown[0, :3].tolist() == expected[0, :, ::-1].tolist()
+    assert shown[0, 3].tolist() == [0, 0, 0]
+    with pytest.raises(CvBridgeError, match='999 is not the number of a colormap'):
+        cvtColorForDisplay(image, '32FC1', 'rgb8', True, colormap=999)
+
+
+@pytest.mark.parametrize(('source', 'taken_for'), [
+    ('8UC1', 'mono8'), ('8UC3', 'bgr8'), ('8UC4', 'bgra8'), ('16UC1', 'mono16'),
+    ('16UC3', 'bgr16'), ('16UC4', 'bgra16'), ('bayer_grbg8', 'bayer_grbg8'), ('uyvy', 'uyvy'),
+    ('rgb16', 'rgb16'), ('mono8', 'mono8'),
+])
+def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str) -> None:
+    bridge = CvBridge()
+    image = random_image(source, 6, 8)
+    message = bridge.cv2_to_imgmsg(image, taken_for)
+    for wanted in ('bgr8', 'rgb8', 'mono8', 'rgba8'):
+        np.testing.assert_array_equal(
+            cvtColorForDisplay(image, source, wanted), bridge.imgmsg_to_cv2(message, wanted))
+    np.testing.assert_array_equal(
+        cvtColorForDisplay(image, source, ''), bridge.imgmsg_to_cv2(message, 'bgr8'))
+
+
+@pytest.mark.parametrize(('source', 'wanted', 'options', 'reason'), [
+    ('bgr8', 'bgr16', {}, 'does not have an output encoding that is color or mono'),
+    ('bgr8', '8UC3', {}, 'does not have an output encoding that is color or mono'),
+    ('bgr8', 'foo', {}, 'does not have an output encoding that is color or mono'),
+    ('bgr8', 'mono8', {'do_dynamic_scaling': True}, 'scaling for images with more than one'),
+    ('16SC1', 'bgr8', {}, "cvtColorForDisplay() while trying to convert image from '16SC1' to "
+     "'bgr8' an exception was thrown ([16SC1] is not a color format."),
+    ('8UC2', 'bgr8', {}, 'The conversion does not make sense'),
+])
+def test_what_cannot_be_shown_is_refused(
+        source: str, wanted: str, options: dict[str, object], reason: str) -> None:
+    with pytest.raises(CvBridgeError) as caught:
+        cvtColorForDisplay(random_image(source, 4, 4), source, wanted, **options)
+    assert reason in str(caught.value)
+    with pytest.raises(CvBridgeError, match='encoding specified as mono16, but image has'):
+        cvtColorForDisplay(np.zeros((2, 2), np.uint8), 'mono16', 'bgr8')
