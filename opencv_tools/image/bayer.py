@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.blocks import row_blocks
+from opencv_tools.image.columns import write_columns
 
 # Weights of red, green and blue, scaled by 2**14 as OpenCV's demosaicing to gray has them.
 _GRAY_WEIGHTS = {'r': 4899, 'g': 9617, 'b': 1868}
@@ -61,7 +62,7 @@ def _fill_inner(
     mosaic: NDArray[Any], colors: NDArray[Any], pattern: str, target: str,
 ) -> None:
     """
-    Fill in all but the outermost rows and columns.
+    Fill in all but the outermost rows; what the outermost columns get is of no use.
 
     :param mosaic: (h, w) array, both at least 3.
     :param colors: (h, w, c) array, written to.
@@ -76,17 +77,15 @@ def _fill_inner(
         lacking = 'b' if present == 'r' else 'r'
         above_and_below = planes[1 - parity]
         vertical = [_flat(plane, 0, count) + _flat(plane, 1, count) for plane in above_and_below]
+        filled = []
         for column, site in enumerate(colors_of_row):
-            own = _flat(planes[parity][column], 1 - parity, count)
-            other = _flat(planes[parity][1 - column], 1 - parity, count)
+            own, other = (_flat(planes[parity][index], 1 - parity, count)
+                          for index in (column, 1 - column))
             fill = _fill_gray if target == 'y' else _fill_colors
-            filled = fill(site, present, lacking, target, own, _beside(other, column),
+            values = fill(site, present, lacking, target, own, _beside(other, column),
                           vertical[column], _beside(vertical[1 - column], column))
-            inner = slice(1, None) if column == 0 else slice(-1)
-            wanted = colors[2 - parity:-1:2, 2 - column::2]
-            for index, values in enumerate(filled):
-                values = values.reshape(count, width)[:, inner]
-                wanted[:, :values.shape[1], index] = values
+            filled.append([value.reshape(count, width) for value in values])
+        write_columns(filled, colors[2 - parity:-1:2])
 
 
 def _split_columns(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -142,7 +141,7 @@ def _fill_gray(
         np.multiply(sums[channel], np.uint32(weights[channel]), out=product)
         np.add(gray, product, out=gray)
     np.right_shift(gray, np.uint32(shift), out=gray)
-    return [gray]
+    return [gray.astype(own.dtype)]
 
 
 def _mean(total: NDArray[Any], bits: int) -> NDArray[Any]:

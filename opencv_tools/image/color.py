@@ -41,6 +41,8 @@ def convert(
     :returns: a fresh contiguous array in native byte order, (h, w) for one channel.
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
+    if source.name == target.name:
+        return np.array(image, source.dtype, order='C')
     _check_conversion(source, target)
     native = np.ascontiguousarray(image, np.dtype(source.dtype))
     if not native.size:
@@ -86,7 +88,7 @@ def _check_conversion(source: Encoding, target: Encoding) -> None:
 
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
-    if source.name == target.name or (source.kind and target.kind == 'color'):
+    if source.kind and target.kind == 'color':
         return
     if source.kind and target.kind:
         raise ConversionError(

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 import re
 from typing import Any
 
@@ -148,11 +149,15 @@ def generic_encoding(image: NDArray[Any]) -> Encoding:
     :returns: a generic encoding, such as ``8UC3`` for (h, w, 3) uint8.
     :raises EncodingError: OpenCV has no such type (bool, int64, float16, ...).
     """
-    channels = image.shape[2] if image.ndim == 3 else 1
-    depth = _DEPTH_OF_DTYPE.get(image.dtype.newbyteorder('=').name)
+    return _generic_encoding(image.dtype, image.shape[2] if image.ndim == 3 else 1)
+
+
+@lru_cache  # it is asked for every frame
+def _generic_encoding(dtype: np.dtype[Any], channels: int) -> Encoding:
+    depth = _DEPTH_OF_DTYPE.get(dtype.newbyteorder('=').name)
     if depth is None:
         raise EncodingError(
-            f'An image of dtype {image.dtype} has no encoding; '
+            f'An image of dtype {dtype} has no encoding; '
             f'convert it to one of {", ".join(_DEPTH_OF_DTYPE)}')
     return find_encoding(f'{depth}C{channels}')
 

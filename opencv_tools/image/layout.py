@@ -45,20 +45,20 @@ def view_pixels(
     :raises LayoutError: the step cannot hold the pixels of a row or a whole number of them, the
         data are too short, or the size leaves half a pair of pixels without its chroma.
     """
-    described = f'{width}x{height} {encoding.name} image with step {step}'
+    def error(reason: str) -> LayoutError:
+        return LayoutError(f'{width}x{height} {encoding.name} image with step {step}{reason}')
+
     row = width * encoding.pixel_bytes
     if step < row:
-        raise LayoutError(f'{described}: a row takes {row} bytes, more than the step')
+        raise error(f': a row takes {row} bytes, more than the step')
     if step % encoding.pixel_bytes:
-        raise LayoutError(f'{described}: the step is not a whole number of pixels of '
-                          f'{encoding.pixel_bytes} bytes')
+        raise error(f': the step is not a whole number of pixels of {encoding.pixel_bytes} bytes')
     if encoding.planes == 1.5 and (height % 2 or width % 2):
-        raise LayoutError(f'{described}: two rows and two columns share their chroma, '
-                          'so neither size can be odd')
+        raise error(': two rows and two columns share their chroma, so neither size can be odd')
     rows = encoding.rows(height)
     content = _view_bytes(data)
     if content.size < rows * step:
-        raise LayoutError(f'{described} takes {rows * step} bytes, but data has {content.size}')
+        raise error(f' takes {rows * step} bytes, but data has {content.size}')
     lines = content[:rows * step].reshape(rows, step)
     if not row:
         lines = np.empty((rows, 0), np.uint8)

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.blocks import row_blocks
+from opencv_tools.image.columns import write_columns
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import ConversionError
 
@@ -33,7 +34,9 @@ _CHROMA = {'r': (0, 1673527), 'g': (-409993, -852492), 'b': (2116026, 0)}  # of 
 _NEUTRAL = 128
 _HALF = 1 << 19
 
-Planes = tuple[Sequence[NDArray[Any]], Sequence[NDArray[Any]], Sequence[NDArray[Any]]]
+# U and V, and some lumas that share them: of every column or of the even and of the odd ones, with
+# the rows of the picture that they make.
+_Part = tuple[Sequence[NDArray[Any]], Sequence[tuple[Sequence[NDArray[Any]], NDArray[Any]]]]
 
 
 def yuv_to_color(image: NDArray[Any], encoding: Encoding, target: str) -> NDArray[Any]:
@@ -63,8 +66,10 @@ def yuv_to_color(image: NDArray[Any], encoding: Encoding, target: str) -> NDArra
     if target.endswith('a'):
         colors[..., 3] = 255
     split = _split_packed if packed else _split_planar
-    for lumas, chroma, targets in split(image, colors, encoding.order):
-        _mix(lumas, chroma, targets, target)
+    for chroma, rows in split(image, colors, encoding.order):
+        tints = _tints(chroma, target)
+        for lumas, wanted in rows:
+            write_columns([_add_luma(luma, tints) for luma in lumas], wanted)
     return colors
 
 
@@ -90,21 +95,20 @@ def _halves(numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 def _split_packed(
     image: NDArray[Any], colors: NDArray[Any], order: str,
-) -> Iterator[Planes]:
-    """Give the planes of a 4:2:2 image, a block of rows at a time: two lumas share a chroma."""
+) -> Iterator[_Part]:
+    """Give a 4:2:2 image a block of rows at a time: two columns share their chroma."""
     pixels = image.view('<u2')[..., 0]
     for rows in row_blocks(len(pixels), pixels.shape[1] // 2):
         even, odd = _halves(pixels[rows])
         luma, chroma = (even, odd) if order == 'yuyv' else (odd, even)
         np.clip(luma, _BLACK, _WHITE, out=luma)
-        yield (_halves(luma.view('<i4')), _halves(chroma.view('<i4')),
-               (colors[rows, ::2], colors[rows, 1::2]))
+        yield _halves(chroma.view('<i4')), [(_halves(luma.view('<i4')), colors[rows])]
 
 
 def _split_planar(
     image: NDArray[Any], colors: NDArray[Any], order: str,
-) -> Iterator[Planes]:
-    """Give the planes of an image whose chroma is in rows of its own, a block at a time."""
+) -> Iterator[_Part]:
+    """Give an image whose chroma is in rows of its own a block at a time."""
     height = len(colors)
     step = 1 if order == 'nv24' else 2  # rows and columns that share a chroma
     chroma_rows = image[height:].reshape(height // step, -1).view('<u2')
@@ -113,39 +117,39 @@ def _split_planar(
         picture = slice(rows.start * step, rows.stop * step)
         luma = np.clip(image[picture], _BLACK, _WHITE)
         columns = (luma,) if step == 1 else _halves(luma.view('<u2'))
-        yield ([column[row::step].astype(np.int32) for row in range(step) for column in columns],
-               chroma[::-1] if order == 'nv21' else chroma,
-               [colors[picture][row::step, column::step]
-                for row in range(step) for column in range(step)])
+        yield chroma[::-1] if order == 'nv21' else chroma, [
+            ([column[row::step].astype(np.int32) for column in columns],
+             colors[picture][row::step])
+            for row in range(step)]
 
 
-def _mix(
-    lumas: Sequence[NDArray[Any]], chroma: Sequence[NDArray[Any]],
-    targets: Sequence[NDArray[Any]], order: str,
-) -> None:
-    """
-    Write the colours of a few lumas that share their chroma.
-
-    :param lumas: int32 arrays of shape (h, w), not below black; they are changed.
-    :param chroma: U and V, int32 arrays of the same shape.
-    :param targets: an array of shape (h, w, c) for each luma.
-    :param order: the channels of the targets.
-    """
-    for luma in lumas:
-        np.multiply(luma, np.int32(_LUMA), out=luma)
-    mixed = np.empty_like(lumas[0])
-    tint = np.empty_like(mixed)
-    values = np.empty((len(lumas), *mixed.shape), np.int16)
-    for index, channel in enumerate(order[:3]):
+def _tints(chroma: Sequence[NDArray[Any]], order: str) -> list[NDArray[Any]]:
+    """Give what the chroma, U and V, adds to each channel, with all that is constant."""
+    tints = []
+    for channel in order[:3]:
         weights = _CHROMA[channel]
-        tint[...] = _HALF - _BLACK * _LUMA - _NEUTRAL * sum(weights)
-        for part, weight in zip(chroma, weights):
-            if weight:
-                np.add(tint, np.multiply(part, np.int32(weight), out=mixed), out=tint)
-        for luma, shifted in zip(lumas, values):
-            np.add(luma, tint, out=mixed)
-            np.right_shift(mixed, _SHIFT, out=mixed)
-            shifted[...] = mixed
-        np.clip(values, 0, 255, out=values)
-        for target, shifted in zip(targets, values):
-            target[..., index] = shifted
+        first, *others = (part * np.int32(weight) for part, weight in zip(chroma, weights)
+                          if weight)
+        for other in others:
+            np.add(first, other, out=first)
+        offset = _HALF - _BLACK * _LUMA - _NEUTRAL * sum(weights)
+        tints.append(np.add(first, np.int32(offset), out=first))
+    return tints
+
+
+def _add_luma(luma: NDArray[Any], tints: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """
+    Mix luma with what the chroma adds.
+
+    :param luma: int32 array of shape (h, n), not below black; it is changed.
+    :param tints: an array of the same shape for each channel.
+    :returns: bytes as an int16 array of shape (c, h, n).
+    """
+    np.multiply(luma, np.int32(_LUMA), out=luma)
+    mixed = np.empty_like(luma)
+    values = np.empty((len(tints), *luma.shape), np.int16)
+    for tint, value in zip(tints, values):
+        np.add(luma, tint, out=mixed)
+        np.right_shift(mixed, _SHIFT, out=mixed)
+        value[...] = mixed
+    return np.clip(values, 0, 255, out=values)

@@ -1,0 +1,174 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Time that the bridge and the wire format take, as ratios to a copy and to OpenCV in one run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import statistics
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import cdr_to_image, image_to_cdr, WireImage
+from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.image.layout import pack_pixels
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
+
+HD = (1080, 1920)
+UHD = (2160, 3840)
+
+Work = Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """
+    What is measured, what it is measured against, and the goal.
+
+    :param name: of the work.
+    :param work: what the package does.
+    :param against: name of the other.
+    :param other: what it is measured against; None for microseconds.
+    :param goal: the ratio, or the microseconds, that it should not exceed.
+    """
+
+    name: str
+    work: Work
+    against: str
+    other: Work | None
+    goal: float
+
+
+def median_seconds(works: list[Work], rounds: int) -> list[float]:
+    """Run pieces of work in turn, so that what disturbs one disturbs all; give their medians."""
+    times: list[list[float]] = [[] for _ in works]
+    for _ in range(rounds + 2):
+        for work, seconds in zip(works, times):
+            began = time.perf_counter()
+            result = work()
+            seconds.append(time.perf_counter() - began)
+            del result
+    return [statistics.median(seconds[2:]) for seconds in times]
+
+
+def copies(random: np.random.Generator) -> Iterator[Comparison]:
+    """Compare what only moves bytes with a copy of the frame."""
+    bridge = CvBridge()
+    frame = random.integers(0, 256, (*HD, 3), np.uint8)
+    other = np.empty_like(frame)
+    message = bridge.cv2_to_imgmsg(frame, 'bgr8')
+
+    def copy() -> None:
+        np.copyto(other, frame)
+
+    def upstreams_message() -> Image:
+        filled = Image(height=HD[0], width=HD[1], encoding='bgr8', step=HD[1] * 3)
+        filled.data.frombytes(frame.tobytes())
+        return filled
+
+    def to_cdr() -> bytes:
+        packed = pack_pixels(frame, ENCODINGS['bgr8'])
+        return image_to_cdr(WireImage(1, 2, 'camera', packed.height, packed.width, 'bgr8',
+                                      packed.is_bigendian, packed.step, packed.data))
+
+    def to_message() -> Image:
+        return bridge.cv2_to_imgmsg(frame, 'bgr8')
+
+    yield Comparison('cv2_to_imgmsg bgr8', to_message, 'a copy', copy, 1.15)
+    yield Comparison('cv2_to_imgmsg bgr8', to_message, 'tobytes, frombytes', upstreams_message,
+                     0.6)
+    yield Comparison('imgmsg_to_cv2 bgr8 to bgr8', lambda: bridge.imgmsg_to_cv2(message, 'bgr8'),
+                     'a copy', copy, 1.1)
+    yield Comparison('array to CDR', to_cdr, 'a copy', copy, 1.15)
+    yield Comparison('array to CDR', to_cdr, 'a message, rclpy',
+                     lambda: serialize_message(upstreams_message()), 0.3)
+    large = bridge.cv2_to_imgmsg(random.integers(0, 256, (*UHD, 3), np.uint8), 'bgr8')
+    serialized = serialize_message(large)
+    yield Comparison('imgmsg_to_cv2 passthrough, 4K', lambda: bridge.imgmsg_to_cv2(large),
+                     'microseconds', None, 10)
+    yield Comparison('CDR to array, 4K', lambda: bridge.imgmsg_to_cv2(cdr_to_image(serialized)),
+                     'microseconds', None, 20)
+
+
+def conversions(random: np.random.Generator) -> Iterator[Comparison]:
+    """Compare conversions with those of OpenCV on one thread."""
+    bridge = CvBridge()
+    gray16 = random.integers(0, 2**16, HD, np.uint16)
+    images = {
+        'bgr8': random.integers(0, 256, (*HD, 3), np.uint8),
+        'bgra8': random.integers(0, 256, (*HD, 4), np.uint8),
+        'mono8': gray16.astype(np.uint8),
+        'mono16': gray16,
+        'uyvy': random.integers(0, 256, (*HD, 2), np.uint8),
+        'nv12': random.integers(0, 256, (HD[0] * 3 // 2, HD[1]), np.uint8),
+        'bayer_rggb8': gray16.astype(np.uint8),
+    }
+    messages = {name: bridge.cv2_to_imgmsg(image, name) for name, image in images.items()}
+
+    def compare(source: str, desired: str, goal: float, other: Work) -> Comparison:
+        return Comparison(f'{source} to {desired}',
+                          lambda: bridge.imgmsg_to_cv2(messages[source], desired),
+                          'OpenCV', other, goal)
+
+    def opencv(source: str, code: int) -> Work:
+        return lambda: cv2.cvtColor(images[source], code)
+
+    yield compare('bgr8', 'rgb8', 3, opencv('bgr8', cv2.COLOR_BGR2RGB))
+    yield compare('bgr8', 'bgra8', 3, opencv('bgr8', cv2.COLOR_BGR2BGRA))
+    yield compare('bgr8', 'rgba8', 3, opencv('bgr8', cv2.COLOR_BGR2RGBA))
+    yield compare('bgra8', 'bgr8', 3, opencv('bgra8', cv2.COLOR_BGRA2BGR))
+    yield compare('bgra8', 'rgb8', 3, opencv('bgra8', cv2.COLOR_BGRA2RGB))
+    yield compare('bgr8', 'mono8', 3, opencv('bgr8', cv2.COLOR_BGR2GRAY))
+    yield compare('mono16', 'mono8', 3, lambda: cv2.convertScaleAbs(gray16, alpha=1 / 257))
+    yield compare('mono8', 'mono16', 1,
+                  lambda: cv2.multiply(images['mono8'], 257.0, dtype=cv2.CV_16U))
+    yield compare('uyvy', 'bgr8', 5, opencv('uyvy', cv2.COLOR_YUV2BGR_UYVY))
+    yield compare('uyvy', 'mono8', 5, opencv('uyvy', cv2.COLOR_YUV2GRAY_UYVY))
+    yield compare('nv12', 'bgr8', 5, opencv('nv12', cv2.COLOR_YUV2BGR_NV12))
+    yield compare('bayer_rggb8', 'bgr8', 5, opencv('bayer_rggb8', cv2.COLOR_BayerBG2BGR))
+    yield compare('bayer_rggb8', 'mono8', 5, opencv('bayer_rggb8', cv2.COLOR_BayerBG2GRAY))
+
+
+def main() -> int:
+    """Print each comparison with its goal."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rounds', type=int, default=31, help='runs to take the median of')
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    random = np.random.default_rng(1)
+    print(f'{HD[1]}x{HD[0]}, one thread, medians of {options.rounds}, '
+          f'numpy {np.__version__}, OpenCV {cv2.__version__}')
+    print(f'{"":32}{"ms":>8}  {"against":20}{"ms":>8}{"ratio":>8}{"goal":>7}')
+    for comparison in (*copies(random), *conversions(random)):
+        if comparison.other is None:
+            (seconds,) = median_seconds([comparison.work], options.rounds)
+            other, reached = '', seconds * 1e6
+        else:
+            seconds, floor = median_seconds([comparison.work, comparison.other], options.rounds)
+            other, reached = f'{floor * 1e3:.3f}', seconds / floor
+        verdict = '' if reached <= comparison.goal else '  over'
+        print(f'{comparison.name:32}{seconds * 1e3:8.3f}  {comparison.against:20}{other:>8}'
+              f'{reached:8.2f}{comparison.goal:7g}{verdict}')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
