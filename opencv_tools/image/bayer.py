@@ -134,11 +134,12 @@ def _fill_gray(
         sums = {site: own, 'g': across + vertical, lacking: diagonal}
     # The pixel's own colour counts as often as the two or four neighbours of another.
     weights = {**_GRAY_WEIGHTS, site: _GRAY_WEIGHTS[site] << (shift - 14)}
+    # Without dtype numpy 1 looks at the numbers and multiplies in 16 bits.
     gray = np.multiply(own, np.uint32(weights[site]), dtype=np.uint32)
     gray += np.uint32(1 << (shift - 1))
     product = np.empty_like(gray)
     for channel in {*sums} - {site}:
-        np.multiply(sums[channel], np.uint32(weights[channel]), out=product)
+        np.multiply(sums[channel], np.uint32(weights[channel]), out=product, dtype=np.uint32)
         np.add(gray, product, out=gray)
     np.right_shift(gray, np.uint32(shift), out=gray)
     return [gray.astype(own.dtype)]

@@ -35,6 +35,9 @@ from opencv_tools.image.errors import ImageError
 
 _HEAD_SIZE = 4
 _LITTLE_ENDIAN = b'\0\1\0\0'
+_STAMP = struct.Struct('<iI')
+_SIZE = struct.Struct('<I')
+_SIZES = struct.Struct('<II')
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
 
 
@@ -100,9 +103,13 @@ def image_to_cdr(image: WireImage) -> bytes:
     :returns: little-endian CDR.
     :raises CdrError: a number or a string that the message cannot hold.
     """
-    return _write(('i', image.sec), ('I', image.nanosec), image.frame_id, ('I', image.height),
-                  ('I', image.width), image.encoding, ('B', image.is_bigendian),
-                  ('I', image.step), data=image.data)
+    data = memoryview(image.data).cast('B')
+    try:
+        head = _header(image) + _SIZES.pack(image.height, image.width)
+        head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
+        return b''.join((head, _SIZES.pack(image.step, data.nbytes), data))
+    except struct.error as err:
+        raise CdrError(f'a number is out of the range of its field: {err}') from err
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
@@ -113,8 +120,12 @@ def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     :returns: little-endian CDR.
     :raises CdrError: a number or a string that the message cannot hold.
     """
-    return _write(('i', image.sec), ('I', image.nanosec), image.frame_id, image.format,
-                  data=image.data)
+    data = memoryview(image.data).cast('B')
+    try:
+        head = _padded(_header(image) + _string(image.format))
+        return b''.join((head, _SIZE.pack(data.nbytes), data))
+    except struct.error as err:
+        raise CdrError(f'a number is out of the range of its field: {err}') from err
 
 
 def cdr_to_image(serialized: Any) -> WireImage:
@@ -147,27 +158,22 @@ def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
         reader.number('i'), reader.number('I'), reader.string(), reader.string(), reader.rest())
 
 
-def _write(*fields: str | tuple[str, int], data: Any) -> bytes:
-    """Serialise strings and numbers with their struct formats, then a sequence of bytes."""
-    pixels = memoryview(data).cast('B')
-    head = bytearray(_LITTLE_ENDIAN)
-    try:
-        for field in (*fields, ('I', pixels.nbytes)):
-            if isinstance(field, str):
-                text = field.encode()
-                if b'\0' in text:
-                    raise CdrError(f'{field[:80]!r} has a NUL, which no string of a message has')
-                _append(head, 'I', len(text) + 1)
-                head += text + b'\0'
-            else:
-                _append(head, *field)
-    except struct.error as err:
-        raise CdrError(f'a number is out of the range of its field: {err}') from err
-    return b''.join((head, pixels))
+def _header(image: WireImage | WireCompressedImage) -> bytes:
+    """Serialise what every message with a header begins with."""
+    return _padded(
+        _LITTLE_ENDIAN + _STAMP.pack(image.sec, image.nanosec) + _string(image.frame_id))
 
 
-def _append(head: bytearray, code: str, number: int) -> None:
-    head += bytes(-len(head) % struct.calcsize(f'<{code}')) + struct.pack(f'<{code}', number)
+def _string(text: str) -> bytes:
+    encoded = text.encode()
+    if b'\0' in encoded:
+        raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
+    return _SIZE.pack(len(encoded) + 1) + encoded + b'\0'
+
+
+def _padded(head: bytes) -> bytes:
+    """Add what a number of four bytes needs to be aligned; the encapsulation has four as well."""
+    return head + bytes(-len(head) % 4)
 
 
 class _Reader:

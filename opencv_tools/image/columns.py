@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def write_columns(values: Sequence[Sequence[NDArray[Any]]], target: NDArray[Any]) -> None:
+def write_columns(
+    values: Sequence[Sequence[NDArray[Any]] | NDArray[Any]], target: NDArray[Any],
+) -> None:
     """
     Write the channels of every column, or those of the even and of the odd columns.
 

@@ -125,8 +125,9 @@ def _spread(image: NDArray[Any], limits: tuple[float, float]) -> NDArray[Any]:
     if least == greatest:
         return np.full(image.shape, 128, np.uint8)
     dtype = image.dtype.newbyteorder('=')
-    work = np.dtype(np.float64 if dtype.itemsize * 8 > 32 or dtype.name == 'int32' else np.float32)
+    # OpenCV's working type: the narrower one does not hold every number of these.
+    work: Any = np.float64 if dtype.name in ('int32', 'float64') else np.float32
     with np.errstate(invalid='ignore', over='ignore'):
-        above = change_depth(image.astype(work) - work.type(least), dtype.name)
+        above = change_depth(image.astype(work) - work(least), dtype.name)
         scaled = above.astype(np.float32) * np.float32(255 / (greatest - least))
         return change_depth(scaled, 'uint8')

@@ -59,16 +59,18 @@ def view_pixels(
     content = _view_bytes(data)
     if content.size < rows * step:
         raise error(f' takes {rows * step} bytes, but data has {content.size}')
+    dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
+    shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
+    if step == row or not row:
+        tight: NDArray[Any] = content[:rows * row].view(dtype).reshape(shape)
+        return tight
     lines = content[:rows * step].reshape(rows, step)
-    if not row:
-        lines = np.empty((rows, 0), np.uint8)
-    elif encoding.planes == 3 and step != row:
+    if encoding.planes == 3:
         # The lines of chroma are twice as long, and only behind both halves is there padding.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
         lines = np.concatenate([lines[:height, :row], chroma])
-    dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
-    pixels: NDArray[Any] = lines[:, :row].view(dtype)
-    return pixels if encoding.channels == 1 else pixels.reshape(height, width, encoding.channels)
+    pixels: NDArray[Any] = lines[:, :row].view(dtype).reshape(shape)
+    return pixels
 
 
 def _view_bytes(data: Any) -> NDArray[np.uint8]:
