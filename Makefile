@@ -39,6 +39,7 @@ demo:
 
 bench:
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/startup.py
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/bridge.py
 
 test:
 	@command -v colcon > /dev/null || \
@@ -52,6 +53,7 @@ demo: .venv/installed
 
 bench: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/startup.py
+	@$(call in_venv,.venv) python benchmarks/bridge.py
 
 test: .venv/installed
 	$(call colcon_test,$(call in_venv,.venv),)

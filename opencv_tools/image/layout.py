@@ -48,11 +48,12 @@ def view_pixels(
     def error(reason: str) -> LayoutError:
         return LayoutError(f'{width}x{height} {encoding.name} image with step {step}{reason}')
 
-    row = width * encoding.pixel_bytes
+    pixel = encoding.pixel_bytes
+    row = width * pixel
     if step < row:
         raise error(f': a row takes {row} bytes, more than the step')
-    if step % encoding.pixel_bytes:
-        raise error(f': the step is not a whole number of pixels of {encoding.pixel_bytes} bytes')
+    if step % pixel:
+        raise error(f': the step is not a whole number of pixels of {pixel} bytes')
     if encoding.planes == 1.5 and (height % 2 or width % 2):
         raise error(': two rows and two columns share their chroma, so neither size can be odd')
     rows = encoding.rows(height)
