@@ -24,11 +24,10 @@ import time
 from opencv_tools.capture.frame import CaptureError, Frame, MAX_RATE
 from opencv_tools.capture.player import ON_END, Player
 from opencv_tools.capture.source import check_source, open_source
-from opencv_tools.image.cdr import image_to_cdr, WireImage
+from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 from opencv_tools.image.errors import ConversionError
-from opencv_tools.image.layout import pack_pixels
 from opencv_tools.ros.parameters import declare_parameters, Parameter
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.qos import create_frame_publisher
@@ -37,7 +36,9 @@ from opencv_tools.ros.transport import transport_for_frames
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
+from rclpy.time import Time
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 PARAMETERS = (
     Parameter('source', '0', 'device number, device path, video file, picture file, folder or '
@@ -72,6 +73,7 @@ class ImagePublisher(Node):
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
+        self.br = CvBridge()
         self._encoding = settings['encoding']
         self._frame_id = settings['frame_id']
         self._max_frames = settings['max_frames']
@@ -127,20 +129,17 @@ class ImagePublisher(Node):
         """Publish one frame, stamped with the time of its capture."""
         now = self.get_clock().now().nanoseconds
         age = time.monotonic_ns() - frame.stamp_ns if frame.stamp_ns is not None else 0
-        stamp = max(0, now - age)  # simulated time may be younger than a frame
-        image, encoding = frame.image, find_encoding(frame.encoding)
-        if self._encoding not in ('', encoding.name):
+        stamp = Time(nanoseconds=max(0, now - age))  # simulated time may be younger than a frame
+        header = Header(stamp=stamp.to_msg(), frame_id=self._frame_id)
+        image, encoding = frame.image, self._encoding or frame.encoding
+        if encoding != frame.encoding:
             try:
-                image = convert(image, encoding, find_encoding(self._encoding))
+                image = convert(image, find_encoding(frame.encoding), find_encoding(encoding))
             except ConversionError as err:
                 self._leave_out(err)
                 return
-            encoding = find_encoding(self._encoding)
-        packed = pack_pixels(image, encoding)
-        self.publisher_.publish(image_to_cdr(WireImage(
-            *divmod(stamp, 10**9), self._frame_id, packed.height, packed.width, encoding.name,
-            packed.is_bigendian, packed.step, packed.data)))
-        self._progress.tick(packed.width, packed.height, encoding.name, self._dropped)
+        self.publisher_.publish(self.br.cv2_to_cdr(image, encoding, header))
+        self._progress.tick(image.shape[1], image.shape[0], encoding, self._dropped)
 
     def _leave_out(self, err: Exception) -> None:
         """Take note of a frame that cannot be published."""

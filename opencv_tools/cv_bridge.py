@@ -24,10 +24,12 @@ from __future__ import annotations
 
 from functools import partial
 import sys
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.image.cdr import image_to_cdr, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import parse_format
 from opencv_tools.image.display import Colormap, finite_limits, show
@@ -35,7 +37,7 @@ from opencv_tools.image.encodings import (
     DEPTHS, Encoding, find_encoding, generic_encoding, picture_encoding,
 )
 from opencv_tools.image.errors import EncodingError, ImageError
-from opencv_tools.image.layout import pack_pixels, view_pixels
+from opencv_tools.image.layout import is_bigendian, pack_pixels, view_pixels
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -162,14 +164,38 @@ class CvBridge:
         :raises CvBridgeError: the encoding is not known or does not fit the array.
         """
         declared = _declared(cvim, encoding)
-        packed = pack_pixels(cvim, declared)
+        rows, width = cvim.shape[:2]
         message = Image(
-            height=packed.height, width=packed.width, encoding=declared.name, step=packed.step,
-            is_bigendian=packed.is_bigendian)
+            height=declared.height(rows), width=width, encoding=declared.name,
+            step=width * declared.pixel_bytes, is_bigendian=is_bigendian(cvim.dtype))
         if header is not None:
             message.header = header
-        message.data.frombytes(packed.data)  # an assignment would copy once more
+        message.data.frombytes(pack_pixels(cvim))  # an assignment would copy once more
         return message
+
+    def cv2_to_cdr(
+        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
+    ) -> bytes:
+        """
+        Serialise an array as an image message, copying its data once; upstream has no such method.
+
+        :param cvim: as for ``cv2_to_imgmsg``.
+        :param encoding: what the array holds; ``'passthrough'`` names its type (``8UC3``).
+        :param header: stamp and frame of the message.
+        :returns: what a publisher of images takes in place of the message.
+        :raises TypeError: ``cvim`` is not an array.
+        :raises CvBridgeError: the encoding is not known or does not fit the array.
+        """
+        declared = _declared(cvim, encoding)
+        rows, width = cvim.shape[:2]
+        header = header or Header()
+        try:
+            return image_to_cdr(WireImage(
+                header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
+                width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
+                pack_pixels(cvim)))
+        except ImageError as err:
+            raise CvBridgeError(str(err)) from err
 
     def compressed_imgmsg_to_cv2(
         self, cmprs_img_msg: CompressedImage, desired_encoding: str = 'passthrough',
@@ -185,9 +211,8 @@ class CvBridge:
         :returns: a fresh array, (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data are no picture, or the conversion makes no sense.
         """
-        from opencv_tools.pictures import decode_picture
         try:
-            picture = decode_picture(cmprs_img_msg.data)
+            picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
             if desired_encoding == 'passthrough':
                 return picture
             source = _stored_encoding(picture, cmprs_img_msg.format)
@@ -212,14 +237,13 @@ class CvBridge:
         :raises TypeError: ``cvim`` is not an array.
         :raises CvBridgeError: no such codec, or one that cannot hold the array unchanged.
         """
-        from opencv_tools.pictures import encode_picture
         wanted = parse_format(dst_format)
         declared = _declared(cvim, wanted.original or 'passthrough')
         try:
             picture = np.ascontiguousarray(cvim, declared.dtype)
             if wanted.stored:
                 picture = convert_to(picture, declared, wanted.stored)
-            content = encode_picture(picture, f'.{wanted.codec}', quality)
+            content = _pictures().encode_picture(picture, f'.{wanted.codec}', quality)
         except ImageError as err:
             raise CvBridgeError(str(err)) from err
         message = CompressedImage(format=dst_format)
@@ -284,8 +308,16 @@ def cvtColorForDisplay(
 def _colormap(number: int) -> Colormap | None:
     if number == -1:
         return None
-    from opencv_tools.pictures import apply_colormap
-    return partial(apply_colormap, colormap=number)
+    return partial(_pictures().apply_colormap, colormap=number)
+
+
+def _pictures() -> ModuleType:
+    """Import the part that needs OpenCV, for those who use it."""
+    try:
+        import opencv_tools.pictures as pictures
+    except ImportError as err:
+        raise CvBridgeError(f'compressed images and colormaps need OpenCV: {err}') from err
+    return pictures
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:

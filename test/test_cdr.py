@@ -22,17 +22,16 @@ import struct
 from hypothesis import given, settings, strategies as st
 from images import random_image
 import numpy as np
-from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, cdr_to_image, CdrError, compressed_image_to_cdr, EncapsulationError,
     image_to_cdr, WireCompressedImage, WireImage,
 )
-from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.layout import pack_pixels
 from opencv_tools.ros.messages import read_image
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
 
 UINT32 = st.integers(0, 2**32 - 1)
 TEXTS = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=40)
@@ -157,12 +156,11 @@ def test_other_encapsulations_are_left_to_the_middleware() -> None:
 @pytest.mark.parametrize('encoding', ['bgr8', 'mono16', '32FC3', 'nv12'])
 def test_an_array_goes_over_the_wire_and_back_without_a_copy_on_the_way_in(encoding: str) -> None:
     image = random_image(encoding, 6, 8)
-    packed = pack_pixels(image, find_encoding(encoding))
-    serialized = image_to_cdr(WireImage(
-        1, 2, 'camera', packed.height, packed.width, encoding, packed.is_bigendian, packed.step,
-        packed.data))
-    assert deserialize_message(serialized, Image).data == CvBridge().cv2_to_imgmsg(
-        image, encoding).data
+    header = Header(frame_id='camera')
+    header.stamp.sec, header.stamp.nanosec = 1, 2
+    serialized = CvBridge().cv2_to_cdr(image, encoding, header)
+    assert deserialize_message(serialized, Image) == CvBridge().cv2_to_imgmsg(
+        image, encoding, header)
     view = CvBridge().imgmsg_to_cv2(cdr_to_image(serialized))
     np.testing.assert_array_equal(view, image)
     assert np.may_share_memory(view, np.frombuffer(serialized, np.uint8))
@@ -178,6 +176,14 @@ def test_what_a_message_cannot_hold_is_refused(field: str, value: object, text: 
               'is_bigendian': False, 'step': 0, 'data': b''}
     with pytest.raises(CdrError, match=text):
         image_to_cdr(WireImage(**{**fields, field: value}))
+
+
+def test_an_array_that_cannot_be_sent_is_refused() -> None:
+    bridge = CvBridge()
+    with pytest.raises(CvBridgeError, match='has a NUL'):
+        bridge.cv2_to_cdr(np.zeros((1, 1), np.uint8), 'mono8', Header(frame_id='a\0'))
+    with pytest.raises(CvBridgeError, match='image has incompatible type 8UC1'):
+        bridge.cv2_to_cdr(np.zeros((1, 1), np.uint8), 'bgr8')
 
 
 def test_text_that_is_not_utf_8_is_read() -> None:

@@ -84,3 +84,15 @@ def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
     finished = subprocess.run(
         [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
+
+
+def test_without_opencv_the_bridge_says_what_needs_it() -> None:
+    script = ('import sys; sys.modules.update(cv2=None); import numpy as np; '
+              'from opencv_tools.cv_bridge import CvBridge, CvBridgeError\n'
+              'bridge = CvBridge(); image = np.zeros((2, 2, 3), np.uint8)\n'
+              'bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, "bgr8"), "mono8")\n'
+              'try: bridge.cv2_to_compressed_imgmsg(image)\n'
+              'except CvBridgeError as err: print(err)')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=30, check=True)
+    assert finished.stdout.startswith('compressed images and colormaps need OpenCV')

@@ -101,7 +101,7 @@ def _copy_words(
 def _weigh_to_gray(image: NDArray[Any], order: str) -> NDArray[Any]:
     """Weigh the colours of every pixel: ``(9798 R + 19235 G + 3735 B + 2**14) >> 15``."""
     gray = np.empty(image.shape[:2], image.dtype)
-    weigh = _weigh_bytes if image.dtype == np.uint8 else _weigh_words
+    weigh = _weigh_uint8 if image.dtype == np.uint8 else _weigh_uint16
     weights = [_GRAY_WEIGHTS[channel] for channel in order[:3]]
     pixels = image.reshape(-1, len(order))
     result = gray.reshape(-1)
@@ -110,7 +110,7 @@ def _weigh_to_gray(image: NDArray[Any], order: str) -> NDArray[Any]:
     return gray
 
 
-def _weigh_words(source: NDArray[Any], target: NDArray[Any], weights: list[int]) -> None:
+def _weigh_uint16(source: NDArray[Any], target: NDArray[Any], weights: list[int]) -> None:
     weighed = np.full(len(source), 1 << (_GRAY_SHIFT - 1), np.uint32)
     for index, weight in enumerate(weights):
         channel = source[:, index].astype(np.uint32)
@@ -119,7 +119,7 @@ def _weigh_words(source: NDArray[Any], target: NDArray[Any], weights: list[int])
     target[...] = weighed
 
 
-def _weigh_bytes(source: NDArray[Any], target: NDArray[Any], weights: list[int]) -> None:
+def _weigh_uint8(source: NDArray[Any], target: NDArray[Any], weights: list[int]) -> None:
     """
     Weigh bytes in 16-bit arithmetic, which numpy does four times as fast as 32-bit.
 

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import sys
 from typing import Any
 
@@ -82,35 +81,16 @@ def _view_bytes(data: Any) -> NDArray[np.uint8]:
         raise LayoutError(f'data of the type {type(data).__name__} are not bytes: {err}') from err
 
 
-@dataclass(frozen=True)
-class Packed:
+def pack_pixels(image: NDArray[Any]) -> memoryview:
     """
-    An image as the fields of a message have it.
+    Give the bytes of an array as a message has them, row by row.
 
-    :param height: rows of the picture.
-    :param width: pixels a row.
-    :param step: bytes from row to row.
-    :param is_bigendian: byte order of channels wider than a byte.
-    :param data: the bytes of the pixels, contiguous.
+    :param image: array of any shape, strides and byte order.
+    :returns: the bytes, a view where the array is contiguous, which stays alive with it.
     """
-
-    height: int
-    width: int
-    step: int
-    is_bigendian: bool
-    data: memoryview
+    return np.ascontiguousarray(image).reshape(-1).view(np.uint8).data
 
 
-def pack_pixels(image: NDArray[Any], encoding: Encoding) -> Packed:
-    """
-    Lay an array out as the fields of a message, without a copy where it is contiguous.
-
-    :param image: array of shape (h, w) or (h, w, c) that the encoding fits, of any byte order.
-    :param encoding: what a pixel is made of.
-    :returns: the fields; the data are a view of a contiguous array, which stays alive with it.
-    """
-    rows = np.ascontiguousarray(image).reshape(-1).view(np.uint8)
-    width = image.shape[1]
-    order = image.dtype.byteorder
-    return Packed(encoding.height(len(image)), width, width * encoding.pixel_bytes,
-                  order == '>' or (order == '=' and sys.byteorder == 'big'), rows.data)
+def is_bigendian(dtype: np.dtype[Any]) -> bool:
+    """Tell whether numbers of a type have their most significant byte first."""
+    return dtype.byteorder == '>' or (dtype.byteorder == '=' and sys.byteorder == 'big')
