@@ -72,7 +72,8 @@ def _round(source: NDArray[Any], target: NDArray[Any]) -> None:
     nearest = np.rint(source, dtype=np.float64)
     outside = ~((nearest >= int32.min) & (nearest <= int32.max))  # True for NaN
     nearest[outside] = int32.min
-    _saturate(nearest, target)
+    limits = np.iinfo(target.dtype)
+    target[...] = np.clip(nearest, limits.min, limits.max, out=nearest)
 
 
 def _saturate(source: NDArray[Any], target: NDArray[Any]) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.depth import change_depth
-from opencv_tools.image.encodings import Encoding, ENCODINGS, find_encoding
+from opencv_tools.image.encodings import Encoding, ENCODINGS, find_encoding, picture_encoding
 from opencv_tools.image.errors import ConversionError
 
 # The named colours of CSS from aliceblue to yellowgreen, as cv_bridge rounds them.
@@ -43,11 +43,6 @@ _LABEL_COLORS = np.frombuffer(bytes.fromhex(
     'ffff00 9acd31 '
 ), np.uint8).reshape(-1, 3)
 _LABELS = '32SC1'
-_BACKGROUND = -1
-
-# What the numbers of a generic type are taken for where they are to be seen.
-_ASSUMED = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8',
-            ('uint16', 1): 'mono16', ('uint16', 3): 'bgr16', ('uint16', 4): 'bgra16'}
 _FLOAT_COLORS = {1: 'mono8', 3: 'bgr8', 4: 'bgra8'}
 
 Colormap = Callable[[NDArray[Any]], NDArray[Any]]
@@ -89,9 +84,8 @@ def show(
             if is_float:
                 shown[np.isnan(image)] = 0
         return convert(shown, find_encoding(encoding), target)
-    assumed = _ASSUMED.get((source.dtype, source.channels), '') if not source.kind else ''
     try:
-        return convert(image, ENCODINGS.get(assumed, source), target)
+        return convert(image, source if source.kind else picture_encoding(image), target)
     except ConversionError as err:
         raise ConversionError(
             f'cv_bridge.cvtColorForDisplay() while trying to convert image from '
@@ -114,6 +108,7 @@ def _find_target(wanted: str) -> Encoding:
 
 
 def _color_labels(labels: NDArray[Any]) -> NDArray[Any]:
+    """Give every label a colour; what is below 0, the background among them, is black."""
     colors: NDArray[Any] = _LABEL_COLORS[labels % len(_LABEL_COLORS)][..., ::-1].copy()
     colors[labels < 0] = 0
     return colors
