@@ -25,9 +25,11 @@ import tracemalloc
 from types import SimpleNamespace
 
 import cv2
+from hypothesis import given, settings, strategies as st
 from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, getCvType
+from opencv_tools.image.cdr import cdr_to_image
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 import pytest
 from sensor_msgs.msg import Image
@@ -50,6 +52,50 @@ def test_every_encoding_comes_back_as_it_was(encoding: str) -> None:
         assert message.step == width * image.itemsize * found.channels
         assert len(message.data) == image.nbytes == found.rows(height) * message.step
         np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message), image)
+
+
+VARIANTS = {
+    'as it is': lambda image: image,
+    'upside down': lambda image: image[::-1],
+    'mirrored': lambda image: image[:, ::-1],
+    'every second column': lambda image: image[:, ::2],
+    'a part': lambda image: image[1:, 1:],
+    'in Fortran order': np.asfortranarray,
+    'big-endian': lambda image: image.astype(image.dtype.newbyteorder('>')),
+    'turned': lambda image: np.swapaxes(image, 0, 1),
+    'with a third dimension': lambda image: image if image.ndim == 3 else image[..., np.newaxis],
+}
+
+
+@settings(max_examples=500, deadline=None)
+@given(encoding=st.sampled_from([name for name, found in ENCODINGS.items() if found.planes == 1]
+                                + ['8UC1', '8SC2', '16SC3', '32SC4', '32FC1', '64FC5']),
+       height=st.integers(0, 12), width=st.integers(0, 12),
+       variants=st.lists(st.sampled_from(sorted(VARIANTS)), max_size=3),
+       is_writeable=st.booleans(), padding=st.integers(0, 3))
+def test_any_array_comes_back_from_a_message_and_from_the_wire(
+        encoding: str, height: int, width: int, variants: list[str], is_writeable: bool,
+        padding: int) -> None:
+    bridge = CvBridge()
+    image = random_image(encoding, height, width)
+    for variant in variants:
+        image = VARIANTS[variant](image)
+    image.flags.writeable = is_writeable and image.flags.writeable
+    expected = image.astype(image.dtype.newbyteorder('=')).reshape(
+        image.shape[:2] if find_encoding(encoding).channels == 1 else image.shape)
+    message = bridge.cv2_to_imgmsg(image, encoding)
+    np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message), expected)
+    copied = bridge.imgmsg_to_cv2(message, encoding)
+    np.testing.assert_array_equal(copied, expected)
+    assert copied.dtype == expected.dtype and copied.shape == expected.shape
+    wire = cdr_to_image(bridge.cv2_to_cdr(image, encoding))
+    np.testing.assert_array_equal(bridge.imgmsg_to_cv2(wire), expected)
+    rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+    extra = padding * find_encoding(encoding).pixel_bytes
+    padded = SimpleNamespace(
+        encoding=encoding, height=message.height, width=message.width, step=message.step + extra,
+        is_bigendian=message.is_bigendian, data=np.pad(rows, ((0, 0), (0, extra))).tobytes())
+    np.testing.assert_array_equal(bridge.imgmsg_to_cv2(padded), expected)
 
 
 def test_passthrough_is_a_view_that_keeps_the_data_alive() -> None:
