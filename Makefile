@@ -94,4 +94,5 @@ test-oldest: .venv-oldest/installed
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest build install log demo *.egg-info .mypy_cache .ruff_cache
+	rm -rf .venv .venv-oldest build install log demo *.egg-info .hypothesis .mypy_cache \
+	  .pytest_cache .ruff_cache

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 import pickle
+import shutil
 import subprocess
 
 import numpy as np
@@ -93,10 +94,11 @@ def ask_cv_bridge(
     """
     request = pickle.dumps([(source, image.dtype.str, image.shape, image.tobytes(), desired)
                             for source, image, desired in jobs], 2)
+    python = shutil.which('python3', path='/usr/bin')
     finished = subprocess.run(
-        ['/usr/bin/python3', '-c', _ORACLE], input=request, capture_output=True, timeout=120,
-        check=False)
-    if finished.returncode:
+        [python, '-c', _ORACLE], input=request, capture_output=True, timeout=120,
+        check=False) if python else None
+    if not finished or finished.returncode:
         return None
     version, answers = pickle.loads(finished.stdout)
     return version, [
