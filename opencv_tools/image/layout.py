@@ -64,7 +64,7 @@ def view_pixels(
     if step == row or not row:
         tight: NDArray[Any] = content[:rows * row].view(dtype).reshape(shape)
         return tight
-    lines = content[:rows * step].reshape(rows, step)
+    lines: NDArray[Any] = content[:rows * step].reshape(rows, step)
     if encoding.planes == 3:
         # The lines of chroma are twice as long, and only behind both halves is there padding.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
