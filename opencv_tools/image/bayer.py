@@ -104,7 +104,8 @@ def _flat(plane: NDArray[Any], first: int, count: int) -> NDArray[Any]:
 
 def _beside(other: NDArray[Any], column: int) -> NDArray[Any]:
     """Add the left and the right neighbours, which stand in the other columns."""
-    total = np.zeros_like(other)
+    total = np.empty_like(other)
+    total[slice(1) if column == 0 else slice(-1, None)] = 0
     np.add(other[:-1], other[1:], out=total[1:] if column == 0 else total[:-1])
     return total
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 
 # A few arrays of 2 bytes a pixel stay in a megabyte of cache, and the half microsecond that every
 # call of numpy takes is spread over enough pixels. Half or twice as many make little difference.
-BLOCK_PIXELS = 1 << 16
+BLOCK_PIXELS = 80_000
 
 
 def row_blocks(height: int, width: int) -> Iterator[slice]:
