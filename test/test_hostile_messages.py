@@ -44,10 +44,6 @@ def answer(message: SimpleNamespace, desired: str) -> np.ndarray | None:
         return None
 
 
-def channels(name: str) -> int:
-    return find_encoding(name).channels
-
-
 @settings(max_examples=3000, deadline=None)
 @given(encoding=st.sampled_from(NAMES), desired=st.sampled_from(['passthrough', *NAMES]),
        height=SIZES, width=SIZES, step=st.one_of(SIZES, st.none()),
