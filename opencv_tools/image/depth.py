@@ -43,8 +43,10 @@ def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
         return image
     changed = np.empty(image.shape, wanted)
     convert = _find_conversion(image.dtype, wanted)
-    for rows in row_blocks(*image.shape[:2]):
-        convert(image[rows], changed[rows])
+    # NaN is nothing to warn of, nor is infinity, which is float32's nearest to 1e300.
+    with np.errstate(over='ignore', invalid='ignore'):
+        for rows in row_blocks(*image.shape[:2]):
+            convert(image[rows], changed[rows])
     return changed
 
 
@@ -63,8 +65,7 @@ def _find_conversion(source: np.dtype[Any], target: np.dtype[Any]) -> Any:
 
 
 def _cast(source: NDArray[Any], target: NDArray[Any]) -> None:
-    with np.errstate(over='ignore', invalid='ignore'):  # infinity is float32's nearest to 1e300
-        target[...] = source
+    target[...] = source
 
 
 def _round(source: NDArray[Any], target: NDArray[Any]) -> None:
