@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tracemalloc
 from types import SimpleNamespace
+import warnings
 
 import cv2
 from hypothesis import given, settings, strategies as st
@@ -137,6 +138,16 @@ def test_float_to_integer_rounds_and_saturates_as_opencv_does() -> None:
         [0, 0, 0, 0, 2, 2, 254, 255, 255, 0, 0]]
     assert bridge.imgmsg_to_cv2(message, '16SC1').tolist() == [
         [-32768, -2, 0, 0, 2, 2, 254, 300, 32767, -32768, -32768]]
+
+
+def test_a_signalling_nan_is_converted_without_a_warning() -> None:
+    bridge = CvBridge()
+    image = np.array([[0x7fa00000, 0x3f800000]], np.uint32).view(np.float32)
+    message = bridge.cv2_to_imgmsg(image, '32FC1')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert bridge.imgmsg_to_cv2(message, '8UC1').tolist() == [[0, 1]]
+        assert np.isnan(bridge.imgmsg_to_cv2(message, '64FC1')).tolist() == [[True, False]]
 
 
 @pytest.mark.parametrize(('image', 'encoding', 'text'), [
