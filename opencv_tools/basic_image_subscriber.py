@@ -111,13 +111,14 @@ class ImageSubscriber(Node):
             self._timer.reset()
         try:
             image = read_image(data)
-            accepted = self._recorder.put(self.br.imgmsg_to_cv2(image), image.encoding)
-        except (CdrError, CvBridgeError) as err:
-            self._refused += 1
-            self._report_failure(f'message left out: {err}')
+        except CdrError as err:
+            self._refuse(err)
             return
-        self._accepted += accepted
-        self._progress.tick(image.width, image.height, image.encoding, self._dropped())
+        try:
+            self._accepted += self._recorder.put(self.br.imgmsg_to_cv2(image), image.encoding)
+        except CvBridgeError as err:
+            self._refuse(err)
+        self._progress.tick(image.width, image.height, image.encoding[:40], self._dropped())
         if self._max_frames and self._accepted == self._max_frames:
             self.done.set_result(DONE)
 
@@ -160,6 +161,11 @@ class ImageSubscriber(Node):
 
     def _dropped(self) -> int:
         return self._lost + self._recorder.dropped
+
+    def _refuse(self, err: Exception) -> None:
+        """Take note of a message that cannot be recorded."""
+        self._refused += 1
+        self._report_failure(f'message left out: {err}')
 
     def _report_failure(self, text: str) -> None:
         self.get_logger().error(text, throttle_duration_sec=1.0)
