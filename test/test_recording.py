@@ -22,7 +22,6 @@ from threading import Event
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.pictures import PictureError
 from opencv_tools.recording import recorder as recorder_module
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.recorder import Recorder, RecordingError
@@ -94,7 +93,7 @@ def test_big_endian_frames_are_kept_by_value() -> None:
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(PictureError, match=r'a 0x5 8UC3 image is empty'):
+    with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
         encode_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.png')
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.pictures import encode_picture, FORMATS as PICTURE_FORMATS
+from opencv_tools.pictures import encode_picture, FORMATS as PICTURE_FORMATS, PictureError
 
 
 class UnwritableError(ImageError):
@@ -70,13 +70,19 @@ def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
         file = io.BytesIO()
         np.save(file, image)
         return file.getvalue()
-    type_name = generic_encoding(image).name
-    if type_name not in FORMATS[suffix] or encoding.planes != 1:
-        able = [other for other, types in FORMATS.items()
-                if type_name in types and encoding.planes == 1] + [_ANYTHING]
+    # An array of luma and chroma has the type of a gray picture, but is none.
+    type_name = generic_encoding(image).name if encoding.planes == 1 else encoding_name
+    if type_name not in FORMATS[suffix]:
+        able = [other for other, types in FORMATS.items() if type_name in types] + [_ANYTHING]
         raise UnwritableError(f'a {encoding_name} frame cannot be kept as {suffix}; '
                               f'set the extension of file_name to {" or ".join(able)}')
-    return encode_picture(_file_order(image, encoding), suffix).tobytes()
+    if not image.size:
+        raise UnwritableError(f'an empty frame, {image.shape[1]}x{image.shape[0]}, '
+                              f'cannot be kept as {suffix}')
+    try:
+        return encode_picture(_file_order(image, encoding), suffix).tobytes()
+    except PictureError as err:
+        raise UnwritableError(f'a {encoding_name} frame was not encoded: {err}') from err
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
