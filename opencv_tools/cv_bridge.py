@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
 A pure-numpy cv_bridge: image messages to arrays and back.
 
@@ -22,21 +21,22 @@ part, so it works with every numpy. Only compressed images and colormaps need Op
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from functools import partial, wraps
 import sys
 from types import ModuleType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import image_to_cdr, WireImage
 from opencv_tools.image.color import convert_to
-from opencv_tools.image.compressed import parse_format
+from opencv_tools.image.compressed import parse_format, stored_encoding
 from opencv_tools.image.display import Colormap, finite_limits, show
 from opencv_tools.image.encodings import (
-    DEPTHS, Encoding, find_encoding, generic_encoding, picture_encoding,
+    declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
 )
-from opencv_tools.image.errors import EncodingError, ImageError
+from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import is_bigendian, pack_pixels, view_pixels
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
@@ -46,6 +46,21 @@ __all__ = ['CvBridge', 'CvBridgeError', 'cvtColorForDisplay', 'getCvType']
 
 class CvBridgeError(TypeError):
     """An image that cannot be converted; the message says why."""
+
+
+_P = ParamSpec('_P')
+_T = TypeVar('_T')
+
+
+def _raises_bridge_errors(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Turn whatever the image room refuses into a CvBridgeError."""
+    @wraps(function)
+    def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        try:
+            return function(*args, **kwargs)
+        except ImageError as err:
+            raise CvBridgeError(str(err)) from err
+    return wrapped
 
 
 class CvBridge:
@@ -70,6 +85,7 @@ class CvBridge:
         names = [f'{depth}C{channels}' for depth in DEPTHS for channels in range(1, 5)]
         return {getCvType(name): name for name in names}
 
+    @_raises_bridge_errors
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
         """
         Name the OpenCV type of a numpy type with a number of channels.
@@ -79,10 +95,7 @@ class CvBridge:
         :returns: such as ``'8UC3'``.
         :raises CvBridgeError: OpenCV has no such type.
         """
-        try:
-            return generic_encoding(np.empty((0, 0, n_channels), dtype)).name
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        return generic_encoding(np.empty((0, 0, n_channels), dtype)).name
 
     def cvtype2_to_dtype_with_channels(self, cvtype: int) -> tuple[str, int]:
         """
@@ -105,6 +118,7 @@ class CvBridge:
         """
         return getCvType(encoding)
 
+    @_raises_bridge_errors
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
         """
         Give the numpy type and the number of channels of an encoding.
@@ -113,12 +127,10 @@ class CvBridge:
         :returns: such as ``('uint8', 3)``.
         :raises CvBridgeError: the encoding is not known.
         """
-        try:
-            found = find_encoding(encoding)
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        found = find_encoding(encoding)
         return found.dtype, found.channels
 
+    @_raises_bridge_errors
     def imgmsg_to_cv2(
         self, img_msg: Image, desired_encoding: str = 'passthrough',
     ) -> NDArray[Any]:
@@ -137,17 +149,15 @@ class CvBridge:
         :raises CvBridgeError: an unknown encoding, a conversion that makes no sense, or a size,
             step and data that contradict each other.
         """
-        try:
-            source = find_encoding(img_msg.encoding)
-            view = view_pixels(
-                img_msg.data, img_msg.height, img_msg.width, img_msg.step, source,
-                bool(img_msg.is_bigendian))
-            if desired_encoding == 'passthrough':
-                return view.astype(source.dtype, copy=False)
-            return convert_to(view, source, desired_encoding)
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        source = find_encoding(img_msg.encoding)
+        view = view_pixels(
+            img_msg.data, img_msg.height, img_msg.width, img_msg.step, source,
+            bool(img_msg.is_bigendian))
+        if desired_encoding == 'passthrough':
+            return view.astype(source.dtype, copy=False)
+        return convert_to(view, source, desired_encoding)
 
+    @_raises_bridge_errors
     def cv2_to_imgmsg(
         self, cvim: NDArray[Any], encoding: str = 'passthrough',
         header: Header | None = None,
@@ -173,6 +183,7 @@ class CvBridge:
         message.data.frombytes(pack_pixels(cvim))  # an assignment would copy once more
         return message
 
+    @_raises_bridge_errors
     def cv2_to_cdr(
         self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
     ) -> bytes:
@@ -189,14 +200,12 @@ class CvBridge:
         declared = _declared(cvim, encoding)
         rows, width = cvim.shape[:2]
         header = header or Header()
-        try:
-            return image_to_cdr(WireImage(
-                header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
-                width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
-                pack_pixels(cvim)))
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        return image_to_cdr(WireImage(
+            header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
+            width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
+            pack_pixels(cvim)))
 
+    @_raises_bridge_errors
     def compressed_imgmsg_to_cv2(
         self, cmprs_img_msg: CompressedImage, desired_encoding: str = 'passthrough',
     ) -> NDArray[Any]:
@@ -211,15 +220,13 @@ class CvBridge:
         :returns: a fresh array, (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data are no picture, or the conversion makes no sense.
         """
-        try:
-            picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
-            if desired_encoding == 'passthrough':
-                return picture
-            source = _stored_encoding(picture, cmprs_img_msg.format)
-            return convert_to(picture, source, desired_encoding)
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
+        if desired_encoding == 'passthrough':
+            return picture
+        source = stored_encoding(picture, cmprs_img_msg.format)
+        return convert_to(picture, source, desired_encoding)
 
+    @_raises_bridge_errors
     def cv2_to_compressed_imgmsg(
         self, cvim: NDArray[Any], dst_format: str = 'jpg', *, quality: int | None = None,
         header: Header | None = None,
@@ -239,13 +246,10 @@ class CvBridge:
         """
         wanted = parse_format(dst_format)
         declared = _declared(cvim, wanted.original or 'passthrough')
-        try:
-            picture = np.ascontiguousarray(cvim, declared.dtype)
-            if wanted.stored:
-                picture = convert_to(picture, declared, wanted.stored)
-            content = _pictures().encode_picture(picture, f'.{wanted.codec}', quality)
-        except ImageError as err:
-            raise CvBridgeError(str(err)) from err
+        picture = np.ascontiguousarray(cvim, declared.dtype)
+        if wanted.stored:
+            picture = convert_to(picture, declared, wanted.stored)
+        content = _pictures().encode_picture(picture, f'.{wanted.codec}', quality)
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
@@ -253,6 +257,7 @@ class CvBridge:
         return message
 
 
+@_raises_bridge_errors
 def getCvType(encoding: str) -> int:
     """
     Give the number of the OpenCV type of an encoding.
@@ -264,10 +269,11 @@ def getCvType(encoding: str) -> int:
     :returns: such as ``cv2.CV_8UC3``.
     :raises CvBridgeError: the encoding is not known.
     """
-    dtype, channels = CvBridge().encoding_to_dtype_with_channels(encoding)
-    return [*DEPTHS.values()].index(dtype) + (channels - 1) * _channel_step()
+    found = find_encoding(encoding)
+    return [*DEPTHS.values()].index(found.dtype) + (found.channels - 1) * _channel_step()
 
 
+@_raises_bridge_errors
 def cvtColorForDisplay(
     source: NDArray[Any], encoding_in: str, encoding_out: str, do_dynamic_scaling: bool = False,
     min_image_value: float = 0.0, max_image_value: float = 0.0, colormap: int = -1,
@@ -298,11 +304,8 @@ def cvtColorForDisplay(
         limits = finite_limits(source)
     elif min_image_value != max_image_value:
         limits = min_image_value, max_image_value
-    try:
-        return show(source.reshape(source.shape[:2]) if declared.channels == 1 else source,
-                    declared, encoding_out, limits, _colormap(colormap))
-    except ImageError as err:
-        raise CvBridgeError(str(err)) from err
+    return show(source.reshape(source.shape[:2]) if declared.channels == 1 else source,
+                declared, encoding_out, limits, _colormap(colormap))
 
 
 def _colormap(number: int) -> Colormap | None:
@@ -321,45 +324,11 @@ def _pictures() -> ModuleType:
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:
-    """
-    Look up the encoding that an array is said to have, and check that it can have it.
-
-    :param image: what should be an array of shape (h, w) or (h, w, c).
-    :param encoding: its encoding, or ``'passthrough'`` for the generic one of its type.
-    :raises TypeError: it is not an array.
-    :raises CvBridgeError: the encoding is not known or does not fit.
-    """
+    """Find the encoding that an image is said to have; refuse what is no array."""
     if not isinstance(image, (np.ndarray, np.generic)):
         raise TypeError('Your input type is not a numpy array')
-    if image.ndim not in (2, 3):
-        raise CvBridgeError(f'An image has 2 or 3 dimensions, not the shape {image.shape}')
-    try:
-        actual = generic_encoding(image)
-        declared = actual if encoding == 'passthrough' else find_encoding(encoding)
-    except ImageError as err:
-        raise CvBridgeError(str(err)) from err
-    if (actual.dtype, actual.channels) != (declared.dtype, declared.channels):
-        raise CvBridgeError(f'encoding specified as {encoding}, '
-                            f'but image has incompatible type {actual.name}')
-    rows, width = image.shape[:2]
-    if declared.rows(declared.height(rows)) != rows or (declared.planes == 1.5 and width % 2):
-        raise CvBridgeError(f'encoding specified as {encoding}, '
-                            f'but image has {rows} rows of {width}, which it cannot have')
-    return declared
-
-
-def _stored_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
-    """Find out what the channels of a decoded picture are."""
-    told = parse_format(format_text)
-    actual = generic_encoding(picture)
-    for name in (told.stored, told.original):
-        try:
-            found = find_encoding(name)
-        except EncodingError:
-            continue
-        if (found.dtype, found.channels, found.planes) == (actual.dtype, actual.channels, 1):
-            return found
-    return picture_encoding(picture)
+    return generic_encoding(image) if encoding == 'passthrough' else declared_encoding(
+        image, encoding)
 
 
 def _channel_step() -> int:

@@ -116,7 +116,6 @@ def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
     yield bridge.cv2_to_imgmsg(image.astype(image.dtype.newbyteorder('>')), encoding)
     message = bridge.cv2_to_imgmsg(image, encoding)
     padding = 3 * find_encoding(encoding).pixel_bytes
-    lines = len(image) if encoding != 'nv24' else len(image) * 2 // 3
     rows = np.frombuffer(message.data, np.uint8)
     if encoding == 'nv24':  # its lines of chroma are twice as long, and so is what pads them
         luma, chroma = np.split(rows, [message.height * message.step])
@@ -126,7 +125,7 @@ def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
                         constant_values=77)]
         padded = b''.join(part.tobytes() for part in parts)
     else:
-        padded = np.pad(rows.reshape(lines, -1), ((0, 0), (0, padding)),
+        padded = np.pad(rows.reshape(len(image), -1), ((0, 0), (0, padding)),
                         constant_values=77).tobytes()
     message.data = padded
     message.step += padding

@@ -68,6 +68,7 @@ def _fill_inner(
     :param colors: (h, w, c) array, written to.
     """
     rows = len(mosaic)
+    fill = _fill_gray if target == 'y' else _fill_colors
     planes = [_split_columns(mosaic[parity::2]) for parity in (0, 1)]
     width = planes[0][0].shape[1]
     # Even rows stand between two odd ones from the second on, odd rows from the first.
@@ -81,7 +82,6 @@ def _fill_inner(
         for column, site in enumerate(colors_of_row):
             own, other = (_flat(planes[parity][index], 1 - parity, count)
                           for index in (column, 1 - column))
-            fill = _fill_gray if target == 'y' else _fill_colors
             values = fill(site, present, lacking, target, own, _beside(other, column),
                           vertical[column], _beside(vertical[1 - column], column))
             filled.append([value.reshape(count, width) for value in values])

@@ -33,8 +33,8 @@ from typing import Any
 
 from opencv_tools.image.errors import ImageError
 
-_HEAD_SIZE = 4
 _LITTLE_ENDIAN = b'\0\1\0\0'
+_HEAD_SIZE = len(_LITTLE_ENDIAN)
 _STAMP = struct.Struct('<iI')
 _SIZE = struct.Struct('<I')
 _SIZES = struct.Struct('<II')
@@ -50,13 +50,25 @@ class EncapsulationError(CdrError):
 
 
 @dataclass(frozen=True)
-class WireImage:
+class WireHeader:
     """
-    A sensor_msgs/Image as plain values, which CvBridge reads as it does the message.
+    A std_msgs/Header as plain values.
 
     :param sec: seconds of the stamp.
     :param nanosec: nanoseconds of the stamp.
     :param frame_id: frame of the header.
+    """
+
+    sec: int
+    nanosec: int
+    frame_id: str
+
+
+@dataclass(frozen=True)
+class WireImage(WireHeader):
+    """
+    A sensor_msgs/Image as plain values, which CvBridge reads as it does the message.
+
     :param height: rows.
     :param width: pixels a row.
     :param encoding: of the pixels.
@@ -65,9 +77,6 @@ class WireImage:
     :param data: a buffer of bytes.
     """
 
-    sec: int
-    nanosec: int
-    frame_id: str
     height: int
     width: int
     encoding: str
@@ -77,20 +86,14 @@ class WireImage:
 
 
 @dataclass(frozen=True)
-class WireCompressedImage:
+class WireCompressedImage(WireHeader):
     """
     A sensor_msgs/CompressedImage as plain values, which CvBridge reads as it does the message.
 
-    :param sec: seconds of the stamp.
-    :param nanosec: nanoseconds of the stamp.
-    :param frame_id: frame of the header.
     :param format: what the data are, such as ``'jpeg'``.
     :param data: a buffer of bytes.
     """
 
-    sec: int
-    nanosec: int
-    frame_id: str
     format: str  # noqa: A003
     data: Any
 
@@ -104,12 +107,9 @@ def image_to_cdr(image: WireImage) -> bytes:
     :raises CdrError: a number or a string that the message cannot hold.
     """
     data = memoryview(image.data).cast('B')
-    try:
-        head = _header(image) + _SIZES.pack(image.height, image.width)
-        head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
-        return b''.join((head, _SIZES.pack(image.step, data.nbytes), data))
-    except struct.error as err:
-        raise CdrError(f'a number is out of the range of its field: {err}') from err
+    head = _header(image) + _pack(_SIZES, image.height, image.width)
+    head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
+    return b''.join((head, _pack(_SIZES, image.step, data.nbytes), data))
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
@@ -121,11 +121,8 @@ def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     :raises CdrError: a number or a string that the message cannot hold.
     """
     data = memoryview(image.data).cast('B')
-    try:
-        head = _padded(_header(image) + _string(image.format))
-        return b''.join((head, _SIZE.pack(data.nbytes), data))
-    except struct.error as err:
-        raise CdrError(f'a number is out of the range of its field: {err}') from err
+    head = _padded(_header(image) + _string(image.format))
+    return b''.join((head, _pack(_SIZE, data.nbytes), data))
 
 
 def cdr_to_image(serialized: Any) -> WireImage:
@@ -158,17 +155,24 @@ def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
         reader.number('i'), reader.number('I'), reader.string(), reader.string(), reader.rest())
 
 
-def _header(image: WireImage | WireCompressedImage) -> bytes:
+def _header(header: WireHeader) -> bytes:
     """Serialise what every message with a header begins with."""
-    return _padded(
-        _LITTLE_ENDIAN + _STAMP.pack(image.sec, image.nanosec) + _string(image.frame_id))
+    stamp = _pack(_STAMP, header.sec, header.nanosec)
+    return _padded(_LITTLE_ENDIAN + stamp + _string(header.frame_id))
+
+
+def _pack(layout: struct.Struct, *numbers: int) -> bytes:
+    try:
+        return layout.pack(*numbers)
+    except struct.error as err:
+        raise CdrError(f'a number is out of the range of its field: {err}') from err
 
 
 def _string(text: str) -> bytes:
     encoded = text.encode()
     if b'\0' in encoded:
         raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
-    return _SIZE.pack(len(encoded) + 1) + encoded + b'\0'
+    return _pack(_SIZE, len(encoded) + 1) + encoded + b'\0'
 
 
 def _padded(head: bytes) -> bytes:

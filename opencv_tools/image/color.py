@@ -78,7 +78,7 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
     :raises ConversionError: no such conversion; the texts are those of cv_bridge.
     """
     if desired in ('', source.name):
-        return np.array(image, source.dtype, order='C')
+        return convert(image, source, source)
     return convert(image, find_desired(source.name), find_desired(desired))
 
 

@@ -18,6 +18,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import re
+from typing import Any
+
+from numpy.typing import NDArray
+from opencv_tools.image.encodings import (
+    Encoding, find_encoding, generic_encoding, picture_encoding,
+)
+from opencv_tools.image.errors import EncodingError
 
 # As compressed_image_transport writes it: 'rgb8; jpeg compressed bgr8', '16UC1; png compressed '.
 _TRANSPORT = re.compile(r'([^;]*);\s*(\w+)\s+compressed\s*(\w*).*', re.DOTALL)
@@ -50,3 +57,25 @@ def parse_format(text: str) -> CompressedFormat:
     if not parts:
         return CompressedFormat(text.strip())
     return CompressedFormat(parts[2], parts[1].strip(), parts[3])
+
+
+def stored_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
+    """
+    Find out what the channels of a decoded picture are.
+
+    :param picture: (h, w) or (h, w, c) array, as OpenCV decodes it.
+    :param format_text: format string of the message that it came in.
+    :returns: the encoding that the string names, where the picture can have it; otherwise gray,
+        BGR or BGRA.
+    :raises EncodingError: OpenCV has no type like that of the picture.
+    """
+    told = parse_format(format_text)
+    actual = generic_encoding(picture)
+    for name in (told.stored, told.original):
+        try:
+            found = find_encoding(name)
+        except EncodingError:
+            continue
+        if (found.dtype, found.channels, found.planes) == (actual.dtype, actual.channels, 1):
+            return found
+    return picture_encoding(picture)

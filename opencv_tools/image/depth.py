@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from opencv_tools.image.blocks import row_blocks
 
 # 65535 = 257 * 255: the factor between the ranges of 8 and of 16 bits.
 _RANGE_FACTOR = 257
+
+_Conversion = Callable[[NDArray[Any], NDArray[Any]], None]
 
 
 def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
@@ -50,7 +53,7 @@ def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
     return changed
 
 
-def _find_conversion(source: np.dtype[Any], target: np.dtype[Any]) -> Any:
+def _find_conversion(source: np.dtype[Any], target: np.dtype[Any]) -> _Conversion:
     """Choose what writes the numbers of one array, as another type, to another array."""
     if target.kind == 'f':
         return _cast

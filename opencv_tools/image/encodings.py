@@ -67,6 +67,10 @@ class Encoding:
         """Give the height of the picture that takes so many rows of data."""
         return int(rows / self.planes)
 
+    def is_possible(self, height: int, width: int) -> bool:
+        """Tell whether a size leaves no pixel without the chroma that four of them share."""
+        return self.planes != 1.5 or not (height % 2 or width % 2)
+
 
 _BAYER = tuple(
     Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, 'bayer', pattern)
@@ -133,12 +137,14 @@ def find_desired(name: str) -> Encoding:
     :returns: the encoding.
     :raises EncodingError: the name is neither.
     """
+    if name in ENCODINGS:
+        return ENCODINGS[name]
     generic = _GENERIC_DESIRED.fullmatch(name)
-    if name not in ENCODINGS and not generic:
+    if not generic:
         raise EncodingError(f'Unknown encoding {name[:80]}')
-    if name in ENCODINGS or _GENERIC.fullmatch(name):
+    if _GENERIC.fullmatch(name):
         return find_encoding(name)
-    return Encoding(name, '', int(generic[1] or 1) if generic else 0)
+    return Encoding(name, '', int(generic[1] or 1))
 
 
 def generic_encoding(image: NDArray[Any]) -> Encoding:
@@ -147,8 +153,10 @@ def generic_encoding(image: NDArray[Any]) -> Encoding:
 
     :param image: array of shape (h, w) or (h, w, c), of any byte order.
     :returns: a generic encoding, such as ``8UC3`` for (h, w, 3) uint8.
-    :raises EncodingError: OpenCV has no such type (bool, int64, float16, ...).
+    :raises EncodingError: OpenCV has no such type (bool, int64, float16, ...), or no such shape.
     """
+    if image.ndim not in (2, 3):
+        raise EncodingError(f'An image has 2 or 3 dimensions, not the shape {image.shape}')
     return _generic_encoding(image.dtype, image.shape[2] if image.ndim == 3 else 1)
 
 
@@ -160,6 +168,28 @@ def _generic_encoding(dtype: np.dtype[Any], channels: int) -> Encoding:
             f'An image of dtype {dtype} has no encoding; '
             f'convert it to one of {", ".join(_DEPTH_OF_DTYPE)}')
     return find_encoding(f'{depth}C{channels}')
+
+
+def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
+    """
+    Look up the encoding that an array is said to have, and check that it can have it.
+
+    :param image: array of shape (h, w) or (h, w, c), of any byte order; where chroma has rows of
+        its own, they stand below those of the luma.
+    :param name: name of the encoding.
+    :returns: the encoding.
+    :raises EncodingError: it is not known, or its pixels or rows are not those of the array.
+    """
+    actual, declared = generic_encoding(image), find_encoding(name)
+    if (actual.dtype, actual.channels) != (declared.dtype, declared.channels):
+        raise EncodingError(f'encoding specified as {name}, '
+                            f'but image has incompatible type {actual.name}')
+    rows, width = image.shape[:2]
+    height = declared.height(rows)
+    if declared.rows(height) != rows or not declared.is_possible(height, width):
+        raise EncodingError(f'encoding specified as {name}, '
+                            f'but image has {rows} rows of {width}, which it cannot have')
+    return declared
 
 
 _PICTURE_NAMES = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8',

@@ -53,7 +53,7 @@ def view_pixels(
         raise error(f': a row takes {row} bytes, more than the step')
     if step % pixel:
         raise error(f': the step is not a whole number of pixels of {pixel} bytes')
-    if encoding.planes == 1.5 and (height % 2 or width % 2):
+    if not encoding.is_possible(height, width):
         raise error(': two rows and two columns share their chroma, so neither size can be odd')
     rows = encoding.rows(height)
     content = _view_bytes(data)
