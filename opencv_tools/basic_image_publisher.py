@@ -17,47 +17,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 import sys
-from threading import Event, Thread
+from threading import Thread
 import time
+from typing import Any
 
-from opencv_tools.capture.frame import CaptureError, Frame, MAX_RATE
-from opencv_tools.capture.player import ON_END, Player
-from opencv_tools.capture.source import check_source, open_source
-from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.color import convert
-from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
-from opencv_tools.image.errors import ConversionError
-from opencv_tools.ros.parameters import declare_parameters, Parameter
+from opencv_tools.capture.frame import (
+    BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
+)
+from opencv_tools.capture.grabber import Grabber
+from opencv_tools.capture.rendition import Rendition
+from opencv_tools.capture.source import is_camera, open_source
+from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.image.errors import ImageError
+from opencv_tools.ros.calibration_file import CameraInfoError
+from opencv_tools.ros.camera_info import Calibration
+from opencv_tools.ros.capture_parameters import (
+    camera_request, look, OPENING, PARAMETERS, playback,
+)
+from opencv_tools.ros.controls import CameraControls
+from opencv_tools.ros.diagnostics import Condition, Diagnostics
+from opencv_tools.ros.frame_topics import FrameTopics
+from opencv_tools.ros.parameters import (
+    declare_parameters, describe_unknown, unknown_parameters, watch_parameters,
+)
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
+from opencv_tools.ros.stamps import Stamper
 from opencv_tools.ros.transport import transport_for_frames
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
-from rclpy.time import Time
-from sensor_msgs.msg import Image
-from std_msgs.msg import Header
+from sensor_msgs.srv import SetCameraInfo
+from std_srvs.srv import SetBool
 
-PARAMETERS = (
-    Parameter('source', '0', 'device number, device path, video file, picture file, folder or '
-              'glob of pictures, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source),
-    Parameter('publish_rate', 10.0, "frames per second; 0 for the source's own rate",
-              maximum=MAX_RATE),
-    Parameter('encoding', 'bgr8', "encoding of the messages; '' for the source's own",
-              choices=(*COLOR_ENCODINGS, '')),
-    Parameter('frame_id', 'camera', 'coordinate frame of the camera, for the header'),
-    Parameter('on_end', 'stop', 'what follows the last frame of a file', choices=ON_END),
-    Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9),
-    Parameter('wait_for_subscribers', 0, 'start only when so many subscribers are there',
-              maximum=1000),
-)
 
-_POLL_SECONDS = 0.02
-_SETTLE_SECONDS = 0.2
 _ACKNOWLEDGE_SECONDS = 5
 _STOP_SECONDS = 5
+_RELEASE_SECONDS = 5
 
 
 class ImagePublisher(Node):
@@ -65,28 +62,33 @@ class ImagePublisher(Node):
 
     def __init__(self) -> None:
         """
-        Open the source and start to publish.
+        Begin to open the source and to publish.
 
         :raises ParameterError: a parameter's value cannot be used.
-        :raises CaptureError: the source cannot be opened.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
-        settings = declare_parameters(self, PARAMETERS)
+        self._settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
-        self.br = CvBridge()
-        self._encoding = settings['encoding']
-        self._frame_id = settings['frame_id']
-        self._max_frames = settings['max_frames']
-        self._wanted_subscribers = settings['wait_for_subscribers']
-        self._source = open_source(settings['source'])
-        self._stopped = Event()
         self._dropped = 0
-        self._player = Player(self._source, settings['publish_rate'], settings['on_end'],
-                              self._stopped, self._leave_out)
+        self._trouble = ''
+        self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
-        self.publisher_ = create_frame_publisher(self, Image, 'video_frames')
-        self.get_logger().info(
-            f'{self._source.name} opened, publishing to {self.publisher_.topic_name}')
+        self._topics = FrameTopics(self, 'video_frames', self._calibrate(),
+                                   self._settings['wait_for_subscribers'])
+        self.publisher_ = self._topics.images
+        self._grabber = Grabber(self._open_source, playback(self._settings), self, self._topics)
+        self._controls = CameraControls(self, PARAMETERS, self._camera)
+        self._camera_opened = self.create_guard_condition(self._declare_controls)
+        self._diagnostics = Diagnostics(self, self._condition)
+        watch_parameters(self, PARAMETERS, self._change)
+        self.create_service(SetBool, 'set_capture', self._set_capture)
+        self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
+        if not is_camera(self._settings['source']):
+            for name in unknown_parameters(self, PARAMETERS):
+                self.get_logger().warning(describe_unknown(name, PARAMETERS))
+        if self._settings['wait_for_subscribers']:
+            self.get_logger().info(
+                f'Waiting for {self._settings["wait_for_subscribers"]} subscriber(s)')
         self._thread = Thread(target=self._publish_all, name='publishing', daemon=True)
         self._thread.start()
 
@@ -96,25 +98,50 @@ class ImagePublisher(Node):
 
         :returns: the exit status.
         """
-        self._stopped.set()
+        self._grabber.stop()
         self._thread.join(_STOP_SECONDS)
-        if not self._thread.is_alive():
-            self._source.close()
         self.get_logger().info(
             f'Published {self._progress.count} frames at {self._progress.average_rate():.1f} Hz, '
             f'{self._dropped} dropped')
         return self.done.result() if self.done.done() else DONE
 
+    def opened(self, source: Source) -> None:
+        """Say what was opened, and what came of what was asked for."""
+        if not self._grabber.away:
+            self.get_logger().info(f'{source.name} opened: {source.description}, '
+                                   f'publishing to {self.publisher_.topic_name}')
+        if isinstance(source, CameraSource):
+            for remark in source.remarks:
+                self.get_logger().warning(remark)
+            self._camera_opened.trigger()
+
+    def lost(self, reason: UnavailableError) -> None:
+        """Say that there is no source now."""
+        self._trouble = str(reason)
+        seconds = self._grabber.playback.reconnect
+        limit = '' if seconds == math.inf else f' for {seconds:g} s'
+        self.get_logger().error(f'{reason}; waiting for it{limit}')
+
+    def returned(self, source: Source, seconds: float) -> None:
+        """Say that the source gives frames again."""
+        self._trouble = ''
+        self.get_logger().info(f'{source.name} is back after {seconds:.1f} s: '
+                               f'{source.description}')
+
+    def broken(self, reason: BrokenFrameError) -> None:
+        """Take note of a frame that cannot be read."""
+        self._leave_out(reason)
+
     def _publish_all(self) -> None:
         """Publish frame after frame until the end, then tell the executor."""
         status = FAILED
         try:
-            self._await_subscribers()
-            for frame in self._player.frames():
+            for frame in self._grabber.frames():
                 self._publish(frame)
-                if self._max_frames and self._progress.count == self._max_frames:
+                if self._settings['max_frames'] == self._progress.count > 0:
                     break
-            self._await_acknowledgement()
+            if not self._grabber.stopped:
+                self._finish()
             status = DONE
         except CaptureError as err:
             self.get_logger().error(str(err))
@@ -125,56 +152,101 @@ class ImagePublisher(Node):
         finally:
             self.done.set_result(status)
 
-    def _publish(self, frame: Frame) -> None:
-        """Publish one frame, stamped with the time of its capture."""
-        now = self.get_clock().now().nanoseconds
-        age = time.monotonic_ns() - frame.stamp_ns if frame.stamp_ns is not None else 0
-        stamp = Time(nanoseconds=max(0, now - age))  # simulated time may be younger than a frame
-        header = Header(stamp=stamp.to_msg(), frame_id=self._frame_id)
-        image, encoding = frame.image, self._encoding or frame.encoding
-        if encoding != frame.encoding:
-            try:
-                image = convert(image, find_encoding(frame.encoding), find_encoding(encoding))
-            except ConversionError as err:
-                self._leave_out(err)
-                return
-        self.publisher_.publish(self.br.cv2_to_cdr(image, encoding, header))
-        self._progress.tick(image.shape[1], image.shape[0], encoding, self._dropped)
+    def _publish(self, frame: Frame | None) -> None:
+        """Publish one frame, None if nobody sees it."""
+        if frame is None or not self._topics.is_looking():
+            self._progress.tick('nobody subscribes', self._dropped)
+            return
+        rendition = Rendition(frame, look(self._settings))
+        stamp = self._stamper.stamp(
+            frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
+        try:
+            self._topics.publish(rendition, stamp, self._settings['frame_id'])
+            width, height = rendition.size
+        except ImageError as err:
+            self._leave_out(err)
+            return
+        self._diagnostics.count((time.monotonic_ns() - frame.stamp_ns) / 1e9)
+        self._progress.tick(f'{width}x{height} {rendition.encoding}', self._dropped)
 
     def _leave_out(self, err: Exception) -> None:
         """Take note of a frame that cannot be published."""
         self._dropped += 1
-        self.get_logger().warning(f'frame left out: {err}')
+        self.get_logger().warning(f'frame left out: {err}', throttle_duration_sec=1.0)
 
-    def _await_subscribers(self) -> None:
-        """Wait until enough subscribers are matched; a camera is kept running meanwhile."""
-        if not self._wanted_subscribers:
-            return
-        self.get_logger().info(f'Waiting for {self._wanted_subscribers} subscriber(s)')
-        settled_at = 0.0
-        while not self._stopped.is_set():
-            now = time.monotonic()
-            if self.publisher_.get_subscription_count() < self._wanted_subscribers:
-                settled_at = 0.0
-            elif not settled_at:
-                # The subscriber may take a moment longer to know this publisher.
-                settled_at = now + _SETTLE_SECONDS
-            elif now >= settled_at:
-                return
-            if not self._source.live:
-                self._stopped.wait(_POLL_SECONDS)
-            elif not self._source.skip():
-                return
+    def _finish(self) -> None:
+        """
+        Wait until subscribers have what was published.
 
-    def _await_acknowledgement(self) -> None:
-        """Stay until reliable subscribers have every frame: what is not sent ends with us."""
-        if self._stopped.is_set():
-            return
+        :raises CaptureError: nothing was.
+        """
         if not self._progress.count:
-            raise CaptureError(f'{self._source.name}: no frame could be published')
-        if not self.publisher_.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE_SECONDS)):
+            raise CaptureError(f'{self._settings["source"]}: no frame could be published')
+        if not self._topics.flush(_ACKNOWLEDGE_SECONDS):
             self.get_logger().warning(
                 f'a subscriber did not confirm the last frames within {_ACKNOWLEDGE_SECONDS} s')
+
+    def _open_source(self) -> Source:
+        return open_source(
+            self._settings['source'], camera_request(self._settings, self._controls.wanted),
+            self._settings['read_timeout'])
+
+    def _camera(self) -> CameraSource | None:
+        source = self._grabber.source
+        return source if isinstance(source, CameraSource) else None
+
+    def _declare_controls(self) -> None:
+        camera = self._camera()
+        if camera:
+            self._controls.declare(camera)
+
+    def _calibrate(self) -> Calibration:
+        name = self._settings['camera_name'] or self.get_namespace().strip('/').replace('/', '_')
+        return Calibration(
+            self._settings['camera_info_url'], name or 'camera', self.get_logger().warning)
+
+    def _change(self, changes: dict[str, Any]) -> None:
+        """Go on with parameters that were changed."""
+        self._settings = {**self._settings, **changes}
+        self._grabber.playback = playback(self._settings)
+        if 'camera_info_url' in changes:
+            self._topics.calibration = self._calibrate()
+        if OPENING & changes.keys():
+            self._grabber.reopen()
+
+    def _set_capture(
+        self, request: SetBool.Request, response: SetBool.Response,
+    ) -> SetBool.Response:
+        """Pause, letting go of a camera, or go on."""
+        response.success = True
+        if request.data:
+            self._grabber.resume()
+            response.message = 'capturing'
+        else:
+            response.success = self._grabber.pause(_RELEASE_SECONDS)
+            response.message = ('paused' if response.success else
+                                f'{self._settings["source"]} is still held')
+        self.get_logger().info(response.message)
+        return response
+
+    def _set_camera_info(
+        self, request: SetCameraInfo.Request, response: SetCameraInfo.Response,
+    ) -> SetCameraInfo.Response:
+        """Keep a calibration and publish it from now on."""
+        try:
+            response.status_message = self._topics.calibration.save(request.camera_info)
+            response.success = True
+        except CameraInfoError as err:
+            response.status_message = str(err)
+        self.get_logger().info(f'set_camera_info: {response.status_message}')
+        return response
+
+    def _condition(self) -> Condition:
+        source = self._grabber.source
+        return Condition(
+            self._settings['source'], source.description if source else '',
+            self._trouble, self._grabber.paused, getattr(source, 'missed', 0), self._dropped,
+            self._grabber.reconnects)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -186,7 +258,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     program = Program(
         'img_publisher', 'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS)
-    return run(program, _make_publisher, args, failures=(CaptureError,))
+    return run(program, _make_publisher, args, failures=())
 
 
 def _make_publisher() -> ImagePublisher:

@@ -51,12 +51,13 @@ def _check_folder(text: str) -> None:
 
 PARAMETERS = (
     Parameter('output_dir', 'frames', 'folder to write to, made when missing',
-              check=_check_folder),
+              check=_check_folder, fixed=True),
     Parameter('file_name', '{seq:06d}.png', 'names of the files; the extension is the format',
-              check=_check_file_name),
-    Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9),
+              check=_check_file_name, fixed=True),
+    Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9,
+              fixed=True),
     Parameter('timeout', 0.0, 'give up after so many seconds without a frame; 0 to wait for ever',
-              maximum=1e9),
+              maximum=1e9, fixed=True),
 )
 
 
@@ -118,7 +119,8 @@ class ImageSubscriber(Node):
             self._accepted += self._recorder.put(self.br.imgmsg_to_cv2(image), image.encoding)
         except CvBridgeError as err:
             self._refuse(err)
-        self._progress.tick(image.width, image.height, image.encoding[:40], self._dropped())
+        self._progress.tick(
+            f'{image.width}x{image.height} {image.encoding[:40]}', self._dropped())
         if self._max_frames and self._accepted == self._max_frames:
             self.done.set_result(DONE)
 

@@ -28,8 +28,10 @@ FAILED = 1
 BAD_USAGE = 2
 
 PUBLISHER = {
-    'no such device number': (FAILED, {'source': 987}, 'there is no camera /dev/video987'),
-    'no such device': (FAILED, {'source': '/dev/video987'}, 'there is no camera /dev/video987'),
+    'no such device number': (FAILED, {'source': 987, 'reconnect': 'never'},
+                              'there is no camera /dev/video987'),
+    'no such device': (FAILED, {'source': '/dev/video987', 'reconnect': 'never'},
+                       'there is no camera /dev/video987'),
     'no camera': (FAILED, {'source': '/dev/null'}, '/dev/null is not a camera'),
     'no such file': (FAILED, {'source': 'none.mp4'},
                      'none.mp4 cannot be opened: No such file or directory'),
@@ -38,7 +40,7 @@ PUBLISHER = {
     'a text named png': (FAILED, {'source': 'text.png'},
                          'text.png is not a picture that OpenCV can read'),
     'a folder without pictures': (FAILED, {'source': 'empty'}, 'there is no picture in empty'),
-    'a stream that is not there': (FAILED, {'source': 'rtsp://127.0.0.1:9/x'},
+    'a stream that is not there': (FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
                                    'rtsp://127.0.0.1:9/x cannot be opened as a video'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': name a camera"),
     'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'as in pattern:640x480@30'),
@@ -52,6 +54,11 @@ PUBLISHER = {
                      'parameter max_frames is 1.5: give a whole number'),
     'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
                     "parameter on_end is 'explode': give one of 'stop', 'loop', 'hold'"),
+    'unknown pixel format': (BAD_USAGE, {'fourcc': 'H264'},
+                             "parameter fourcc is 'H264': the known pixel formats are BGR3"),
+    'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
+    'unknown wait': (BAD_USAGE, {'reconnect': 'soon'},
+                     "parameter reconnect is 'soon': give forever, never or a number of seconds"),
     'a list': (BAD_USAGE, {'source': '[1, 2]'}, 'parameter source is [1, 2]: give a text'),
     'unknown reliability': (BAD_USAGE, {
         'source': 'pattern', 'qos_overrides./video_frames.publisher.reliability': 'perfect'},

@@ -16,20 +16,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from threading import Event
+from threading import Event, Timer
 import time
+from typing import Any
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip
 import cv2
 import numpy as np
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, Player
+from opencv_tools.capture.player import Pacer, Playback, Player
 from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.source import check_source, open_source
 import pytest
+
+
+def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,
+         stopped: Event | None = None, **settings: Any) -> Player:
+    """Make a player that nothing holds."""
+    return Player(source, lambda: Playback(**settings), stopped or Event(), lambda: False,
+                  on_broken)
+
+
+@pytest.fixture
+def numbered(tmp_path: Path) -> Source:
+    """Give a folder of four pictures with the numbers 0 to 3."""
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
+    return open_source(str(tmp_path))
 
 
 def frames_of(source: Source) -> Iterator[Frame]:
@@ -76,7 +93,7 @@ def test_video_gives_every_frame_and_its_rate() -> None:
     source = open_source(str(CLIP))
     assert source.rate == 25.0 and not source.live
     for expected, frame in zip(decode_clip(), frames_of(source), strict=True):
-        assert frame.encoding == 'bgr8' and frame.stamp_ns is None
+        assert frame.encoding == 'bgr8'
         assert np.array_equal(frame.image, expected)
     source.rewind()
     assert np.array_equal(source.read().image, decode_clip()[0])
@@ -124,7 +141,7 @@ def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
     (tmp_path / '1.png').write_text('no picture')
     source = open_source(str(tmp_path))
     broken: list[BrokenFrameError] = []
-    player = Player(source, 100.0, 'stop', Event(), broken.append)
+    player = play(source, broken.append, rate=100.0)
     assert [int(frame.image[0, 0]) for frame in player.frames()] == [0, 2]
     assert [str(err) for err in broken] == [
         f'{tmp_path}/1.png is not a picture that OpenCV can read']
@@ -163,86 +180,111 @@ def numbers(player: Player, most: int) -> list[int]:
 def test_what_follows_the_last_frame(tmp_path: Path, on_end: str, expected: list[int]) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
-    player = Player(open_source(str(tmp_path)), 500.0, on_end, Event(), pytest.fail)
+    settings = {'plays': 0} if on_end == 'loop' else {'on_end': on_end}
+    player = play(open_source(str(tmp_path)), rate=500.0, **settings)
     assert numbers(player, 7) == expected
 
 
-@pytest.mark.parametrize('on_end', ['stop', 'loop', 'hold'])
+@pytest.mark.parametrize('on_end', ['stop', 'hold'])
 def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
     (tmp_path / '1.png').write_text('no picture')
-    player = Player(open_source(str(tmp_path)), 100.0, on_end, Event(), lambda err: None)
+    player = play(open_source(str(tmp_path)), lambda err: None, rate=100.0, on_end=on_end)
     with pytest.raises(CaptureError, match='has no frame that can be read'):
         list(player.frames())
 
 
-class LiveSource:
-    """A camera that gives a numbered frame every 10 ms, whether or not it is read."""
-
-    name = 'live'
-    rate = 100.0
-    live = True
-
-    def __init__(self) -> None:
-        self._began = time.monotonic()
-        self._number = 0
-
-    def skip(self) -> bool:
-        self._number += 1
-        time.sleep(max(0.0, self._began + self._number / self.rate - time.monotonic()))
-        return True
-
-    def read(self) -> Frame:
-        self.skip()
-        return Frame(np.full((1, 1), self._number, np.uint16), 'mono16', time.monotonic_ns())
-
-    def rewind(self) -> None:
-        raise CaptureError('no way back')
-
-    def close(self) -> None:
-        pass
-
-
-@pytest.mark.parametrize(('rate', 'shown'), [(0.0, 100), (20.0, 20), (1000.0, 100)])
-def test_a_camera_is_shown_as_often_as_asked_and_never_stale(rate: float, shown: int) -> None:
-    stopped = Event()
-    player = Player(LiveSource(), rate, 'stop', stopped, pytest.fail)
-    ages = []
-    until = time.monotonic() + 1.0
-    for frame in player.frames():
-        ages.append((time.monotonic_ns() - frame.stamp_ns) / 1e9)
-        if time.monotonic() > until:
-            stopped.set()
-    assert len(ages) == pytest.approx(shown, rel=0.15)
-    assert np.median(ages) < 0.01
-
-
 def test_a_file_is_played_at_its_rate() -> None:
-    player = Player(PatternSource(PatternSpec(8, 8, 50.0)), 0.0, 'stop', Event(), pytest.fail)
+    player = play(PatternSource(PatternSpec(8, 8, 50.0)))
     began = time.monotonic()
     assert len(numbers(player, 51)) == 51
     assert time.monotonic() - began == pytest.approx(1.0, rel=0.05)
 
 
-def test_slots_that_pass_are_not_made_up_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_that_was_lost_is_not_made_up_for(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(time, 'monotonic', lambda: now)
-    pacer = Pacer(20.0, Event())
-    pacer.advance()
+    pacer = Pacer()
+    pacer.advance(0.05)
     assert not pacer.is_due()
-    now = 100.22  # the slots at 100.05, .10, .15 and .20 have passed; the frame takes the last
+    assert pacer.is_due(early=0.05)
+    now = 100.22  # the frames due at 100.05, .10 and .15 are late; one of them is shown at once
     assert pacer.is_due()
-    pacer.advance()
+    pacer.advance(0.05)
     assert pacer.is_due()
-    pacer.advance()
+    pacer.advance(0.05)
+    assert pacer.is_due()
+    pacer.advance(0.05)
     assert not pacer.is_due()
-    now = 100.25
+    now = 100.28
     assert pacer.is_due()
 
 
 def test_a_stop_ends_a_wait_at_once() -> None:
     stopped = Event()
-    player = Player(PatternSource(PatternSpec(8, 8, 0.1)), 0.0, 'stop', stopped, pytest.fail)
+    player = play(PatternSource(PatternSpec(8, 8, 0.1)), stopped=stopped)
     began = time.monotonic()
     for _ in player.frames():
         stopped.set()
     assert time.monotonic() - began < 1.0
+
+
+def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost() -> None:
+    held = Event()
+    source = PatternSource(PatternSpec(8, 8, 100.0))
+    player = Player(source, lambda: Playback(stop=20), Event(), held.is_set, pytest.fail)
+    stamps = []
+    for frame in player.frames():
+        stamps.append(frame.stamp_ns / 1e9)
+        if len(stamps) == 10:
+            held.set()
+            Timer(0.5, held.clear).start()
+    assert len(stamps) == 20
+    gaps = np.diff(stamps)
+    assert gaps[9] > 0.45
+    assert np.delete(gaps, 9) == pytest.approx(0.01, abs=0.005)
+
+
+class StampedSource(PatternSource):
+    """A file whose frames have times of their own."""
+
+    def __init__(self, *positions: float) -> None:
+        super().__init__(PatternSpec(8, 8, 25.0))
+        self._positions = positions
+
+    def read(self) -> Frame | None:
+        number = self._number
+        if number == len(self._positions):
+            return None
+        return replace(super().read(), position=self._positions[number])
+
+
+@pytest.mark.parametrize(('rate', 'gaps'), [
+    (0.0, [0.05, 0.2, 0.01, 0.04, 0.05, 0.2, 0.01]), (50.0, [0.02] * 7)])
+def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
+        rate: float, gaps: list[float]) -> None:
+    source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second time round there is a step back
+    player = play(source, rate=rate, plays=2)
+    began = time.monotonic()
+    stamps = [frame.stamp_ns / 1e9 for frame in player.frames()]
+    assert np.diff(stamps) == pytest.approx(gaps, abs=1e-6)
+    assert time.monotonic() - began == pytest.approx(sum(gaps), abs=0.1)
+    assert stamps[0] == pytest.approx(began, abs=0.05)
+
+
+@pytest.mark.parametrize(('settings', 'expected'), [
+    ({'plays': 2}, [0, 1, 2, 3, 0, 1, 2, 3]),
+    ({'first': 2}, [2, 3]),
+    ({'stop': 2}, [0, 1]),
+    ({'first': 1, 'stop': 3, 'plays': 2}, [1, 2, 1, 2]),
+    ({'plays': 0, 'stop': 1}, [0] * 9),
+    ({'stop': 9}, [0, 1, 2, 3]),
+    ({'on_end': 'hold', 'plays': 2}, [0, 1, 2, 3, 0, 1, 2, 3, 3]),
+])
+def test_part_of_a_file_is_played_as_often_as_asked(
+        numbered: Source, settings: dict[str, Any], expected: list[int]) -> None:
+    assert numbers(play(numbered, rate=500.0, **settings), 9) == expected
+
+
+def test_a_first_frame_that_there_is_not(numbered: Source) -> None:
+    with pytest.raises(CaptureError, match='has 4 frames, and none of the number 7'):
+        list(play(numbered, rate=500.0, first=7).frames())

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import re
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,11 +73,12 @@ def parse_pattern(spec: str) -> PatternSpec:
 class PatternSource:
     """Colour bars, a moving line and the frame's number; it never ends."""
 
-    live = False
+    live: Literal[False] = False
 
     def __init__(self, spec: PatternSpec) -> None:
         self.name = f'pattern {spec.width}x{spec.height}'
         self.rate = spec.rate
+        self.description = f'bgr8 {spec.width}x{spec.height} at {spec.rate:g} Hz'
         self._background = _draw_background(spec.width, spec.height)
         self._number = 0
 
@@ -87,7 +89,7 @@ class PatternSource:
     def read(self) -> Frame:
         image = _draw_over(self._background, self._number)
         self._number += 1
-        return Frame(image, 'bgr8')
+        return Frame(image, 'bgr8', position=(self._number - 1) / self.rate)
 
     def rewind(self) -> None:
         self._number = 0

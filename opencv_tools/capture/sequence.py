@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -46,7 +46,7 @@ class PictureSequence:
     """Picture files, one after the other, in their own depth and channels."""
 
     rate = 0.0
-    live = False
+    live: Literal[False] = False
 
     def __init__(self, paths: Sequence[Path], name: str) -> None:
         """
@@ -59,7 +59,8 @@ class PictureSequence:
         if not paths:
             raise CaptureError(f'there is no picture in {name}; '
                                f'pictures end in {", ".join(sorted(PICTURE_SUFFIXES))}')
-        self.name = f'{name} ({len(paths)} pictures)' if len(paths) > 1 else name
+        self.name = name
+        self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
         self._paths = tuple(paths)
         self._next = 0
 

@@ -22,11 +22,14 @@ import os
 from pathlib import Path
 import stat
 
-from opencv_tools.capture.frame import CaptureError, Source
+import cv2
+from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
+from opencv_tools.capture.modes import CameraRequest, NO_WISHES
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
+from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2 import CameraSource
-from opencv_tools.capture.video import VideoSource
+from opencv_tools.capture.video import frame_count, open_video, VideoSource
 
 
 def check_source(text: str) -> None:
@@ -41,24 +44,41 @@ def check_source(text: str) -> None:
         parse_pattern(text)
 
 
-def open_source(text: str) -> Source:
+def is_camera(text: str) -> bool:
+    """Tell whether a source is a camera of this machine, be it plugged in or not."""
+    if text.isdecimal():
+        return True
+    path = Path(text).expanduser()
+    try:
+        return stat.S_ISCHR(path.stat().st_mode)
+    except OSError:
+        return path.resolve().is_relative_to('/dev')
+
+
+def open_source(
+    text: str, request: CameraRequest = NO_WISHES, timeout: float = 2.0,
+) -> Source:
     """
     Open a source.
 
     :param text: a device number, a device's path, a video file, a picture file, a folder or glob
         of pictures, a stream's URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
-    :returns: the source, opened.
-    :raises CaptureError: it cannot be opened.
+    :param request: what is wanted of a camera.
+    :param timeout: seconds after which a silent stream is given up.
+    :returns: the source, opened; ``live`` tells which kind it is.
+    :raises UnavailableError: a camera or stream cannot be opened now.
+    :raises CaptureError: it cannot be opened at all.
     :raises ValueError: see :func:`check_source`.
     """
     check_source(text)
     if _is_pattern(text):
         return PatternSource(parse_pattern(text))
-    if text.isdecimal():
-        return CameraSource(Path(f'/dev/video{int(text)}'))
+    if is_camera(text):
+        device = Path(f'/dev/video{int(text)}' if text.isdecimal() else text).expanduser()
+        return CameraSource(device, request)
     text = text[len('file://'):] if text.startswith('file://') else text
     if '://' in text:
-        return VideoSource(text)
+        return _open_url(text, timeout)
     return _open_path(Path(text).expanduser())
 
 
@@ -66,26 +86,33 @@ def _is_pattern(text: str) -> bool:
     return text == 'pattern' or text.startswith('pattern:')
 
 
+def _open_url(url: str, timeout: float) -> Source:
+    """Open a stream, or a file on a web server, which has a number of frames."""
+    milliseconds = max(1, int(timeout * 1000))
+    try:
+        capture = open_video(url, cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds,
+                             cv2.CAP_PROP_READ_TIMEOUT_MSEC, milliseconds)
+    except CaptureError as err:
+        raise UnavailableError(str(err)) from err
+    return VideoSource(url, capture) if frame_count(capture) else StreamSource(url, capture)
+
+
 def _open_path(path: Path) -> Source:
-    """Open what lies at a path: a device, a folder, a picture, a video, or a glob of pictures."""
+    """Open what lies at a path: a folder, a picture, a video, or a glob of pictures."""
     try:
         mode = path.stat().st_mode
     except OSError as err:
-        if path.is_relative_to('/dev'):
-            return CameraSource(path)
         matches = [Path(match) for match in glob.glob(str(path))]
         if matches:
             return PictureSequence(_pictures(matches), str(path))
         raise CaptureError(f'{path} cannot be opened: {err.strerror}') from err
-    if stat.S_ISCHR(mode):
-        return CameraSource(path)
     if not os.access(path, os.R_OK):
         raise CaptureError(f'no permission to read {path}')
     if stat.S_ISDIR(mode):
         return PictureSequence(_pictures(path.iterdir()), str(path))
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return PictureSequence([path], str(path))
-    return VideoSource(str(path))
+    return VideoSource(str(path), open_video(str(path)))
 
 
 def _pictures(paths: Iterable[Path]) -> list[Path]:

@@ -16,86 +16,274 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+import errno
 import grp
 import os
 from pathlib import Path
 import stat
 import time
+from typing import Literal
 
-import cv2
-from opencv_tools.capture.frame import CaptureError, Frame
+from opencv_tools.capture.controls import Control
+from opencv_tools.capture.device import Captured, VideoDevice
+from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
+from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
+from opencv_tools.capture.pixel_formats import PIXEL_FORMATS, read_pixels
+from opencv_tools.capture.videodev import MAJOR
 
-_V4L2_MAJOR = 81  # Linux, Documentation/admin-guide/devices.txt: video4linux
+# A rate is a fraction in the kernel: 30000/1001 is what 30 may become.
+_RATE_TOLERANCE = 0.01
 
 
 class CameraSource:
     """A camera's frames, each with the time at which its driver captured it."""
 
-    live = True
+    live: Literal[True] = True
 
-    def __init__(self, device: Path) -> None:
+    def __init__(self, device: Path, request: CameraRequest) -> None:
         """
-        Open a camera.
+        Open a camera and let it stream.
+
+        ``remarks`` says what of the request the camera made something else of.
 
         :param device: such as ``/dev/video0`` or a link below ``/dev/v4l/by-id``.
-        :raises CaptureError: there is no such camera, or it cannot be used.
+        :param request: what is wanted of it.
+        :raises UnavailableError: it is not there, busy, or not ours to use.
+        :raises CaptureError: it is no camera, or gives nothing that can be read.
         """
         self.name = str(device)
+        self.missed = 0
+        self.remarks: list[str] = []
+        self._sequence = -1
+        self._held: Captured | None = None
         _check_device(device)
-        self._capture = cv2.VideoCapture(self.name, cv2.CAP_V4L2)
-        if not self._capture.isOpened():
-            raise CaptureError(
-                f'camera {self.name} cannot be opened: another program uses it, or this node of '
-                'the camera gives no pictures (cameras have several, try the next number)')
-        self.rate = max(0.0, self._capture.get(cv2.CAP_PROP_FPS))
+        with _explained(self.name):
+            self._device = VideoDevice(device)
+        try:
+            with _explained(self.name):
+                self._start(request)
+        except CaptureError:
+            self.close()
+            raise
 
-    def skip(self) -> bool:
-        if not self._capture.grab():
-            raise CaptureError(
-                f'camera {self.name} stopped giving frames; is it still plugged in?')
-        return True
+    def wait(self, seconds: float) -> bool:
+        with _explained(self.name):
+            if self._device.wait(seconds):
+                self._hold_newest()
+        return self._held is not None
+
+    def skip(self) -> None:
+        with _explained(self.name):
+            self._give_back()
 
     def read(self) -> Frame:
-        self.skip()
-        captured_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
-        now_ns = time.monotonic_ns()
-        # The driver's stamp may lie a little ahead of the clock, and may be missing.
-        stamp_ns = min(int(captured_ms * 1e6), now_ns) if captured_ms > 0 else now_ns
-        decoded, image = self._capture.retrieve()
-        if not decoded:
-            raise CaptureError(f'camera {self.name} gave a frame that OpenCV cannot decode')
-        return Frame(image, 'bgr8', stamp_ns)
-
-    def rewind(self) -> None:
-        raise CaptureError(f'camera {self.name} has no first frame to go back to')
+        if self._held is None:
+            raise BrokenFrameError(f'camera {self.name} has no frame yet')
+        held = self._held
+        with _explained(self.name):
+            try:
+                return self._copy(held)
+            finally:
+                self._give_back()
 
     def close(self) -> None:
-        self._capture.release()
+        self._device.close()
+
+    def controls(self) -> dict[Control, int]:
+        """
+        Give the settings that can be changed, and what they are.
+
+        :raises UnavailableError: the camera has gone.
+        """
+        with _explained(self.name):
+            return {control: self._device.control(control)
+                    for control in self._device.controls()}
+
+    def set_control(self, control: Control, value: int) -> None:
+        """
+        Change a setting.
+
+        :raises UnavailableError: the camera refuses, or has gone.
+        """
+        with _explained(self.name):
+            self._device.set_control(control, value)
+
+    def _start(self, request: CameraRequest) -> None:
+        if not self._device.can_capture:
+            raise CaptureError(
+                f'{self.name} ({self._device.card}) gives no pictures: cameras have several '
+                'numbers, try the next one')
+        modes = self._device.modes((request.width or 640, request.height or 480))
+        chosen = choose_mode(modes, request, self._device.rates)
+        if chosen is None:
+            raise CaptureError(
+                f'camera {self.name} gives none of the formats {", ".join(PIXEL_FORMATS)}; '
+                f'it has {describe_modes(modes) or "none at all"}')
+        self._format = self._device.set_format(chosen)
+        if self._format.fourcc not in PIXEL_FORMATS:
+            raise CaptureError(f'camera {self.name} gives {self._format.fourcc} '
+                               f'where {chosen.fourcc} was asked for')
+        self._pixels = PIXEL_FORMATS[self._format.fourcc]
+        self.rate = self._device.set_rate(request.fps)
+        self._remark(request, modes)
+        self._set_controls(dict(request.controls))
+        self._device.start()
+        self.description = f'{self._format.fourcc} {self._mode.size} at {self.rate:g} Hz'
+
+    @property
+    def _mode(self) -> Mode:
+        return Mode(self._format.fourcc, self._format.width, self._format.height)
+
+    def _remark(self, request: CameraRequest, modes: list[Mode]) -> None:
+        """Take note of what the camera made something else of, and what it has to offer."""
+        given = self._mode
+        if ((request.width or given.width, request.height or given.height)
+                != (given.width, given.height)
+                or request.fourcc not in ('', given.fourcc)):
+            wanted = Mode(request.fourcc or given.fourcc, request.width or given.width,
+                          request.height or given.height)
+            offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
+            self.remarks.append(
+                f'camera {self.name} was asked for {wanted.fourcc} {wanted.size} and gives '
+                f'{given.fourcc} {given.size}; it offers {describe_modes(offered)}')
+        if request.fps and abs(self.rate - request.fps) > _RATE_TOLERANCE * request.fps:
+            rates = ', '.join(f'{rate:g}' for rate in self._device.rates(given))
+            self.remarks.append(
+                f'camera {self.name} was asked for {request.fps:g} Hz and gives {self.rate:g} Hz; '
+                f'in {given.fourcc} {given.size} it offers {rates or "that only"}')
+
+    def _set_controls(self, wanted: dict[str, int]) -> None:
+        for control in self._device.controls() if wanted else ():
+            if control.name not in wanted:
+                continue
+            value = wanted[control.name]
+            try:
+                self._device.set_control(control, value)
+            except OSError as err:
+                self.remarks.append(
+                    f'camera {self.name} refuses {control.name} {value} ({err.strerror}): '
+                    f'give a number from {control.minimum} to {control.maximum}')
+
+    def _hold_newest(self) -> None:
+        """
+        Take the newest filled buffer and give the older ones back.
+
+        :raises OSError: the device is gone.
+        """
+        self._give_back()
+        filled = 0
+        while (captured := self._device.dequeue()) is not None:
+            if self._held:
+                self._give_back()
+                self.missed += 1
+            if self._sequence >= 0:
+                self.missed += max(0, captured.sequence - self._sequence - 1)
+            self._held, self._sequence = captured, captured.sequence
+            filled += 1
+        if filled == self._device.buffers:
+            # The camera had nowhere to put what came after: the next frame will be the newest.
+            self._give_back()
+            self.missed += 1
+
+    def _copy(self, captured: Captured) -> Frame:
+        """
+        Copy a frame out of its buffer.
+
+        :raises BrokenFrameError: it is damaged.
+        """
+        if captured.broken:
+            raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
+        # The driver's stamp may lie a little ahead of the clock.
+        now_ns = time.monotonic_ns()
+        stamp_ns = min(captured.stamp_ns or now_ns, now_ns)
+        with self._device.content(captured) as content:
+            image = read_pixels(self._pixels, content, self._format.height, self._format.width,
+                                self._format.step)
+        return Frame(image, self._pixels.encoding, stamp_ns)
+
+    def _give_back(self) -> None:
+        """
+        Let the held buffer be filled again.
+
+        :raises OSError: the device is gone.
+        """
+        if self._held:
+            held, self._held = self._held, None
+            self._device.requeue(held.index)
+
+
+@contextmanager
+def _explained(name: str) -> Iterator[None]:
+    """
+    Say in words why a device refuses.
+
+    :raises UnavailableError: it is not there, busy, or not ours to use.
+    :raises CaptureError: it is no camera.
+    """
+    try:
+        yield
+    except OSError as err:
+        raise _explain(name, err) from err
 
 
 def _check_device(device: Path) -> None:
     """
-    Tell why a camera could not be opened, as far as the file system knows.
+    Find out whether a camera is there.
 
-    :raises CaptureError: no such device, not a camera, or no permission.
+    :raises UnavailableError: there is no such device.
+    :raises CaptureError: it is something else.
     """
     try:
         status = device.stat()
     except OSError as err:
         present = ', '.join(sorted(str(path) for path in Path('/dev').glob('video*'))) or 'none'
-        raise CaptureError(f'there is no camera {device}; cameras on this machine: {present}. '
-                           'To try without one: source:=pattern') from err
-    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != _V4L2_MAJOR:
+        raise UnavailableError(
+            f'there is no camera {device}; cameras on this machine: {present}. '
+            'To try without one: source:=pattern') from err
+    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
         raise CaptureError(f'{device} is not a camera')
-    if not os.access(device, os.R_OK | os.W_OK):
-        raise CaptureError(f'no permission to use camera {device}; add yourself to its group: '
-                           f'sudo usermod -aG {_group_name(status.st_gid)} $USER, '
-                           'then log in again')
 
 
-def _group_name(group_id: int) -> str:
-    """Name a group; one that has no name, as in some containers, is called by its number."""
+def _explain(name: str, err: OSError) -> CaptureError:
+    """Say what an error of a camera means and what helps."""
+    if err.errno in (errno.EACCES, errno.EPERM):
+        return UnavailableError(
+            f'no permission to use camera {name}; add yourself to its group: '
+            f'sudo usermod -aG {_group_name(name)} $USER, then log in again')
+    if err.errno == errno.EBUSY:
+        return UnavailableError(f'camera {name} is used by another program{_users(name)}')
+    if err.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
+        return UnavailableError(f'camera {name} has gone; is it still plugged in?')
+    if err.errno == errno.ENOTTY:
+        return CaptureError(f'{name} is not a camera that V4L2 knows')
+    return UnavailableError(f'camera {name} has failed: {err.strerror or err}')
+
+
+def _group_name(name: str) -> str:
+    """Name the group of a device; one that has no name, as in some containers, by its number."""
     try:
-        return grp.getgrgid(group_id).gr_name
+        number = Path(name).stat().st_gid
+        return grp.getgrgid(number).gr_name
+    except OSError:
+        return 'video'
     except KeyError:
-        return str(group_id)
+        return str(number)
+
+
+def _users(name: str) -> str:
+    """Name the programs that hold a device, as far as we may know."""
+    try:
+        device = Path(name).stat().st_rdev
+    except OSError:
+        return ''
+    users = []
+    for process in Path('/proc').glob('[0-9]*'):
+        try:
+            held = any(file.stat().st_rdev == device for file in (process / 'fd').iterdir())
+            if held and process.name != str(os.getpid()):
+                users.append(f'{(process / "comm").read_text().strip()} (pid {process.name})')
+        except OSError:
+            continue  # it has ended, or is not ours to look at
+    return f': {", ".join(users)}' if users else ''

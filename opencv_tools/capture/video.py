@@ -12,55 +12,108 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Video files and streams as a source, decoded by OpenCV's FFmpeg."""
+"""Video files as a source, decoded by OpenCV's FFmpeg."""
 
 from __future__ import annotations
 
 import math
-import time
+from pathlib import Path
+from typing import Literal
 
 import cv2
-from opencv_tools.capture.frame import CaptureError, Frame, MAX_RATE
+from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MAX_RATE
+
+# Files of these kinds have a list of their frames; of others OpenCV guesses how many there are.
+_LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
 
 
 class VideoSource:
-    """The frames of a video file, or of a stream that is read as it comes."""
+    """The frames of a video file, each with its own time."""
 
-    def __init__(self, location: str) -> None:
+    live: Literal[False] = False
+
+    def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
         """
-        Open a video.
+        Take an opened video.
 
-        :param location: a file's path or a stream's URL.
-        :raises CaptureError: it cannot be opened as a video.
+        :param location: a file's path, or the URL of one on a web server.
+        :param capture: the same from ``open_video``.
         """
         self.name = location
-        self._capture = self._open()
-        rate = self._capture.get(cv2.CAP_PROP_FPS)
-        self.rate = rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
-        # A stream has no number of frames; a file served over the network has one.
-        self.live = '://' in location and self._capture.get(cv2.CAP_PROP_FRAME_COUNT) <= 0
+        self._capture = capture
+        self.rate = video_rate(capture)
+        self.description = describe_video(capture)
+        listed = Path(location).suffix.lower() in _LISTED_SUFFIXES
+        self._listed = frame_count(capture) if listed else 0
+        self._number = 0
 
     def skip(self) -> bool:
-        grabbed: bool = self._capture.grab()
-        return grabbed
+        if self._capture.grab():
+            self._number += 1
+            return True
+        self._check_end()
+        return False
 
     def read(self) -> Frame | None:
-        decoded, image = self._capture.read()
-        if not decoded:
+        if not self.skip():
             return None
-        return Frame(image, 'bgr8', time.monotonic_ns() if self.live else None)
+        position = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        decoded, image = self._capture.retrieve()
+        if not decoded:
+            raise BrokenFrameError(f'frame {self._number - 1} of {self.name} cannot be decoded')
+        return Frame(image, 'bgr8', position=position if math.isfinite(position) else None)
 
     def rewind(self) -> None:
         # Opening again is exact for every container; seeking to frame 0 is not.
         self._capture.release()
-        self._capture = self._open()
+        self._capture = open_video(self.name)
+        self._number = 0
 
     def close(self) -> None:
         self._capture.release()
 
-    def _open(self) -> cv2.VideoCapture:
-        capture = cv2.VideoCapture(self.name, cv2.CAP_FFMPEG)
-        if not capture.isOpened():
-            raise CaptureError(f'{self.name} cannot be opened as a video: it is damaged, '
-                               'not a video, or not reachable')
-        return capture
+    def _check_end(self) -> None:
+        """
+        Tell, once, when the video ends before its time.
+
+        :raises BrokenFrameError: frames are missing.
+        """
+        number, listed = self._number, self._listed
+        self._listed = 0
+        if number < listed:
+            raise BrokenFrameError(f'{self.name} is damaged: it ends after {number} of its '
+                                   f'{listed} frames')
+
+
+def open_video(location: str, *options: int) -> cv2.VideoCapture:
+    """
+    Open a video file or a stream.
+
+    :param location: a path or a URL.
+    :param options: properties to open it with, each followed by its value.
+    :returns: the opened capture.
+    :raises CaptureError: it cannot be opened as a video.
+    """
+    capture = cv2.VideoCapture(location, cv2.CAP_FFMPEG, options)
+    if not capture.isOpened():
+        raise CaptureError(f'{location} cannot be opened as a video: it is damaged, '
+                           'not a video, or not reachable')
+    return capture
+
+
+def video_rate(capture: cv2.VideoCapture) -> float:
+    """Give the frames per second that a video says it has, 0.0 when that cannot be."""
+    rate: float = capture.get(cv2.CAP_PROP_FPS)
+    return rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
+
+
+def frame_count(capture: cv2.VideoCapture) -> int:
+    """Give the number of frames of a video; a stream has none."""
+    return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+
+
+def describe_video(capture: cv2.VideoCapture) -> str:
+    """Write size and rate of a video."""
+    width, height = (int(capture.get(prop)) for prop in (
+        cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    return f'{width}x{height} at {video_rate(capture):g} Hz'

@@ -21,7 +21,10 @@ from dataclasses import dataclass
 import difflib
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult,
+)
+import rclpy
 from rclpy.node import Node
 
 # Parameters that ROS itself looks for under these names or prefixes.
@@ -42,8 +45,10 @@ class Parameter:
     :param description: what it does, in a few words.
     :param minimum: lowest number allowed.
     :param maximum: highest number allowed.
-    :param choices: the texts allowed; empty when any is.
-    :param check: raises ValueError, with the remedy, for a value that is wrong in another way.
+    :param step: what the numbers allowed are apart, counted from the lowest.
+    :param choices: the values allowed; empty when any is.
+    :param check: raises ValueError, with the remedy, for a text that is wrong in another way.
+    :param fixed: it cannot be changed once the node runs.
     """
 
     name: str
@@ -51,20 +56,24 @@ class Parameter:
     description: str
     minimum: float = 0
     maximum: float = 0
-    choices: tuple[str, ...] = ()
+    step: int = 1
+    choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
+    fixed: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Describe the parameter to ``ros2 param describe``."""
         descriptor = ParameterDescriptor(
-            name=self.name, description=self.description, read_only=True,
-            additional_constraints=f'one of: {", ".join(self.choices)}' if self.choices else '')
+            name=self.name, description=self.description, read_only=self.fixed,
+            additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
+        if isinstance(self.default, bool) or self.choices:
+            return descriptor
         if isinstance(self.default, float):
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
         elif isinstance(self.default, int):
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum), step=1)]
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(self.minimum), to_value=int(self.maximum), step=self.step)]
         return descriptor
 
     def accept(self, value: object) -> str | int | float:
@@ -77,6 +86,13 @@ class Parameter:
         """
         if isinstance(self.default, str):
             return self._accept_text(value)
+        if isinstance(self.default, bool):
+            if value in (False, True):  # and 0 and 1
+                return bool(value)
+            raise ParameterError(f'parameter {self.name} is {value!r}: give true or false '
+                                 f'({self.description})')
+        if self.choices:
+            return self._accept_choice(value)
         kind = float if isinstance(self.default, float) else int
         numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
         if not numeric or not self.minimum <= value <= self.maximum:
@@ -90,16 +106,20 @@ class Parameter:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
             raise ParameterError(f'parameter {self.name} is {value!r}: give a text '
                                  f'({self.description})')
-        text = str(value)
-        if self.choices and text not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {text!r}: give one of '
-                                 f'{", ".join(repr(choice) for choice in self.choices)}')
+        text = str(self._accept_choice(str(value)))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
                 raise ParameterError(f'parameter {self.name} is {text!r}: {err}') from err
         return text
+
+    def _accept_choice(self, value: Any) -> str | int:
+        if self.choices and value not in self.choices:
+            raise ParameterError(f'parameter {self.name} is {value!r}: give one of '
+                                 f'{", ".join(repr(choice) for choice in self.choices)}')
+        chosen: str | int = value
+        return chosen
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
@@ -112,23 +132,70 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
     :returns: name to value.
     :raises ParameterError: a value that was given cannot be used.
     """
-    overrides = node.get_parameters_by_prefix('')
-    given = {name: parameter.value for name, parameter in overrides.items()}
+    return {parameter.name: declare_parameter(node, parameter) for parameter in table}
+
+
+def declare_parameter(node: Node, parameter: Parameter) -> Any:
+    """
+    Declare one parameter.
+
+    :param node: as for ``declare_parameters``.
+    :param parameter: which one.
+    :returns: its value.
+    :raises ParameterError: the value that was given cannot be used.
+    """
+    value = parameter.default
+    if node.has_parameter(parameter.name):
+        value = parameter.accept(node.get_parameter(parameter.name).value)
+        node.undeclare_parameter(parameter.name)
+    node.declare_parameter(parameter.name, value, parameter.descriptor(), ignore_override=True)
+    return value
+
+
+def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
+    """Give the parameters that were given to a node but are in no table, name to value."""
+    names = {parameter.name for parameter in table}
+    given = node.get_parameters_by_prefix('')
+    return {name: parameter.value for name, parameter in given.items()
+            if name not in names and not name.startswith(_ROS_PARAMETERS)}
+
+
+def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
+    """Say that a parameter is not known, and which one may have been meant."""
     names = [parameter.name for parameter in table]
-    for name in given:
-        if name not in names and not name.startswith(_ROS_PARAMETERS):
-            close = difflib.get_close_matches(name, names, 1)
-            hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(names)}'
-            node.get_logger().warning(f'unknown parameter {name} is not used; {hint}')
-    values = {}
-    for parameter in table:
-        value = parameter.default
-        if parameter.name in given:
-            value = parameter.accept(given[parameter.name])
-            node.undeclare_parameter(parameter.name)
-        node.declare_parameter(parameter.name, value, parameter.descriptor(), ignore_override=True)
-        values[parameter.name] = value
-    return values
+    close = difflib.get_close_matches(name, names, 1)
+    hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(names)}'
+    return f'unknown parameter {name} is not used; {hint}'
+
+
+def watch_parameters(
+    node: Node, table: Sequence[Parameter], apply: Callable[[dict[str, Any]], object],
+) -> None:
+    """
+    Let parameters be changed while the node runs, or refuse with the reason.
+
+    :param node: whose parameters they are.
+    :param table: the parameters.
+    :param apply: told of those that were changed, name to value.
+    """
+    known = {parameter.name: parameter for parameter in table}
+
+    def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
+        try:
+            for change in changes:
+                if change.name in known:
+                    known[change.name].accept(change.value)
+        except ParameterError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def take(changes: list[rclpy.Parameter]) -> None:
+        changed = {change.name: change.value for change in changes if change.name in known}
+        if changed:
+            apply(changed)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(take)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
@@ -136,7 +203,11 @@ def describe_parameters(table: Sequence[Parameter]) -> str:
     width = max(len(parameter.name) for parameter in table)
     lines = []
     for parameter in table:
-        choices = ': ' + ', '.join(filter(None, parameter.choices)) if parameter.choices else ''
+        choices = f': {_listed(parameter.choices)}' if parameter.choices else ''
         lines.append(f'  {parameter.name:{width}}  {parameter.description}{choices} '
                      f'[{parameter.default!r}]')
     return '\n'.join(lines)
+
+
+def _listed(choices: Sequence[str | int]) -> str:
+    return ', '.join(str(choice) for choice in choices if choice != '')

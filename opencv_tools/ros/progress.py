@@ -39,13 +39,11 @@ class Progress:
         self._said_count = 0
         self._last_at = 0.0
 
-    def tick(self, width: int, height: int, encoding: str, dropped: int) -> None:
+    def tick(self, what: str, dropped: int) -> None:
         """
         Count a frame.
 
-        :param width: of the frame, in pixels.
-        :param height: of the frame, in pixels.
-        :param encoding: of the frame.
+        :param what: the frame, such as ``640x480 bgr8``.
         :param dropped: frames lost so far.
         """
         self.count += 1
@@ -56,8 +54,7 @@ class Progress:
         since = now - self._said_at
         rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
         self._said_at, self._said_count = now, self.count
-        self._say(f'{self._phrase} {self.count}: {width}x{height} {encoding}, '
-                  f'{rate}{dropped} dropped')
+        self._say(f'{self._phrase} {self.count}: {what}, {rate}{dropped} dropped')
 
     def average_rate(self) -> float:
         """Give the frames per second from the first frame to the last, 0.0 for fewer than two."""

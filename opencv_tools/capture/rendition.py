@@ -1,0 +1,136 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is published of a frame: its pixels as they are wanted, and a JPEG of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.image.color import convert
+from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
+from opencv_tools.image.orientation import orient
+from opencv_tools.pictures import decode_picture, encode_picture
+
+# What a JPEG from a camera stands for without a change: its colours have no order of their own.
+_AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
+
+
+@dataclass(frozen=True)
+class Look:
+    """
+    How frames are wanted.
+
+    :param encoding: sensor_msgs/Image encoding; '' for the frame's own.
+    :param flip: see ``orient``.
+    :param rotate: degrees clockwise, see ``orient``.
+    :param jpeg_quality: 1 to 100.
+    """
+
+    encoding: str = ''
+    flip: str = 'none'
+    rotate: int = 0
+    jpeg_quality: int = 95
+
+    @property
+    def turns(self) -> bool:
+        """Tell whether frames are flipped or rotated."""
+        return self.flip != 'none' or self.rotate != 0
+
+
+class Rendition:
+    """A frame as it is published; what nobody asks for is not made, and nothing is made twice."""
+
+    def __init__(self, frame: Frame, look: Look) -> None:
+        """
+        Take a frame.
+
+        :param frame: as it was captured.
+        :param look: how it is wanted.
+        """
+        self._frame = frame
+        self._look = look
+
+    @property
+    def image(self) -> NDArray[Any]:
+        """
+        The pixels, (h, w) or (h, w, c).
+
+        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        """
+        return self._pixels[0]
+
+    @property
+    def encoding(self) -> str:
+        """
+        The encoding of the pixels.
+
+        :raises ImageError: as for ``image``.
+        """
+        return self._pixels[1].name
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """
+        Width and height of the picture.
+
+        :raises ImageError: as for ``image``.
+        """
+        image, encoding = self._pixels
+        return image.shape[1], encoding.height(image.shape[0])
+
+    @cached_property
+    def jpeg(self) -> tuple[NDArray[Any], str]:
+        """
+        A JPEG, (n,) uint8, and its format string, as compressed_image_transport writes it.
+
+        What the camera has compressed is passed on as it is.
+
+        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        """
+        if self._is_ready():
+            told = self._look.encoding or 'bgr8'
+            return self._frame.image, f'{told}; jpeg compressed bgr8'
+        image, actual = self._pixels
+        gray = actual.order == 'y'
+        stored = find_encoding('mono8' if gray else 'bgr8')
+        if actual != stored:
+            image = convert(image, actual, stored)
+        data = encode_picture(np.ascontiguousarray(image), '.jpg', self._look.jpeg_quality)
+        # Sixteen bits, and other things than colours, are told as what is left of them.
+        told = actual.name if actual.name in _AS_JPEG else stored.name
+        return data, f'{told}; jpeg compressed {"" if gray else stored.name}'
+
+    def _is_ready(self) -> bool:
+        """Tell whether the camera's own JPEG is what is wanted."""
+        return (self._frame.encoding == JPEG and not self._look.turns
+                and self._look.encoding in _AS_JPEG)
+
+    @cached_property
+    def _pixels(self) -> tuple[NDArray[Any], Encoding]:
+        image = self._frame.image
+        if self._frame.encoding == JPEG:
+            image = decode_picture(image)
+            encoding = picture_encoding(image)
+        else:
+            encoding = find_encoding(self._frame.encoding)
+        wanted = find_encoding(self._look.encoding) if self._look.encoding else encoding
+        if wanted != encoding:
+            image, encoding = convert(image, encoding, wanted), wanted
+        return orient(image, encoding, self._look.flip, self._look.rotate)

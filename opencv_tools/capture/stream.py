@@ -1,0 +1,85 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Streams as a source: cameras on the network, read as fast as they send."""
+
+from __future__ import annotations
+
+from threading import Condition, Thread
+import time
+from typing import Literal
+
+import cv2
+from opencv_tools.capture.frame import BrokenFrameError, Frame, UnavailableError
+from opencv_tools.capture.video import describe_video, video_rate
+
+
+class StreamSource:
+    """The newest frame of a stream: a thread reads it all the time, so that nothing piles up."""
+
+    live: Literal[True] = True
+
+    def __init__(self, url: str, capture: cv2.VideoCapture) -> None:
+        """
+        Begin to read an opened stream.
+
+        :param url: where it is.
+        :param capture: the same from ``open_video``.
+        """
+        self.name = url
+        self.rate = video_rate(capture)
+        self.description = describe_video(capture)
+        self.missed = 0
+        self._capture = capture
+        self._changed = Condition()
+        self._newest: Frame | None = None
+        self._ended = False
+        self._thread = Thread(target=self._read_all, name='stream', daemon=True)
+        self._thread.start()
+
+    def wait(self, seconds: float) -> bool:
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._ended, seconds)
+            if self._newest is None and self._ended:
+                raise UnavailableError(f'{self.name} has ended, or is not reachable any more')
+            return self._newest is not None
+
+    def skip(self) -> None:
+        with self._changed:
+            self._newest = None
+
+    def read(self) -> Frame:
+        with self._changed:
+            newest, self._newest = self._newest, None
+        if newest is None:
+            raise BrokenFrameError(f'{self.name} has no frame yet')
+        return newest
+
+    def close(self) -> None:
+        with self._changed:
+            self._ended = True
+        self._thread.join()
+
+    def _read_all(self) -> None:
+        """Keep the newest frame until the stream ends or is closed."""
+        while not self._ended:
+            decoded, image = self._capture.read()
+            with self._changed:
+                if decoded:
+                    self.missed += self._newest is not None
+                    self._newest = Frame(image, 'bgr8', time.monotonic_ns())
+                else:
+                    self._ended = True
+                self._changed.notify()
+        self._capture.release()

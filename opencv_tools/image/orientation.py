@@ -1,0 +1,61 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which way up an image is: mirrored and turned by quarters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.image.encodings import Encoding, find_encoding
+from opencv_tools.image.errors import ConversionError
+
+#: What each kind of mirroring turns round: rows, columns.
+FLIPS = {'none': (1, 1), 'horizontal': (1, -1), 'vertical': (-1, 1), 'both': (-1, -1)}
+ROTATIONS = (0, 90, 180, 270)
+
+
+def orient(
+    image: NDArray[Any], encoding: Encoding, flip: str, degrees: int,
+) -> tuple[NDArray[Any], Encoding]:
+    """
+    Mirror an image, then turn it.
+
+    :param image: array of shape (h, w) or (h, w, c), which is not changed.
+    :param encoding: of the image.
+    :param flip: one of ``FLIPS``; ``'horizontal'`` swaps left and right.
+    :param degrees: one of ``ROTATIONS``, clockwise.
+    :returns: a view of the image, (w, h) or (w, h, c) after a quarter turn, and its encoding: of a
+        bayer image that with the pattern that it has now.
+    :raises ConversionError: several pixels of the encoding share their colour.
+    """
+    if flip == 'none' and not degrees:
+        return image, encoding
+    if encoding.kind == 'yuv':
+        raise ConversionError(f'a {encoding.name} image can be neither flipped nor rotated, for '
+                              'its pixels share their colour: set encoding to bgr8 or mono8')
+    if encoding.kind == 'bayer':
+        height, width = image.shape[:2]
+        cells = np.tile(np.array(list(encoding.order)).reshape(2, 2), (2, 2))
+        cells = _turn(cells[:2 + height % 2, :2 + width % 2], flip, degrees)
+        order = ''.join(cells[:2, :2].flat)
+        encoding = find_encoding(encoding.name.replace(encoding.order, order))
+    return _turn(image, flip, degrees), encoding
+
+
+def _turn(image: NDArray[Any], flip: str, degrees: int) -> NDArray[Any]:
+    rows, columns = FLIPS[flip]
+    return np.rot90(image[::rows, ::columns], -degrees // 90)

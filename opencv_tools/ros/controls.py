@@ -1,0 +1,123 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The settings of a camera as parameters of a node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from opencv_tools.capture.controls import Control
+from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.capture.videodev import ControlType
+from opencv_tools.ros.parameters import (
+    declare_parameter, describe_unknown, Parameter, ParameterError, unknown_parameters,
+)
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+import rclpy.parameter
+
+
+# Of a setting that is called like a parameter of the node.
+_SUFFIX = '_control'
+
+
+class CameraControls:
+    """
+    Declare a parameter for each setting that a camera has, and set the camera by them.
+
+    What was set, at the start or later, is set again on a camera that comes back.
+    """
+
+    def __init__(self, node: Node, table: Sequence[Parameter],
+                 camera: Callable[[], CameraSource | None]) -> None:
+        """
+        Wait for a camera.
+
+        :param node: has the parameters.
+        :param table: those it has anyhow; what was given beside them is for the camera.
+        :param camera: gives the camera as long as it is there.
+        """
+        self._node = node
+        self._table = table
+        self._camera = camera
+        self._controls: dict[str, tuple[Parameter, Control]] = {}
+        self._given = unknown_parameters(node, table)
+        self.wanted = tuple((name.removesuffix(_SUFFIX), int(value))
+                            for name, value in self._given.items() if isinstance(value, int))
+        node.add_on_set_parameters_callback(self._set)
+
+    def declare(self, camera: CameraSource) -> None:
+        """
+        Declare the parameters of a camera that was opened; those that it had before stay.
+
+        :param camera: the camera.
+        """
+        try:
+            controls = camera.controls()
+        except CaptureError:
+            return  # it has gone again
+        for control, value in controls.items():
+            parameter = self._parameter(control, value)
+            if parameter.name not in self._controls:
+                self._declare(parameter, control)
+        for name in self._given.keys() - self._controls.keys():
+            self._node.get_logger().warning(describe_unknown(
+                name, [*self._table, *(known for known, _ in self._controls.values())]))
+        self._given = {}
+
+    def _declare(self, parameter: Parameter, control: Control) -> None:
+        try:
+            declare_parameter(self._node, parameter)
+        except ParameterError as err:
+            self._node.get_logger().warning(str(err))
+            self._node.undeclare_parameter(parameter.name)
+            declare_parameter(self._node, parameter)
+        self._controls[parameter.name] = parameter, control
+
+    def _parameter(self, control: Control, value: int) -> Parameter:
+        """Describe a setting whose value is known."""
+        taken = any(parameter.name == control.name for parameter in self._table)
+        name = control.name + _SUFFIX if taken else control.name
+        menu = ', '.join(f'{number} {text}' for number, text in control.choices)
+        description = (f'setting of the camera, {control.default} unless set'
+                       + (f': {menu}' if menu else ''))
+        if control.kind == ControlType.BOOLEAN:
+            return Parameter(name, bool(value), description)
+        if control.choices:
+            return Parameter(name, value, description,
+                             choices=tuple(number for number, _ in control.choices))
+        # Some drivers have values that their own ranges do not.
+        even = (value - control.minimum) % control.step == 0
+        return Parameter(name, value, description, min(value, control.minimum),
+                         max(value, control.maximum), step=control.step if even else 1)
+
+    def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
+        """Set the camera, or refuse with the reason."""
+        wanted = dict(self.wanted)
+        try:
+            for change in changes:
+                if change.name in self._controls:
+                    parameter, control = self._controls[change.name]
+                    value: Any = parameter.accept(change.value)
+                    camera = self._camera()
+                    if camera:
+                        camera.set_control(control, int(value))
+                    wanted[control.name] = int(value)
+        except (CaptureError, ParameterError) as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        self.wanted = tuple(wanted.items())
+        return SetParametersResult(successful=True)

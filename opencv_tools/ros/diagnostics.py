@@ -1,0 +1,115 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How a camera does, told on ``/diagnostics`` once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+_PERIOD = 1.0
+
+
+@dataclass(frozen=True)
+class Condition:
+    """
+    What a source is doing.
+
+    :param source: its name.
+    :param description: what it gives; '' when it is not open.
+    :param trouble: why it is not open although it should be; '' when it is, or is paused.
+    :param paused: whether it was asked to pause.
+    :param missed: frames that the camera gave and nobody could take.
+    :param dropped: frames that could not be read or published.
+    :param reconnects: how often it has come back.
+    """
+
+    source: str
+    description: str
+    trouble: str
+    paused: bool
+    missed: int
+    dropped: int
+    reconnects: int
+
+
+class Diagnostics:
+    """Publish how a source does; frames are counted from any thread."""
+
+    def __init__(self, node: Node, condition: Callable[[], Condition]) -> None:
+        """
+        Begin to publish.
+
+        :param node: the node that publishes.
+        :param condition: tells what the source is doing.
+        """
+        self._node = node
+        self._condition = condition
+        self._lock = threading.Lock()
+        self._ages: list[float] = []
+        self._since = time.monotonic()
+        self._lost_before = 0
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def count(self, age: float) -> None:
+        """
+        Count a frame.
+
+        :param age: seconds from its capture until it was published.
+        """
+        with self._lock:
+            self._ages.append(age)
+
+    def _report(self) -> None:
+        """Publish how the last period was."""
+        now = time.monotonic()
+        with self._lock:
+            ages, self._ages = self._ages, []
+        seconds, self._since = now - self._since, now
+        condition = self._condition()
+        lost = condition.missed + condition.dropped
+        level, message = _judge(condition, len(ages), lost - self._lost_before)
+        self._lost_before = lost
+        values = {
+            'source': condition.source, 'format': condition.description,
+            'rate': f'{len(ages) / seconds:.1f} Hz',
+            'age': f'{1000 * max(ages, default=0.0):.1f} ms at most',
+            'dropped': condition.dropped, 'missed': condition.missed,
+            'reconnects': condition.reconnects}
+        status = DiagnosticStatus(
+            level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: source',
+            message=message, hardware_id=condition.source,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+
+def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
+    """Say whether all is well."""
+    if condition.paused:
+        return DiagnosticStatus.OK, 'paused'
+    if condition.trouble:
+        return DiagnosticStatus.ERROR, condition.trouble
+    if lost:
+        return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
+    return DiagnosticStatus.OK, 'publishing' if frames else 'no frame was due'

@@ -1,0 +1,128 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topics of a camera: its frames, the same compressed, and its calibration."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from opencv_tools.capture.rendition import Rendition
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.image.errors import ImageError
+from opencv_tools.ros.camera_info import Calibration
+from opencv_tools.ros.qos import create_frame_publisher
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
+
+# A subscriber may take a moment longer to know a publisher than the other way round.
+_SETTLE_SECONDS = 0.2
+
+
+class FrameTopics:
+    """
+    Publish frames to those who subscribe, and make nothing that nobody subscribes to.
+
+    The topics beside that of the images are where image_transport has them.
+    """
+
+    def __init__(self, node: Node, topic: str, calibration: Calibration, subscribers: int) -> None:
+        """
+        Create the publishers.
+
+        :param node: the node that publishes.
+        :param topic: of the images.
+        :param calibration: of the camera.
+        :param subscribers: how many are awaited before the first frame.
+        :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
+        """
+        self.calibration = calibration
+        self._bridge = CvBridge()
+        base = node.resolve_topic_name(topic)
+        self.images = create_frame_publisher(node, Image, topic)
+        self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
+        self._infos = create_frame_publisher(
+            node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
+        self._awaited = subscribers
+        self._settled_at = 0.0
+
+    def is_there(self) -> bool:
+        """Tell whether the subscribers that are awaited have come; they may leave again."""
+        if self._awaited:
+            now = time.monotonic()
+            if _count(self.images) + _count(self._compressed) < self._awaited:
+                self._settled_at = 0.0
+            else:
+                self._settled_at = self._settled_at or now + _SETTLE_SECONDS
+                if now >= self._settled_at:
+                    self._awaited = 0
+        return not self._awaited
+
+    def is_looking(self) -> bool:
+        """Tell whether anybody subscribes."""
+        return any(_count(publisher) for publisher in self._publishers())
+
+    def publish(self, rendition: Rendition, stamp: Time, frame_id: str) -> None:
+        """
+        Publish a frame wherever somebody subscribes.
+
+        :param rendition: the frame.
+        :param stamp: its time.
+        :param frame_id: the coordinate frame of the camera.
+        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        """
+        header = Header(stamp=stamp, frame_id=frame_id)
+        failure: ImageError | None = None
+        if _count(self._compressed):
+            try:
+                self._compressed.publish(_compressed_cdr(rendition, header))
+            except ImageError as err:
+                failure = err  # of a frame that is no picture for a JPEG the pixels may still go
+        if _count(self._infos):
+            self._infos.publish(self.calibration.message(header, *rendition.size))
+        if _count(self.images):
+            self.images.publish(
+                self._bridge.cv2_to_cdr(rendition.image, rendition.encoding, header))
+        if failure:
+            raise failure
+
+    def flush(self, seconds: float) -> bool:
+        """
+        Wait until reliable subscribers have every frame: what is not sent ends with the process.
+
+        :param seconds: how long to wait at most for each topic.
+        :returns: whether all did.
+        """
+        confirmed = [publisher.wait_for_all_acked(Duration(seconds=seconds))
+                     for publisher in self._publishers()]
+        return all(confirmed)
+
+    def _publishers(self) -> tuple[Publisher, ...]:
+        return self.images, self._compressed, self._infos
+
+
+def _count(publisher: Publisher) -> Any:
+    return publisher.get_subscription_count()
+
+
+def _compressed_cdr(rendition: Rendition, header: Header) -> bytes:
+    data, format_text = rendition.jpeg
+    return compressed_image_to_cdr(WireCompressedImage(
+        header.stamp.sec, header.stamp.nanosec, header.frame_id, format_text, data.data))

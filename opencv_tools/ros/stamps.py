@@ -1,0 +1,56 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""When a frame was captured, in the time of ROS."""
+
+from __future__ import annotations
+
+import time
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock
+import rclpy.time
+
+STAMPS = ('capture', 'publish')
+
+
+class Stamper:
+    """Stamp frames, each later than the one before."""
+
+    def __init__(self, clock: Clock) -> None:
+        """
+        Stamp by a clock.
+
+        :param clock: of the node, which may be simulated.
+        """
+        self._clock = clock
+        self._last_now = 0
+        self._last = 0
+
+    def stamp(self, captured_ns: int, kind: str, offset: float) -> Time:
+        """
+        Stamp a frame.
+
+        :param captured_ns: when it was captured, in nanoseconds of CLOCK_MONOTONIC.
+        :param kind: one of ``STAMPS``: what is stamped, the capture or this moment.
+        :param offset: seconds to add, such as the negative delay of a camera.
+        :returns: the stamp, later than the last one unless the clock was set back.
+        """
+        now = self._clock.now().nanoseconds
+        age = time.monotonic_ns() - captured_ns if kind == 'capture' else 0
+        stamp = max(0, now - age + round(offset * 1e9))  # simulated time begins at 0
+        if now >= self._last_now:
+            stamp = max(stamp, self._last + 1)
+        self._last_now, self._last = now, stamp
+        return rclpy.time.Time(nanoseconds=stamp).to_msg()
