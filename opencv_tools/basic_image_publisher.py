@@ -166,7 +166,7 @@ class ImagePublisher(Node):
         except ImageError as err:
             self._leave_out(err)
             return
-        self._diagnostics.count((time.monotonic_ns() - frame.stamp_ns) / 1e9)
+        self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(f'{width}x{height} {rendition.encoding}', self._dropped)
 
     def _leave_out(self, err: Exception) -> None:

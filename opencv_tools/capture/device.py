@@ -152,7 +152,7 @@ class VideoDevice:
 
     def set_rate(self, rate: float) -> float:
         """
-        Ask for a rate in frames per second, 0.0 to leave it as it is.
+        Ask for a rate in frames per second.
 
         :returns: what the device made of it, 0.0 when it does not tell.
         :raises OSError: the device is gone.
@@ -161,7 +161,7 @@ class VideoDevice:
         with self._opened() as fd:
             if not ask_about(fd, videodev.G_PARM, parameters):
                 return 0.0
-            if rate and parameters.capability & videodev.HAS_TIME_PER_FRAME:
+            if parameters.capability & videodev.HAS_TIME_PER_FRAME:
                 parameters.timeperframe = videodev.Fraction(1000, round(rate * 1000))
                 ask(fd, videodev.S_PARM, parameters)
         return _per_second(parameters.timeperframe)

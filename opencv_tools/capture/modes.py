@@ -22,19 +22,19 @@ from dataclasses import dataclass
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS
 from opencv_tools.image.encodings import COLOR_ENCODINGS
 
-# What OpenCV asks a camera for, which most can do.
-_USUAL_SIZE = (640, 480)
-_USUAL_RATE = 30.0
+#: What OpenCV asks a camera for, which most can do: width and height, frames per second.
+USUAL_SIZE = (640, 480)
+USUAL_RATE = 30.0
 
 
 @dataclass(frozen=True)
 class CameraRequest:
     """
-    What is wanted of a camera; whatever is left out is the camera's own, or the usual.
+    What is wanted of a camera; of what is left out the usual, or what comes nearest to it.
 
     :param width: in pixels; 0 for the usual one.
     :param height: in pixels; 0 for the usual one.
-    :param fps: frames per second; 0.0 for the camera's own rate.
+    :param fps: frames per second; 0.0 for the usual ones.
     :param fourcc: four letters of a pixel format; '' for the best one.
     :param encoding: what the frames are wanted in, which a raw format may already have.
     :param controls: settings to make, name and value; those that the camera lacks are passed by.
@@ -101,7 +101,7 @@ def _can_be_made(encoding: str) -> bool:
 
 
 def _size_distance(mode: Mode, request: CameraRequest) -> tuple[int, int]:
-    usual_width, usual_height = _USUAL_SIZE
+    usual_width, usual_height = USUAL_SIZE
     wanted = ((abs(mode.width - request.width) if request.width else 0)
               + (abs(mode.height - request.height) if request.height else 0))
     return wanted, abs(mode.width - usual_width) + abs(mode.height - usual_height)
@@ -110,8 +110,9 @@ def _size_distance(mode: Mode, request: CameraRequest) -> tuple[int, int]:
 def _rate_distance(rates: Sequence[float], wanted: float) -> float:
     if not rates:
         return 0.0
-    return min(abs(rate - wanted) for rate in rates) if wanted else max(
-        0.0, _USUAL_RATE - max(rates))
+    if wanted:
+        return min(abs(rate - wanted) for rate in rates)
+    return max(0.0, USUAL_RATE - max(rates))
 
 
 def describe_modes(modes: Sequence[Mode]) -> str:

@@ -29,9 +29,14 @@ from typing import Literal
 from opencv_tools.capture.controls import Control
 from opencv_tools.capture.device import Captured, VideoDevice
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
-from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
+from opencv_tools.capture.modes import (
+    CameraRequest, choose_mode, describe_modes, Mode, USUAL_RATE, USUAL_SIZE,
+)
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS, read_pixels
 from opencv_tools.capture.videodev import MAJOR
+
+# A driver may give a frame away before its end, which it stamps: vivid does, by most of a period.
+_AHEAD_NANOSECONDS = 100_000_000
 
 # A rate is a fraction in the kernel: 30000/1001 is what 30 may become.
 _RATE_TOLERANCE = 0.01
@@ -115,7 +120,8 @@ class CameraSource:
             raise CaptureError(
                 f'{self.name} ({self._device.card}) gives no pictures: cameras have several '
                 'numbers, try the next one')
-        modes = self._device.modes((request.width or 640, request.height or 480))
+        modes = self._device.modes((request.width or USUAL_SIZE[0],
+                                    request.height or USUAL_SIZE[1]))
         chosen = choose_mode(modes, request, self._device.rates)
         if chosen is None:
             raise CaptureError(
@@ -126,7 +132,7 @@ class CameraSource:
             raise CaptureError(f'camera {self.name} gives {self._format.fourcc} '
                                f'where {chosen.fourcc} was asked for')
         self._pixels = PIXEL_FORMATS[self._format.fourcc]
-        self.rate = self._device.set_rate(request.fps)
+        self.rate = self._device.set_rate(request.fps or USUAL_RATE)
         self._remark(request, modes)
         self._set_controls(dict(request.controls))
         self._device.start()
@@ -195,9 +201,9 @@ class CameraSource:
         """
         if captured.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
-        # The driver's stamp may lie a little ahead of the clock.
-        now_ns = time.monotonic_ns()
-        stamp_ns = min(captured.stamp_ns or now_ns, now_ns)
+        stamp_ns, now_ns = captured.stamp_ns, time.monotonic_ns()
+        if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
+            stamp_ns = now_ns
         with self._device.content(captured) as content:
             image = read_pixels(self._pixels, content, self._format.height, self._format.width,
                                 self._format.step)

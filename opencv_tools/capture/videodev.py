@@ -209,11 +209,19 @@ def ask_about(fd: int, request: int, argument: ctypes.Structure) -> bool:
     return True
 
 
+# Set in the number of a pixel format whose words have their most significant byte first.
+_BIG_ENDIAN = 1 << 31
+_BIG_ENDIAN_SUFFIX = '-BE'
+
+
 def pack_fourcc(text: str) -> int:
-    """Give the number of a pixel format's four letters."""
-    return int.from_bytes(text.ljust(4).encode('ascii'), 'little')
+    """Give the number of a pixel format that is written as by ``unpack_fourcc``."""
+    letters = text.removesuffix(_BIG_ENDIAN_SUFFIX)
+    number = int.from_bytes(letters.ljust(4).encode('latin-1'), 'little')
+    return number if letters == text else number | _BIG_ENDIAN
 
 
 def unpack_fourcc(number: int) -> str:
-    """Give a pixel format's letters, without blanks behind them."""
-    return (number & 0x7fffffff).to_bytes(4, 'little').decode('latin-1').rstrip()
+    """Write a pixel format: its letters without blanks behind them, and ``-BE`` for big-endian."""
+    letters = (number & ~_BIG_ENDIAN).to_bytes(4, 'little').decode('latin-1').rstrip()
+    return letters + _BIG_ENDIAN_SUFFIX if number & _BIG_ENDIAN else letters

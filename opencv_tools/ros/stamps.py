@@ -47,10 +47,25 @@ class Stamper:
         :param offset: seconds to add, such as the negative delay of a camera.
         :returns: the stamp, later than the last one unless the clock was set back.
         """
-        now = self._clock.now().nanoseconds
-        age = time.monotonic_ns() - captured_ns if kind == 'capture' else 0
+        now, monotonic = self._read_clocks()
+        age = monotonic - captured_ns if kind == 'capture' else 0
         stamp = max(0, now - age + round(offset * 1e9))  # simulated time begins at 0
         if now >= self._last_now:
             stamp = max(stamp, self._last + 1)
         self._last_now, self._last = now, stamp
         return rclpy.time.Time(nanoseconds=stamp).to_msg()
+
+    def _read_clocks(self) -> tuple[int, int]:
+        """
+        Read the clock and CLOCK_MONOTONIC at the same moment, in nanoseconds.
+
+        Between two readings the process may have to wait for its turn, so it is tried thrice.
+        """
+        readings = []
+        for _ in range(3):
+            before = time.monotonic_ns()
+            now = self._clock.now().nanoseconds
+            after = time.monotonic_ns()
+            readings.append((after - before, now, (before + after) // 2))
+        _, now, monotonic = min(readings)
+        return now, monotonic

@@ -1,0 +1,126 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from opencv_tools.capture.frame import BrokenFrameError
+from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
+from opencv_tools.capture.pattern import draw_pattern
+from opencv_tools.capture.pixel_formats import check_fourcc, PIXEL_FORMATS, read_pixels
+from opencv_tools.capture.videodev import pack_fourcc, unpack_fourcc
+from opencv_tools.image.encodings import find_encoding
+import pytest
+
+# A webcam as they are sold: raw frames are slow where they are large.
+RATES = {
+    Mode('YUYV', 640, 480): [15.0, 30.0], Mode('YUYV', 1280, 720): [10.0],
+    Mode('YUYV', 1920, 1080): [5.0], Mode('MJPG', 640, 480): [30.0],
+    Mode('MJPG', 1280, 720): [30.0, 60.0], Mode('MJPG', 1920, 1080): [30.0],
+    Mode('H264', 1920, 1080): [30.0],
+}
+
+
+@pytest.mark.parametrize(('request_', 'chosen'), [
+    (CameraRequest(), 'YUYV 640x480'),
+    (CameraRequest(width=1280), 'MJPG 1280x720'),
+    (CameraRequest(width=1920, height=1080), 'MJPG 1920x1080'),
+    (CameraRequest(width=1920, height=1080, fps=5.0), 'YUYV 1920x1080'),
+    (CameraRequest(width=1920, height=1080, fourcc='YUYV'), 'YUYV 1920x1080'),
+    (CameraRequest(width=1920, height=1080, encoding='yuv422_yuy2'), 'YUYV 1920x1080'),
+    (CameraRequest(height=700, encoding='bgr8'), 'MJPG 1280x720'),
+    (CameraRequest(fps=60.0, width=1280), 'MJPG 1280x720'),
+    (CameraRequest(width=9999, height=9999), 'MJPG 1920x1080'),
+    (CameraRequest(fourcc='GREY', width=320), 'YUYV 640x480'),
+])
+def test_the_mode_that_comes_nearest_is_chosen(request_: CameraRequest, chosen: str) -> None:
+    mode = choose_mode(list(RATES), request_, RATES.__getitem__)
+    assert f'{mode.fourcc} {mode.size}' == chosen
+
+
+@pytest.mark.parametrize(('encoding', 'chosen'), [
+    ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'GREY'), ('mono16', 'Y16'), ('nv12', 'NV12')])
+def test_an_encoding_that_a_format_has_is_preferred(encoding: str, chosen: str) -> None:
+    modes = [Mode(fourcc, 640, 480) for fourcc in ('GREY', 'NV12', 'Y16', 'YUYV')]
+    assert choose_mode(modes, CameraRequest(encoding=encoding), lambda _: []).fourcc == chosen
+
+
+def test_a_camera_of_unknown_formats_has_no_mode() -> None:
+    modes = [Mode('H264', 640, 480), Mode('Y16-BE', 640, 480)]
+    assert choose_mode(modes, CameraRequest(), lambda _: []) is None
+    assert choose_mode([], CameraRequest(), lambda _: []) is None
+
+
+def test_modes_are_described_by_their_sizes() -> None:
+    assert describe_modes([*RATES, Mode('GREY', 640, 480), Mode('GREY', 1280, 720),
+                           Mode('GREY', 1920, 1080)]) == (
+        'YUYV MJPG GREY in 640x480 1280x720 1920x1080; H264 in 1920x1080')
+
+
+@pytest.mark.parametrize(('text', 'number'), [
+    ('YUYV', 0x56595559), ('Y16', 0x20363159), ('Y16-BE', 0xa0363159), ('RGB3', 0x33424752)])
+def test_four_letters_are_a_number_and_back(text: str, number: int) -> None:
+    assert pack_fourcc(text) == number  # as v4l2_fourcc of <videodev2.h> makes them
+    assert unpack_fourcc(number) == text
+
+
+def test_letters_that_are_no_known_format() -> None:
+    check_fourcc('')
+    check_fourcc('MJPG')
+    with pytest.raises(ValueError, match='BGR3, RGB3'):
+        check_fourcc('H264')
+
+
+HEIGHT, WIDTH = 6, 8
+PADDING = 4
+
+
+@pytest.mark.parametrize('padding', [0, PADDING])
+@pytest.mark.parametrize('fourcc', [
+    fourcc for fourcc, known in PIXEL_FORMATS.items()
+    if known.encoding != 'jpeg' and fourcc not in ('YU12', 'YV12', 'NV24')])
+def test_pixels_are_copied_without_the_padding(fourcc: str, padding: int) -> None:
+    known = PIXEL_FORMATS[fourcc]
+    encoding = find_encoding(known.encoding)
+    rows = encoding.rows(HEIGHT)
+    content = np.random.default_rng(3).integers(
+        0, 255, (rows, WIDTH * encoding.pixel_bytes), np.uint8)
+    padded = np.pad(content, ((0, 0), (0, padding * encoding.pixel_bytes)), constant_values=77)
+    data = memoryview(padded.tobytes())
+    image = read_pixels(known, data, HEIGHT, WIDTH, padded.shape[1])
+    assert image.tobytes() == content.tobytes()
+    assert image.dtype == encoding.dtype
+    with pytest.raises(BrokenFrameError, match='the camera sent a part of a frame'):
+        read_pixels(known, data[:len(data) // 2], HEIGHT, WIDTH, padded.shape[1])
+
+
+@pytest.mark.parametrize('padding', [0, PADDING])
+@pytest.mark.parametrize(('fourcc', 'order'), [('YU12', (0, 1)), ('YV12', (1, 0))])
+def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) -> None:
+    picture = draw_pattern(3, 64, 48)
+    planes = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
+    luma, chroma = planes[:48], planes[48:].reshape(2, 24, 32)
+    lines = [np.pad(luma, ((0, 0), (0, 2 * padding)))]
+    lines += [np.pad(chroma[index], ((0, 0), (0, padding))) for index in order]
+    data = b''.join(line.tobytes() for line in lines)
+    image = read_pixels(PIXEL_FORMATS[fourcc], memoryview(data), 48, 64, 64 + 2 * padding)
+    assert np.array_equal(image, cv2.cvtColor(planes, cv2.COLOR_YUV2BGR_I420))
+
+
+def test_a_jpeg_is_copied_as_it_is() -> None:
+    buffer = bytearray(b'\xff\xd8 and so on')
+    image = read_pixels(PIXEL_FORMATS['MJPG'], memoryview(buffer), 48, 64, 0)
+    buffer[:] = bytes(len(buffer))
+    assert image.tobytes() == b'\xff\xd8 and so on'

@@ -1,0 +1,120 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.capture.pattern import draw_pattern
+from opencv_tools.capture.rendition import Look, Rendition
+from opencv_tools.image.errors import ImageError
+import pytest
+
+PICTURE = draw_pattern(12, 64, 48)
+JPEG_BYTES = cv2.imencode('.jpg', PICTURE)[1].reshape(-1)
+DECODED = cv2.imdecode(JPEG_BYTES, cv2.IMREAD_UNCHANGED)
+
+
+def frame_of(encoding: str) -> Frame:
+    image = {
+        'bgr8': PICTURE, 'mono8': cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY),
+        'rgb8': PICTURE[..., ::-1], 'bgr16': PICTURE * np.uint16(257),
+        'yuv422_yuy2': np.full((48, 64, 2), 128, np.uint8),
+        'nv12': np.full((72, 64), 128, np.uint8),
+        'bayer_rggb8': np.full((48, 64), 9, np.uint8),
+        '32FC1': np.ones((48, 64), np.float32), JPEG: JPEG_BYTES}[encoding]
+    return Frame(image, encoding)
+
+
+@pytest.mark.parametrize(('captured', 'wanted', 'published'), [
+    ('bgr8', '', 'bgr8'), ('rgb8', 'bgr8', 'bgr8'), (JPEG, '', 'bgr8'), (JPEG, 'mono16', 'mono16'),
+    ('yuv422_yuy2', '', 'yuv422_yuy2'), ('yuv422_yuy2', 'yuv422_yuy2', 'yuv422_yuy2'),
+    ('nv12', 'bgr8', 'bgr8'), ('32FC1', '', '32FC1'), ('bayer_rggb8', 'mono8', 'mono8')])
+def test_pixels_are_what_is_wanted(captured: str, wanted: str, published: str) -> None:
+    rendition = Rendition(frame_of(captured), Look(wanted))
+    assert rendition.encoding == published
+    assert rendition.size == (64, 48)
+    if captured == published == 'bgr8':
+        assert rendition.image is PICTURE
+
+
+def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
+    frame = frame_of(JPEG)
+    for encoding in ('', 'bgr8', 'rgb8'):
+        data, format_text = Rendition(frame, Look(encoding)).jpeg
+        assert data is frame.image
+        assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
+
+
+@pytest.mark.parametrize('look', [Look(flip='vertical'), Look(rotate=180), Look('mono8')])
+def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(look: Look) -> None:
+    rendition = Rendition(frame_of(JPEG), look)
+    data, _ = rendition.jpeg
+    shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    expected = cv2.imdecode(cv2.imencode(
+        '.jpg', np.ascontiguousarray(rendition.image), (cv2.IMWRITE_JPEG_QUALITY, 95))[1],
+        cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(shown, expected)
+    assert not np.array_equal(shown, DECODED)
+
+
+@pytest.mark.parametrize(('captured', 'format_text'), [
+    ('bgr8', 'bgr8; jpeg compressed bgr8'), ('rgb8', 'rgb8; jpeg compressed bgr8'),
+    ('mono8', 'mono8; jpeg compressed '), ('bgr16', 'bgr8; jpeg compressed bgr8'),
+    ('yuv422_yuy2', 'bgr8; jpeg compressed bgr8'), ('nv12', 'bgr8; jpeg compressed bgr8'),
+    ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
+def test_a_jpeg_is_told_as_compressed_image_transport_does(
+        captured: str, format_text: str) -> None:
+    data, told = Rendition(frame_of(captured), Look()).jpeg
+    assert told == format_text
+    shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
+    if captured in ('bgr8', 'rgb8', 'bgr16'):
+        assert np.abs(shown.astype(int) - PICTURE).mean() < 8
+
+
+def test_quality_makes_jpegs_larger() -> None:
+    sizes = [Rendition(frame_of('bgr8'), Look(jpeg_quality=quality)).jpeg[0].size
+             for quality in (1, 50, 100)]
+    assert sizes == sorted(set(sizes))
+
+
+@pytest.mark.parametrize(('captured', 'look'), [
+    ('32FC1', Look('bgr8')), ('bgr8', Look('yuv422_yuy2')), ('nv12', Look(rotate=90))])
+def test_what_cannot_be_is_refused(captured: str, look: Look) -> None:
+    with pytest.raises(ImageError):
+        _ = Rendition(frame_of(captured), look).image
+
+
+@pytest.mark.parametrize('data', [b'', b'no picture', JPEG_BYTES.tobytes()[:-300]])
+def test_a_jpeg_that_is_damaged_is_refused(data: bytes) -> None:
+    frame = Frame(np.frombuffer(data, np.uint8), JPEG)
+    with pytest.raises(ImageError):
+        _ = Rendition(frame, Look()).size
+
+
+def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+    for name in ('decode_picture', 'encode_picture', 'convert'):
+        original = getattr(__import__('opencv_tools.capture.rendition', fromlist=['x']), name)
+        monkeypatch.setattr(
+            f'opencv_tools.capture.rendition.{name}',
+            lambda *args, name=name, original=original: calls.append(name) or original(*args))
+    rendition = Rendition(frame_of(JPEG), Look('mono8'))
+    assert not calls
+    for _ in range(2):
+        assert rendition.image.shape == (48, 64)
+        assert rendition.jpeg[1] == 'mono8; jpeg compressed '
+    assert calls == ['decode_picture', 'convert', 'encode_picture']
