@@ -35,6 +35,8 @@ PICTURE_SUFFIXES = frozenset((
 # A JPEG may say which way is up, which OpenCV follows only without IMREAD_UNCHANGED.
 _ORIENTED_SUFFIXES = frozenset(('.jpg', '.jpeg', '.jpe'))
 
+_JPEG_BEGINS, _SCAN_BEGINS, _JPEG_ENDS = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
+
 
 def natural_order(path: Path) -> list[tuple[bool, int, str]]:
     """Sort key that puts ``frame2`` before ``frame10``."""
@@ -96,12 +98,25 @@ def _read_picture(path: Path) -> NDArray[Any]:
     oriented = path.suffix.lower() in _ORIENTED_SUFFIXES
     flags = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if oriented else cv2.IMREAD_UNCHANGED
     try:
-        encoded = np.fromfile(path, np.uint8)
-        image: NDArray[Any] | None = cv2.imdecode(encoded, flags) if encoded.size else None
+        content = path.read_bytes()
+        image: NDArray[Any] | None = cv2.imdecode(
+            np.frombuffer(content, np.uint8), flags) if content else None
     except OSError as err:
         raise BrokenFrameError(f'{path} cannot be read: {err.strerror}') from err
     except cv2.error as err:
         raise BrokenFrameError(f'{path} cannot be decoded: {err.err}') from err
+    if _is_cut_off(content):
+        raise BrokenFrameError(f'{path} is damaged: its end is missing')
     if image is None:
         raise BrokenFrameError(f'{path} is not a picture that OpenCV can read')
     return image
+
+
+def _is_cut_off(content: bytes) -> bool:
+    """
+    Tell whether the end of a JPEG is missing, which OpenCV 4.6 fills with gray.
+
+    A thumbnail before the picture has an end of its own.
+    """
+    return (content.startswith(_JPEG_BEGINS)
+            and content.rfind(_JPEG_ENDS) < content.rfind(_SCAN_BEGINS))

@@ -58,10 +58,13 @@ class VideoSource:
         if not self.skip():
             return None
         position = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        # 0 also stands for a time that OpenCV does not know: the last frames of an AVI that are
+        # not coded in their order, and of any such file for OpenCV 4.6.
+        known = math.isfinite(position) and (position or self._number == 1)
         decoded, image = self._capture.retrieve()
         if not decoded:
             raise BrokenFrameError(f'frame {self._number - 1} of {self.name} cannot be decoded')
-        return Frame(image, 'bgr8', position=position if math.isfinite(position) else None)
+        return Frame(image, 'bgr8', position=position if known else None)
 
     def rewind(self) -> None:
         # Opening again is exact for every container; seeking to frame 0 is not.
