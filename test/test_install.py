@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -49,6 +50,7 @@ def test_ros2_run_finds_and_runs_the_executables(tmp_path: Path) -> None:
 def test_launch_and_config_are_installed() -> None:
     share = Path(get_package_share_directory('opencv_tools'))
     assert (share / 'launch' / 'camera.launch.py').is_file()
+    assert (share / 'launch' / 'cameras.launch.py').is_file()
     assert (share / 'config' / 'camera.yaml').is_file()
     assert ElementTree.parse(share / 'package.xml').findtext('name') == 'opencv_tools'
 
@@ -74,6 +76,17 @@ def test_the_modules_can_be_run(module: str) -> None:
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'parameters [default]:' in finished.stdout
+
+
+def test_the_tests_that_the_readme_names_exist() -> None:
+    tests = Path(__file__).parent
+    named = re.findall(r'`((?:camera/)?test_\w+\.py)((?:::\w+)*)',
+                       tests.parent.joinpath('README.md').read_text())
+    assert len(named) > 20
+    for file, path in named:
+        source = tests.joinpath(file).read_text()
+        for name in filter(None, path.split('::')):
+            assert re.search(rf'^ *(def|class) {name}\b', source, re.MULTILINE), (file, name)
 
 
 @pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],

@@ -20,12 +20,18 @@ import cv2
 from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay
+from opencv_tools.image.color import convert
 from opencv_tools.image.compressed import CompressedFormat, parse_format
+from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
+from opencv_tools.pictures import convert_picture
 import pytest
 from sensor_msgs.msg import CompressedImage
 
 LOSSLESS = ('png', 'bmp', 'dib', 'tif', 'tiff', 'sr', 'ras', 'ppm')
 LOSSY = ('jpg', 'jpeg', 'jpe')
+
+# OpenCV before 4.14 is off by one where it makes gray of mosaics.
+OLD_BAYER = tuple(map(int, cv2.__version__.split('.')[:2])) < (4, 14)
 
 
 def compressed(image: np.ndarray, suffix: str, text: str) -> CompressedImage:
@@ -227,3 +233,19 @@ def test_what_cannot_be_shown_is_refused(
     assert reason in str(caught.value)
     with pytest.raises(CvBridgeError, match='encoding specified as mono16, but image has'):
         cvtColorForDisplay(np.zeros((2, 2), np.uint8), 'mono16', 'bgr8')
+
+
+@pytest.mark.parametrize('desired', COLOR_ENCODINGS)
+@pytest.mark.parametrize('source', ENCODINGS)
+def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> None:
+    left, right = ENCODINGS[source], ENCODINGS[desired]
+    for height, width in ((0, 4), (1, 2), (2, 2), (3, 4), (7, 5), (34, 30)):
+        pair = 2 if left.kind == 'yuv' else 1
+        image = random_image(source, height // pair * pair, width // pair * pair)
+        for strided in (image, np.concatenate([image, image], 1)[:, :image.shape[1]]):
+            expected = convert(strided, left, right)
+            converted = convert_picture(strided, left, right)
+            assert converted.dtype == expected.dtype
+            tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
+            np.testing.assert_allclose(converted, expected, rtol=0, atol=tolerance)
+            assert not np.shares_memory(converted, image)

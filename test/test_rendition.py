@@ -107,7 +107,7 @@ def test_a_jpeg_that_is_damaged_is_refused(data: bytes) -> None:
 
 def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for name in ('decode_picture', 'encode_picture', 'convert'):
+    for name in ('decode_picture', 'encode_picture', 'convert_picture'):
         original = getattr(__import__('opencv_tools.capture.rendition', fromlist=['x']), name)
         monkeypatch.setattr(
             f'opencv_tools.capture.rendition.{name}',
@@ -117,4 +117,4 @@ def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> No
     for _ in range(2):
         assert rendition.image.shape == (48, 64)
         assert rendition.jpeg[1] == 'mono8; jpeg compressed '
-    assert calls == ['decode_picture', 'convert', 'encode_picture']
+    assert calls == ['decode_picture', 'convert_picture', 'encode_picture']

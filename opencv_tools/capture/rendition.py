@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import Frame, JPEG
-from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
 from opencv_tools.image.orientation import orient
-from opencv_tools.pictures import decode_picture, encode_picture
+from opencv_tools.pictures import convert_picture, decode_picture, encode_picture
 
 # What a JPEG from a camera stands for without a change: its colours have no order of their own.
 _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
@@ -111,7 +110,7 @@ class Rendition:
         gray = actual.order == 'y'
         stored = find_encoding('mono8' if gray else 'bgr8')
         if actual != stored:
-            image = convert(image, actual, stored)
+            image = convert_picture(image, actual, stored)
         data = encode_picture(np.ascontiguousarray(image), '.jpg', self._look.jpeg_quality)
         # Sixteen bits, and other things than colours, are told as what is left of them.
         told = actual.name if actual.name in _AS_JPEG else stored.name
@@ -132,5 +131,5 @@ class Rendition:
             encoding = find_encoding(self._frame.encoding)
         wanted = find_encoding(self._look.encoding) if self._look.encoding else encoding
         if wanted != encoding:
-            image, encoding = convert(image, encoding, wanted), wanted
+            image, encoding = convert_picture(image, encoding, wanted), wanted
         return orient(image, encoding, self._look.flip, self._look.rotate)
