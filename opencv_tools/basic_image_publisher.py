@@ -245,7 +245,7 @@ class ImagePublisher(Node):
         source = self._grabber.source
         return Condition(
             self._settings['source'], source.description if source else '',
-            self._trouble, self._grabber.paused, getattr(source, 'missed', 0), self._dropped,
+            self._trouble, self._grabber.paused, self._grabber.missed, self._dropped,
             self._grabber.reconnects)
 
 

@@ -40,8 +40,9 @@ PUBLISHER = {
     'a text named png': (FAILED, {'source': 'text.png'},
                          'text.png is not a picture that OpenCV can read'),
     'a folder without pictures': (FAILED, {'source': 'empty'}, 'there is no picture in empty'),
-    'a stream that is not there': (FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
-                                   'rtsp://127.0.0.1:9/x cannot be opened as a video'),
+    'a stream that is not there': (
+        FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
+        'rtsp://127.0.0.1:9/x cannot be opened as a video'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': name a camera"),
     'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'as in pattern:640x480@30'),
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},

@@ -91,14 +91,14 @@ PADDING = 4
 @pytest.mark.parametrize('fourcc', [
     fourcc for fourcc, known in PIXEL_FORMATS.items()
     if known.encoding != 'jpeg' and fourcc not in ('YU12', 'YV12', 'NV24')])
-def test_pixels_are_copied_without_the_padding(fourcc: str, padding: int) -> None:
+def test_pixels_are_read_without_the_padding(fourcc: str, padding: int) -> None:
     known = PIXEL_FORMATS[fourcc]
     encoding = find_encoding(known.encoding)
     rows = encoding.rows(HEIGHT)
     content = np.random.default_rng(3).integers(
         0, 255, (rows, WIDTH * encoding.pixel_bytes), np.uint8)
     padded = np.pad(content, ((0, 0), (0, padding * encoding.pixel_bytes)), constant_values=77)
-    data = memoryview(padded.tobytes())
+    data = padded.tobytes()
     image = read_pixels(known, data, HEIGHT, WIDTH, padded.shape[1])
     assert image.tobytes() == content.tobytes()
     assert image.dtype == encoding.dtype
@@ -115,12 +115,10 @@ def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) ->
     lines = [np.pad(luma, ((0, 0), (0, 2 * padding)))]
     lines += [np.pad(chroma[index], ((0, 0), (0, padding))) for index in order]
     data = b''.join(line.tobytes() for line in lines)
-    image = read_pixels(PIXEL_FORMATS[fourcc], memoryview(data), 48, 64, 64 + 2 * padding)
+    image = read_pixels(PIXEL_FORMATS[fourcc], data, 48, 64, 64 + 2 * padding)
     assert np.array_equal(image, cv2.cvtColor(planes, cv2.COLOR_YUV2BGR_I420))
 
 
-def test_a_jpeg_is_copied_as_it_is() -> None:
-    buffer = bytearray(b'\xff\xd8 and so on')
-    image = read_pixels(PIXEL_FORMATS['MJPG'], memoryview(buffer), 48, 64, 0)
-    buffer[:] = bytes(len(buffer))
+def test_a_jpeg_is_left_as_it_is() -> None:
+    image = read_pixels(PIXEL_FORMATS['MJPG'], b'\xff\xd8 and so on', 48, 64, 0)
     assert image.tobytes() == b'\xff\xd8 and so on'

@@ -43,15 +43,21 @@ class Control:
     default: int
     choices: tuple[tuple[int, str], ...] = ()
 
+    @property
+    def range(self) -> str:
+        """Say what values there are."""
+        return f'give a number from {self.minimum} to {self.maximum}'
+
 
 def list_controls(fd: int) -> Iterator[Control]:
     """
-    Give the settings of an open device that can be changed and are one number.
+    Give the settings of an open device that can be read and changed and are one number.
 
     :raises OSError: the device is gone.
     """
     query = videodev.ControlQuery(id=videodev.NEXT_CONTROL)
-    unusable = videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
+    unusable = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
+                | videodev.CONTROL_IS_WRITE_ONLY)
     while ask_about(fd, videodev.QUERY_EXT_CTRL, query):
         if query.type in list(ControlType) and not query.flags & unusable:
             yield _describe_control(fd, query)

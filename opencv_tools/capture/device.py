@@ -27,6 +27,7 @@ import os
 from pathlib import Path
 import select
 from threading import RLock
+from typing import Any
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.controls import Control, list_controls
@@ -87,8 +88,11 @@ class VideoDevice:
         self.card = capability.card.decode('utf-8', 'replace')
         has_own = capability.capabilities & videodev.HAS_DEVICE_CAPS
         able = capability.device_caps if has_own else capability.capabilities
-        wanted = videodev.CAN_CAPTURE | videodev.CAN_STREAM
-        self.can_capture = able & wanted == wanted
+        captures = able & (videodev.CAN_CAPTURE | videodev.CAN_CAPTURE_PLANES)
+        self.can_capture = bool(captures and able & videodev.CAN_STREAM)
+        # The image processors of some boards tell of each plane, if there is but one.
+        self._planar = captures == videodev.CAN_CAPTURE_PLANES
+        self._type = videodev.CAPTURE_PLANES if self._planar else videodev.CAPTURE
 
     def close(self) -> None:
         """Stop and let go of the device; closing twice is allowed."""
@@ -110,7 +114,7 @@ class VideoDevice:
         modes: list[Mode] = []
         with self._opened() as fd:
             for index in itertools.count():
-                description = videodev.FormatDescription(index=index, type=videodev.CAPTURE)
+                description = videodev.FormatDescription(index=index, type=self._type)
                 if not ask_about(fd, videodev.ENUM_FMT, description):
                     return modes
                 fourcc = videodev.unpack_fourcc(description.pixelformat)
@@ -142,13 +146,15 @@ class VideoDevice:
         :returns: what the device made of it.
         :raises OSError: the device refuses, with EBUSY when another program streams from it.
         """
+        structure = videodev.PlanarFormat if self._planar else videodev.Format
+        wanted: Any = structure(
+            type=self._type, width=mode.width, height=mode.height,
+            pixelformat=videodev.pack_fourcc(mode.fourcc), field=videodev.FIELD_ANY)
         with self._opened() as fd:
-            wanted = videodev.Format(
-                type=videodev.CAPTURE, width=mode.width, height=mode.height,
-                pixelformat=videodev.pack_fourcc(mode.fourcc), field=videodev.FIELD_ANY)
             ask(fd, videodev.S_FMT, wanted)
-        return StreamFormat(videodev.unpack_fourcc(wanted.pixelformat), wanted.width,
-                            wanted.height, wanted.bytesperline)
+        step = wanted.planes[0].bytesperline if self._planar else wanted.bytesperline
+        return StreamFormat(
+            videodev.unpack_fourcc(wanted.pixelformat), wanted.width, wanted.height, step)
 
     def set_rate(self, rate: float) -> float:
         """
@@ -157,13 +163,13 @@ class VideoDevice:
         :returns: what the device made of it, 0.0 when it does not tell.
         :raises OSError: the device is gone.
         """
-        parameters = videodev.StreamParameters(type=videodev.CAPTURE)
+        parameters = videodev.StreamParameters(type=self._type)
         with self._opened() as fd:
             if not ask_about(fd, videodev.G_PARM, parameters):
                 return 0.0
             if parameters.capability & videodev.HAS_TIME_PER_FRAME:
                 parameters.timeperframe = videodev.Fraction(1000, round(rate * 1000))
-                ask(fd, videodev.S_PARM, parameters)
+                ask_about(fd, videodev.S_PARM, parameters)
         return _per_second(parameters.timeperframe)
 
     def controls(self) -> list[Control]:
@@ -202,16 +208,15 @@ class VideoDevice:
         :raises OSError: the device refuses, with EBUSY when another program streams from it.
         """
         with self._opened() as fd:
-            request = videodev.BufferRequest(_BUFFERS, videodev.CAPTURE, videodev.MMAP)
+            request = videodev.BufferRequest(_BUFFERS, self._type, videodev.MMAP)
             ask(fd, videodev.REQBUFS, request)
             for index in range(request.count):
-                buffer = videodev.Buffer(
-                    index=index, type=videodev.CAPTURE, memory=videodev.MMAP)
+                buffer, plane = self._make_buffer(index)
                 ask(fd, videodev.QUERYBUF, buffer)
                 self._maps.append(mmap.mmap(
-                    fd, buffer.length, prot=mmap.PROT_READ, offset=buffer.offset))
+                    fd, plane.length, prot=mmap.PROT_READ, offset=plane.offset))
                 self.requeue(index)
-            ask(fd, videodev.STREAMON, ctypes.c_int32(videodev.CAPTURE))
+            ask(fd, videodev.STREAMON, ctypes.c_int32(self._type))
 
     @property
     def buffers(self) -> int:
@@ -240,7 +245,7 @@ class VideoDevice:
         :returns: None when none is filled yet.
         :raises OSError: the device is gone, or its stream has broken.
         """
-        buffer = videodev.Buffer(type=videodev.CAPTURE, memory=videodev.MMAP)
+        buffer, plane = self._make_buffer()
         with self._opened() as fd:
             try:
                 ask(fd, videodev.DQBUF, buffer)
@@ -249,12 +254,12 @@ class VideoDevice:
         stamp_ns = buffer.seconds * 10**9 + buffer.microseconds * 1000
         monotonic = buffer.flags & videodev.BUFFER_CLOCK == videodev.BUFFER_CLOCK_MONOTONIC
         return Captured(
-            buffer.index, buffer.bytesused or buffer.length, buffer.sequence,
+            buffer.index, plane.bytesused or plane.length, buffer.sequence,
             stamp_ns if monotonic else 0, bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
 
-    def content(self, captured: Captured) -> memoryview:
-        """Give the bytes of a buffer, to be let go of before the buffer is given back."""
-        return memoryview(self._maps[captured.index])[:captured.size]
+    def content(self, captured: Captured) -> bytes:
+        """Copy the bytes of a buffer."""
+        return self._maps[captured.index][:captured.size]
 
     def requeue(self, index: int) -> None:
         """
@@ -263,8 +268,19 @@ class VideoDevice:
         :raises OSError: the device is gone.
         """
         with self._opened() as fd:
-            ask(fd, videodev.QBUF, videodev.Buffer(
-                index=index, type=videodev.CAPTURE, memory=videodev.MMAP))
+            ask(fd, videodev.QBUF, self._make_buffer(index)[0])
+
+    def _make_buffer(
+        self, index: int = 0,
+    ) -> tuple[videodev.Buffer, videodev.Buffer | videodev.Plane]:
+        """Make the description of a buffer, and of its plane, which may be the same."""
+        buffer = videodev.Buffer(index=index, type=self._type, memory=videodev.MMAP)
+        if not self._planar:
+            return buffer, buffer
+        planes = (videodev.Plane * 1)()
+        buffer.offset, buffer.length = ctypes.addressof(planes), len(planes)
+        buffer.planes = planes  # which has to live as long
+        return buffer, planes[0]
 
     @contextmanager
     def _opened(self) -> Iterator[int]:

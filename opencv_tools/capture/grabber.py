@@ -83,6 +83,7 @@ class Grabber:
         self.playback = playback
         self.source: Source | None = None
         self.reconnects = 0
+        self._missed = 0
         self._open_source = open_source
         self._watcher = watcher
         self._audience = audience
@@ -130,6 +131,12 @@ class Grabber:
         """Tell whether the source is lost, or was and has not given a frame since."""
         return bool(self._reason)
 
+    @property
+    def missed(self) -> int:
+        """Count the frames that a camera gave and nobody could take, for want of time."""
+        source = self.source
+        return self._missed + (source.missed if source is not None and source.live else 0)
+
     def reopen(self) -> None:
         """Close a camera or stream and open it as it is wanted now."""
         self._reopened.set()
@@ -150,6 +157,7 @@ class Grabber:
             except UnavailableError as err:
                 self._note_loss(err)
             finally:
+                self._missed = self.missed
                 self.source = None
                 source.close()
                 self._released.set()

@@ -29,8 +29,8 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
 
-#: Makes a fresh array of a buffer's bytes, the picture's height and width, and the bytes a line.
-Reader = Callable[[memoryview, int, int, int], NDArray[Any]]
+#: Makes an array of a buffer's bytes, the picture's height and width, and the bytes a line.
+Reader = Callable[[bytes, int, int, int], NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ class PixelFormat:
 
 
 def _read_pixels(
-    encoding: str, data: memoryview, height: int, width: int, step: int,
+    encoding: str, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
-    """Copy pixels that an encoding of ROS describes; what follows the last one may be missing."""
-    return np.array(view_pixels(data, height, width, step, find_encoding(encoding)))
+    """View pixels that an encoding of ROS describes."""
+    return view_pixels(data, height, width, step, find_encoding(encoding))
 
 
 def _read_planes(
-    conversion: int, data: memoryview, height: int, width: int, step: int,
+    conversion: int, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """Convert luma with two planes of chroma behind it, for which ROS has no encoding, to BGR."""
     lines = np.frombuffer(data, np.uint8, height * step * 3 // 2)
@@ -67,8 +67,8 @@ def _read_planes(
     return image
 
 
-def _read_jpeg(data: memoryview, _height: int, _width: int, _step: int) -> NDArray[Any]:
-    return np.array(data, np.uint8)
+def _read_jpeg(data: bytes, _height: int, _width: int, _step: int) -> NDArray[Any]:
+    return np.frombuffer(data, np.uint8)
 
 
 def _raw(fourcc: str, encoding: str) -> PixelFormat:
@@ -87,7 +87,8 @@ PIXEL_FORMATS = {known.fourcc: known for known in (
     _raw('GBRG', 'bayer_gbrg8'), _raw('GRBG', 'bayer_grbg8'),
     _raw('RG16', 'bayer_rggb16'), _raw('BYR2', 'bayer_bggr16'),
     _raw('GB16', 'bayer_gbrg16'), _raw('GR16', 'bayer_grbg16'),
-    _raw('GREY', 'mono8'), _raw('Y16', 'mono16'),
+    _raw('GREY', 'mono8'), _raw('Y16', 'mono16'), _raw('Y12', 'mono16'), _raw('Y10', 'mono16'),
+    _raw('Z16', '16UC1'),
 )}
 
 
@@ -102,17 +103,18 @@ def check_fourcc(text: str) -> None:
 
 
 def read_pixels(
-    pixel_format: PixelFormat, data: memoryview, height: int, width: int, step: int,
+    pixel_format: PixelFormat, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """
     Make an array of a camera's buffer.
 
     :param pixel_format: of the camera.
-    :param data: the bytes that the camera filled.
+    :param data: the bytes that the camera filled, copied.
     :param height: of the picture, in pixels.
     :param width: of the picture, in pixels.
     :param step: bytes from one line to the next.
-    :returns: a fresh array of the format's encoding; of ``JPEG`` its bytes, (n,) uint8.
+    :returns: an array of the format's encoding, for the most part a view of the bytes; of ``JPEG``
+        those themselves, (n,) uint8.
     :raises BrokenFrameError: the buffer holds less than a picture.
     """
     try:

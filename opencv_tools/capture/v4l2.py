@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import errno
 import grp
 import os
@@ -102,9 +102,12 @@ class CameraSource:
 
         :raises UnavailableError: the camera has gone.
         """
+        values = {}
         with _explained(self.name):
-            return {control: self._device.control(control)
-                    for control in self._device.controls()}
+            for control in self._device.controls():
+                with suppress(OSError):  # some that a camera lists it does not have
+                    values[control] = self._device.control(control)
+        return values
 
     def set_control(self, control: Control, value: int) -> None:
         """
@@ -112,8 +115,11 @@ class CameraSource:
 
         :raises UnavailableError: the camera refuses, or has gone.
         """
-        with _explained(self.name):
+        try:
             self._device.set_control(control, value)
+        except OSError as err:
+            raise UnavailableError(f'camera {self.name} refuses {control.name} {value} '
+                                   f'({err.strerror or err}): {control.range}') from err
 
     def _start(self, request: CameraRequest) -> None:
         if not self._device.can_capture:
@@ -164,13 +170,10 @@ class CameraSource:
         for control in self._device.controls() if wanted else ():
             if control.name not in wanted:
                 continue
-            value = wanted[control.name]
             try:
-                self._device.set_control(control, value)
-            except OSError as err:
-                self.remarks.append(
-                    f'camera {self.name} refuses {control.name} {value} ({err.strerror}): '
-                    f'give a number from {control.minimum} to {control.maximum}')
+                self.set_control(control, wanted[control.name])
+            except UnavailableError as err:
+                self.remarks.append(str(err))
 
     def _hold_newest(self) -> None:
         """
@@ -204,9 +207,8 @@ class CameraSource:
         stamp_ns, now_ns = captured.stamp_ns, time.monotonic_ns()
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
-        with self._device.content(captured) as content:
-            image = read_pixels(self._pixels, content, self._format.height, self._format.width,
-                                self._format.step)
+        image = read_pixels(self._pixels, self._device.content(captured), self._format.height,
+                            self._format.width, self._format.step)
         return Frame(image, self._pixels.encoding, stamp_ns)
 
     def _give_back(self) -> None:

@@ -25,11 +25,12 @@ import fcntl
 MAJOR = 81  # Documentation/admin-guide/devices.txt: video4linux
 
 CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE
+CAPTURE_PLANES = 9  # V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE
 MMAP = 1  # V4L2_MEMORY_MMAP
 FIELD_ANY = 0
-FIELD_ALTERNATE = 7
 
 CAN_CAPTURE = 0x00000001  # V4L2_CAP_VIDEO_CAPTURE
+CAN_CAPTURE_PLANES = 0x00001000  # V4L2_CAP_VIDEO_CAPTURE_MPLANE
 CAN_STREAM = 0x04000000
 HAS_DEVICE_CAPS = 0x80000000
 HAS_TIME_PER_FRAME = 0x1000
@@ -43,7 +44,7 @@ DISCRETE = 1  # V4L2_FRMSIZE_TYPE_DISCRETE, V4L2_FRMIVAL_TYPE_DISCRETE
 NEXT_CONTROL = 0x80000000
 CONTROL_IS_DISABLED = 0x0001
 CONTROL_IS_READ_ONLY = 0x0004
-CONTROL_IS_INACTIVE = 0x0010
+CONTROL_IS_WRITE_ONLY = 0x0040
 
 
 class ControlType(enum.IntEnum):
@@ -106,6 +107,22 @@ class Format(ctypes.Structure):
         ('rest', c_uint8 * (200 - 24))]
 
 
+class PlaneFormat(ctypes.Structure):
+    """``struct v4l2_plane_pix_format``."""
+
+    _fields_ = [('sizeimage', c_uint32), ('bytesperline', c_uint32), ('reserved', c_uint32 * 3)]
+
+
+class PlanarFormat(ctypes.Structure):
+    """``struct v4l2_format`` of a device that describes each plane of its pixels."""
+
+    _fields_ = [
+        ('type', c_uint32), ('align', c_uint32 * (ctypes.sizeof(ctypes.c_void_p) // 8)),
+        ('width', c_uint32), ('height', c_uint32), ('pixelformat', c_uint32),
+        ('field', c_uint32), ('colorspace', c_uint32), ('planes', PlaneFormat * 8),
+        ('num_planes', c_uint8), ('rest', c_uint8 * (200 - 20 - 8 * 20 - 1))]
+
+
 class StreamParameters(ctypes.Structure):
     """``struct v4l2_streamparm`` of a capture device."""
 
@@ -122,8 +139,16 @@ class BufferRequest(ctypes.Structure):
         ('capabilities', c_uint32), ('reserved', c_uint32)]
 
 
+class Plane(ctypes.Structure):
+    """``struct v4l2_plane``."""
+
+    _fields_ = [
+        ('bytesused', c_uint32), ('length', c_uint32), ('offset', c_uint64),
+        ('data_offset', c_uint32), ('reserved', c_uint32 * 11)]
+
+
 class Buffer(ctypes.Structure):
-    """``struct v4l2_buffer``."""
+    """``struct v4l2_buffer``; of a planar device ``offset`` points to ``length`` planes."""
 
     _fields_ = [
         ('index', c_uint32), ('type', c_uint32), ('bytesused', c_uint32), ('flags', c_uint32),

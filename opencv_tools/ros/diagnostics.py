@@ -110,6 +110,6 @@ def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
         return DiagnosticStatus.OK, 'paused'
     if condition.trouble:
         return DiagnosticStatus.ERROR, condition.trouble
-    if lost:
+    if lost > 0:
         return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
     return DiagnosticStatus.OK, 'publishing' if frames else 'no frame was due'
