@@ -54,14 +54,16 @@ class Captured:
     A filled buffer.
 
     :param index: which one, for ``VideoDevice.requeue``.
-    :param size: bytes in it.
+    :param start: the first byte of the picture in it.
+    :param stop: the byte behind the last one.
     :param sequence: the device's count of frames.
     :param stamp_ns: the driver's stamp in nanoseconds of CLOCK_MONOTONIC, 0 when it has another.
     :param broken: the device says that the data are damaged.
     """
 
     index: int
-    size: int
+    start: int
+    stop: int
     sequence: int
     stamp_ns: int
     broken: bool
@@ -254,12 +256,13 @@ class VideoDevice:
         stamp_ns = buffer.seconds * 10**9 + buffer.microseconds * 1000
         monotonic = buffer.flags & videodev.BUFFER_CLOCK == videodev.BUFFER_CLOCK_MONOTONIC
         return Captured(
-            buffer.index, plane.bytesused or plane.length, buffer.sequence,
-            stamp_ns if monotonic else 0, bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
+            buffer.index, plane.data_offset if isinstance(plane, videodev.Plane) else 0,
+            plane.bytesused or plane.length, buffer.sequence, stamp_ns if monotonic else 0,
+            bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
 
     def content(self, captured: Captured) -> bytes:
-        """Copy the bytes of a buffer."""
-        return self._maps[captured.index][:captured.size]
+        """Copy the picture in a buffer."""
+        return self._maps[captured.index][captured.start:captured.stop]
 
     def requeue(self, index: int) -> None:
         """
