@@ -1,15 +1,18 @@
 # make demo          a video through two ROS 2 nodes onto the disk, compared pixel for pixel
 # make test          build the package with colcon and run its tests
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
+# make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
 # make bench         what the package is measured by
+# make soak          ten minutes of both nodes: nothing lost, nothing left behind
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included. Where ROS 2 Jazzy is sourced, all but test-oldest use that and install nothing.
+# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, bench and soak use that and install
+# nothing.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test test-oldest bench clean
+.PHONY: demo test test-oldest test-camera bench soak clean
 
 PYTHON ?= python3
 
@@ -40,6 +43,11 @@ demo:
 bench:
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/startup.py
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/bridge.py
+	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
+	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/idle.py
+
+soak:
+	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/soak.py
 
 test:
 	@command -v colcon > /dev/null || \
@@ -54,6 +62,10 @@ demo: .venv/installed
 bench: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/startup.py
 	@$(call in_venv,.venv) python benchmarks/bridge.py
+	@$(call in_venv,.venv) python benchmarks/idle.py
+
+soak: .venv/installed
+	@$(call in_venv,.venv) python benchmarks/soak.py
 
 test: .venv/installed
 	$(call colcon_test,$(call in_venv,.venv),)
@@ -62,6 +74,9 @@ endif
 
 test-oldest: .venv-oldest/installed
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
+
+test-camera: .venv/installed
+	@$(call in_venv,.venv) python test/camera/machine.py
 
 .venv/ready: python = $(PYTHON)
 .venv/ready: newest = 14
@@ -94,5 +109,5 @@ test-oldest: .venv-oldest/installed
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest build install log demo *.egg-info .hypothesis .mypy_cache \
+	rm -rf .venv .venv-oldest .camera build install log demo *.egg-info .hypothesis .mypy_cache \
 	  .pytest_cache .ruff_cache

@@ -1,0 +1,497 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The nodes with a real V4L2 driver, ``vivid``, in the machine that ``machine.py`` boots.
+
+Each test prints the figures of its scenario. What the driver does is asked of others than this
+package: of v4l2-ctl and of the kernel's own trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import time
+
+from conftest import DEADLINE, executable, NodeProcess, spin_until
+import numpy as np
+from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.modes import CameraRequest
+from opencv_tools.capture.v4l2 import CameraSource
+import pytest
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from sensor_msgs.msg import Image
+from std_srvs.srv import SetBool
+
+Start = Callable[..., NodeProcess]
+
+BACK = 'is back after'
+WEBCAM = ('n_devs=1', 'node_types=0x1', 'num_inputs=1', 'input_types=0x0')
+VIDEO = Path('/dev/video0')
+DRIVER = Path('/sys/bus/platform/drivers/vivid')
+TRACE = Path('/sys/kernel/tracing')
+PERIOD = 0.04  # seconds between frames of 640x480
+
+
+def tell(scenario: str, figures: str) -> None:
+    print(f'\n  {scenario}: {figures}', flush=True)
+
+
+def run(*command: object) -> str:
+    return subprocess.run([str(word) for word in command], check=True, text=True,
+                          stdout=subprocess.PIPE, timeout=DEADLINE).stdout
+
+
+def control(*assignments: str) -> None:
+    """Set controls of the camera as another program."""
+    run('v4l2-ctl', '-d', VIDEO, '-c', ','.join(assignments))
+
+
+def plug_in() -> None:
+    DRIVER.joinpath('bind').write_text('vivid.0')
+
+
+def unplug() -> None:
+    DRIVER.joinpath('unbind').write_text('vivid.0')
+
+
+@pytest.fixture(scope='module', autouse=True)
+def driver() -> None:
+    """Load the driver: one webcam."""
+    run('modprobe', 'vivid', *WEBCAM)
+
+
+@pytest.fixture(autouse=True)
+def camera(driver: None) -> Iterator[None]:
+    """Leave a camera behind as it was found: plugged in, with nothing wrong."""
+    yield
+    control('percentage_of_dropped_buffers=0', 'test_pattern=0', 'osd_text_mode=0')
+
+
+class Viewer:
+    """A subscriber that keeps images, and when they came."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.images: list[Image] = []
+        self.arrived: list[float] = []
+        node.create_subscription(Image, 'video_frames', self._take, 10)
+
+    def _take(self, image: Image) -> None:
+        self.images.append(image)
+        self.arrived.append(time.time())
+
+    def wait_for(self, count: int) -> list[Image]:
+        """Give the next images."""
+        first = len(self.images)
+        spin_until(self.node, lambda: len(self.images) >= first + count)
+        return self.images[first:first + count]
+
+    def stamps(self) -> list[float]:
+        return [Time.from_msg(image.header.stamp).nanoseconds / 1e9 for image in self.images]
+
+    def ages(self) -> np.ndarray:
+        return np.array(self.arrived) - self.stamps()
+
+    def call(self, service_type: type, name: str, request: object) -> object:
+        client = self.node.create_client(service_type, name)
+        spin_until(self.node, client.service_is_ready)
+        future = client.call_async(request)
+        spin_until(self.node, future.done)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set_parameters(self, **values: object) -> str:
+        """Set parameters of the publisher; why it refuses, or ''."""
+        messages = [Parameter(name, value=value).to_parameter_msg()
+                    for name, value in values.items()]
+        answer = self.call(SetParameters, '/image_publisher/set_parameters',
+                           SetParameters.Request(parameters=messages))
+        return '; '.join(result.reason for result in answer.results if not result.successful)
+
+
+@pytest.fixture
+def viewer(node: Node) -> Viewer:
+    return Viewer(node)
+
+
+def seconds_until(process: NodeProcess, text: str, count: int = 1) -> float:
+    """Wait until a text is on the console once more than it was; how long it took."""
+    began = time.monotonic()
+    while process.output.count(text) < count:
+        assert time.monotonic() < began + DEADLINE, f'{text!r} did not come:\n{process.output}'
+        time.sleep(0.02)
+    return time.monotonic() - began
+
+
+FORMATS = {
+    'YUYV': ('yuv422_yuy2', 2 * 640, 480), 'GREY': ('mono8', 640, 480),
+    'Y16': ('mono16', 2 * 640, 480), 'NV12': ('nv12', 640, 480), 'RGB3': ('rgb8', 3 * 640, 480),
+}
+
+
+def test_five_formats_are_negotiated_and_read_back(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, encoding="''", publish_rate=0)
+    publisher.wait_for('opened: BGR3 640x480 at 25 Hz')
+    for fourcc, (encoding, step, height) in FORMATS.items():
+        assert not viewer.set_parameters(fourcc=fourcc)
+        publisher.wait_for(f'opened: {fourcc} 640x480')
+        while viewer.wait_for(1)[0].encoding != encoding:
+            pass
+        image = viewer.images[-1]
+        assert (image.step, image.height, image.width) == (step, height, 640)
+        assert len(image.data) == step * height * (3 if encoding == 'nv12' else 2) // 2
+        told = run('v4l2-ctl', '-d', VIDEO, '--get-fmt-video')
+        assert f"'{fourcc:4}'" in told and '640/480' in told
+    assert not viewer.set_parameters(fourcc='MJPG', width=800, height=600, fps=60.0)
+    publisher.wait_for('was asked for 60 Hz')
+    remarks = [line for line in publisher.output.splitlines() if '[WARN]' in line]
+    assert 'was asked for MJPG 800x600 and gives ' in remarks[-2]
+    assert '320x180 640x360 640x480 1280x720' in remarks[-2]
+    assert remarks[-1].endswith('it offers 1, 2, 4, 5, 10, 12.5, 15, 25')
+    tell('formats', f'{", ".join(FORMATS)} as asked; MJPG 800x600 at 60 Hz refused in words')
+
+
+def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> None:
+    control('test_pattern=0', 'osd_text_mode=2')  # colour bars without a counter
+    expected = tmp_path / 'expected.raw'
+    run('v4l2-ctl', '-d', VIDEO, '--set-fmt-video=width=640,height=480,pixelformat=YUYV',
+        '--stream-mmap', '--stream-count=1', f'--stream-to={expected}')
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.npy',
+                       max_frames=10)
+    publisher = start('img_publisher', source=0, encoding='yuv422_yuy2', max_frames=10,
+                      wait_for_subscribers=1)
+    assert subscriber.finish() == 0, subscriber.output
+    assert publisher.finish() == 0, publisher.output
+    assert 'opened: YUYV' in publisher.output
+    reference = np.fromfile(expected, np.uint8).reshape(480, 640, 2)
+    files = sorted((tmp_path / 'out').iterdir())
+    assert len(files) == 10
+    assert all(np.array_equal(np.load(file), reference) for file in files)
+    tell('raw YUYV', f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
+
+
+def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, brightness=100, contrst=5)
+    publisher.wait_for('unknown parameter contrst is not used; did you mean contrast?')
+    assert '100' in run('v4l2-ctl', '-d', VIDEO, '-C', 'brightness')
+    listed = run('v4l2-ctl', '-d', VIDEO, '-L')
+    names = re.findall(r'^ +(\w+) 0x\w+ \((?:int|bool|menu|intmenu)\) .*: min', listed, re.M)
+    described = viewer.call(
+        DescribeParameters, '/image_publisher/describe_parameters',
+        DescribeParameters.Request(names=['brightness', 'contrast', 'saturation', 'hue']))
+    ranges = {found.name: (found.integer_range[0].from_value, found.integer_range[0].to_value)
+              for found in described.descriptors}
+    for name, bounds in ranges.items():
+        line = re.search(rf'^ +{name} .*min=(-?\d+) max=(-?\d+)', listed, re.M)
+        assert bounds == (int(line[1]), int(line[2]))
+    assert not viewer.set_parameters(contrast=42, horizontal_flip=True)
+    told = run('v4l2-ctl', '-d', VIDEO, '-C', 'contrast,horizontal_flip')
+    assert re.findall(r': (\d+)', told) == ['42', '1']
+    assert 'out of range' in viewer.set_parameters(contrast=999)
+    assert 'Wrong parameter type' in viewer.set_parameters(contrast='high')
+    unplug()
+    publisher.wait_for('has gone')
+    assert not viewer.set_parameters(contrast=43)
+    plug_in()
+    publisher.wait_for('is back')
+    told = run('v4l2-ctl', '-d', VIDEO, '-C', 'brightness,contrast,horizontal_flip')
+    assert re.findall(r': (\d+)', told) == ['100', '43', '1']
+    tell('controls', f'{len(ranges)} ranges as v4l2-ctl lists them, of {len(names)} controls; '
+         'set, refused, and set again on the camera that came back')
+
+
+def test_a_frame_after_a_pause_is_fresh(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, publish_rate=0, width=320, height=180)
+    viewer.wait_for(20)
+    usual = float(np.median(viewer.ages()[-15:]))
+    publisher.interrupt(signal.SIGSTOP)
+    time.sleep(1.0)
+    count = len(viewer.images)
+    publisher.interrupt(signal.SIGCONT)
+    viewer.wait_for(15)
+    period = np.median(np.diff(viewer.stamps()[:20]))
+    # What was on its way when the process stopped may still arrive.
+    pause = int(np.argmax(np.diff(viewer.stamps()[count - 3:]))) + count - 2
+    oldest = float(viewer.ages()[pause:].max())
+    tell('freshness', 'after a pause of 1 s the oldest of 15 frames arrived '
+         f'{1000 * oldest:.0f} ms after its stamp, usual are {1000 * usual:.0f} ms, '
+         f'the period is {1000 * period:.0f} ms')
+    assert oldest < usual + period + 0.05
+
+
+@contextmanager
+def trace(event: str) -> Iterator[None]:
+    """Let the kernel write down an event."""
+    if not TRACE.joinpath('events').exists():
+        run('mount', '-t', 'tracefs', 'tracefs', TRACE)
+    switch = TRACE / 'events' / event / 'enable'
+    TRACE.joinpath('trace').write_text('')
+    switch.write_text('1')
+    try:
+        yield
+    finally:
+        switch.write_text('0')
+
+
+def test_stamps_are_those_of_the_driver(start: Start, viewer: Viewer) -> None:
+    with trace('v4l2/v4l2_dqbuf'):
+        start('img_publisher', source=0, publish_rate=0, width=320, height=180)
+        viewer.wait_for(30)
+        events = TRACE.joinpath('trace').read_text()
+    monotonic = [int(text) / 1e9 for text in re.findall(r'timestamp = (\d+)', events)]
+    driver = np.array(monotonic) + (time.time() - time.monotonic())
+    stamps = np.array(viewer.stamps()[5:30])
+    off = [float(np.abs(driver - stamp).min()) for stamp in stamps]
+    tell('stamps', f'{len(stamps)} within {1000 * max(off):.2f} ms of what the kernel traced, '
+         f'median {1000 * float(np.median(off)):.2f} ms')
+    assert (np.diff(stamps) > 0).all()
+    assert max(off) < 0.005
+
+
+@pytest.fixture(scope='class')
+def by_id(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a link to the camera, as udev makes it."""
+    link = tmp_path_factory.mktemp('by-id') / 'camera'
+    link.symlink_to(VIDEO)
+    return link
+
+
+@pytest.fixture(scope='class')
+def survivor(by_id: Path) -> Iterator[tuple[NodeProcess, Viewer]]:
+    """Give one publisher that lives through all that goes wrong with its camera, and a viewer."""
+    environment = {**os.environ, 'ROS_DOMAIN_ID': '101',
+                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    publisher = NodeProcess(
+        [executable('img_publisher'), '--ros-args', '-p', f'source:={by_id}'],
+        by_id.with_name('survivor.log'), environment)
+    context = Context()
+    rclpy.init(context=context, domain_id=101)
+    viewer = Viewer(Node('viewer', context=context))
+    viewer.wait_for(3)
+    yield publisher, viewer
+    publisher.kill()
+    viewer.node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+Survivor = tuple[NodeProcess, Viewer]
+
+
+class Ordeal:
+    """Something that goes wrong with the survivor's camera: how soon it is noticed and over."""
+
+    def __init__(self, survivor: Survivor, text: str) -> None:
+        self._publisher, self._viewer = survivor
+        self._text = text
+        self._times = self._publisher.output.count(text) + 1
+        self._back = self._publisher.output.count(BACK) + 1
+
+    def seconds_to_notice(self) -> float:
+        return seconds_until(self._publisher, self._text, self._times)
+
+    def seconds_to_come_back(self) -> float:
+        seconds = seconds_until(self._publisher, BACK, self._back)
+        self._viewer.wait_for(3)
+        return seconds
+
+
+class TestOneLife:
+    """One publisher lives through all that goes wrong with its camera."""
+
+    def test_a_stall_is_noticed_and_the_camera_comes_back(self, survivor: Survivor) -> None:
+        ordeal = Ordeal(survivor, 'has given no frame for 2 s')
+        control('percentage_of_dropped_buffers=100')
+        noticed = ordeal.seconds_to_notice()
+        control('percentage_of_dropped_buffers=0')
+        back = ordeal.seconds_to_come_back()
+        tell('stall', f'noticed in {noticed:.1f} s (read_timeout is 2 s), back in {back:.1f} s')
+        assert 1.8 < noticed < 3.0
+        assert back < 4.0
+
+    def test_a_broken_stream_is_opened_anew(self, survivor: Survivor) -> None:
+        ordeal = Ordeal(survivor, 'has failed')
+        control('inject_fatal_streaming_error=1')
+        noticed = ordeal.seconds_to_notice()
+        back = ordeal.seconds_to_come_back()
+        tell('broken stream', f'noticed in {noticed:.2f} s, back in {back:.2f} s')
+        assert noticed < 1.0
+        assert back < 2.0
+
+    def test_a_disconnected_camera_is_noticed(self, survivor: Survivor) -> None:
+        ordeal = Ordeal(survivor, 'has gone; is it still plugged in?')
+        control('disconnect=1')
+        noticed = ordeal.seconds_to_notice()
+        back = ordeal.seconds_to_come_back()
+        tell('disconnect', f'noticed in {noticed:.2f} s, back in {back:.1f} s')
+        assert noticed < 1.0
+        assert back < 3.0
+
+    def test_an_unplugged_camera_is_found_again(self, survivor: Survivor) -> None:
+        ordeal = Ordeal(survivor, 'has gone; is it still plugged in?')
+        unplug()
+        noticed = ordeal.seconds_to_notice()
+        survivor[0].wait_for('there is no camera')
+        time.sleep(1.0)
+        plug_in()
+        back = ordeal.seconds_to_come_back()
+        tell('unplug', f'noticed in {noticed:.2f} s, back in {back:.1f} s after it was plugged in')
+        assert noticed < 1.0
+        assert back < 3.0
+
+    def test_a_camera_is_found_under_another_number(
+            self, survivor: Survivor, by_id: Path) -> None:
+        ordeal = Ordeal(survivor, 'has gone; is it still plugged in?')
+        with VIDEO.open():  # who still holds the old number keeps it from being given again
+            unplug()
+            ordeal.seconds_to_notice()
+            plug_in()
+            assert not VIDEO.exists()
+            by_id.unlink()
+            by_id.symlink_to('/dev/video1')
+            back = ordeal.seconds_to_come_back()
+        ordeal = Ordeal(survivor, 'has gone; is it still plugged in?')
+        unplug()
+        by_id.unlink()
+        ordeal.seconds_to_notice()
+        by_id.symlink_to(VIDEO)
+        plug_in()
+        again = ordeal.seconds_to_come_back()
+        tell('by-id', f'back in {back:.1f} s as /dev/video1, and in {again:.1f} s as /dev/video0')
+        assert max(back, again) < 3.0
+
+
+def test_a_camera_that_stays_away_is_given_up(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, reconnect=3)
+    viewer.wait_for(3)
+    unplug()
+    try:
+        began = time.monotonic()
+        assert publisher.finish() == 1, publisher.output
+        gave_up = time.monotonic() - began
+    finally:
+        plug_in()
+    assert 'given up after 3.' in publisher.output
+    tell('given up', f'after {gave_up:.1f} s with status 1 (reconnect is 3)')
+    assert 2.5 < gave_up < 6.0
+
+
+def test_a_busy_camera_is_waited_for_and_left_alone(start: Start, viewer: Viewer) -> None:
+    other = subprocess.Popen(
+        ['v4l2-ctl', '-d', VIDEO, '--stream-mmap', '--stream-count=100000'],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        time.sleep(1.0)
+        publisher = start('img_publisher', source=0)
+        publisher.wait_for(
+            f'camera /dev/video0 is used by another program: v4l2-ctl (pid {other.pid})')
+        assert other.poll() is None
+    finally:
+        other.terminate()
+        other.wait()
+    back = seconds_until(publisher, BACK)
+    viewer.wait_for(3)
+    second = start('img_publisher', '--ros-args', '-r', '__ns:=/second', '--', source=0,
+                   reconnect='never')
+    assert second.finish() == 1
+    assert 'is used by another program: img_publisher' in second.output
+    assert viewer.call(SetBool, '/set_capture', SetBool.Request(data=False)).success
+    run('v4l2-ctl', '-d', VIDEO, '--stream-mmap', '--stream-count=3')
+    assert viewer.call(SetBool, '/set_capture', SetBool.Request(data=True)).success
+    viewer.wait_for(3)
+    tell('busy', f'its user is named; there {back:.1f} s after it was free; '
+         'a second publisher ends with status 1; set_capture lets go of it')
+    assert back < 2.0
+
+
+def test_a_camera_that_appears_later(start: Start, viewer: Viewer) -> None:
+    unplug()
+    publisher = start('img_publisher', source=0)
+    publisher.wait_for('there is no camera /dev/video0; cameras on this machine: none.')
+    assert publisher.output.count('there is no camera') == 1
+    time.sleep(2.0)
+    plug_in()
+    back = seconds_until(publisher, BACK)
+    viewer.wait_for(3)
+    assert publisher.output.count('there is no camera') == 1
+    tell('late camera', f'there {back:.1f} s after it was plugged in')
+    assert back < 3.0
+
+
+def test_who_may_not_use_the_camera_is_told_the_group() -> None:
+    os.chown(VIDEO, 0, 44)
+    VIDEO.chmod(0o660)
+    os.seteuid(65534)
+    try:
+        with pytest.raises(CaptureError, match=r'no permission .* usermod -aG video \$USER'):
+            CameraSource(VIDEO, CameraRequest())
+    finally:
+        os.seteuid(0)
+    tell('permission', 'the group video is named')
+
+
+def test_a_part_of_the_frames_is_missed_and_counted() -> None:
+    source = CameraSource(VIDEO, CameraRequest(width=320, height=180))
+    try:
+        stamps = []
+        for _ in range(5):
+            while not source.wait(1.0):
+                pass
+            stamps.append(source.read().stamp_ns / 1e9)
+            age = time.monotonic() - stamps[-1]
+            time.sleep(0.5)  # longer than the camera can wait
+            assert -0.1 < age < 0.2  # vivid stamps before the time has come
+        periods = (stamps[-1] - stamps[0]) * source.rate
+        assert source.missed == pytest.approx(periods, rel=0.2)
+    finally:
+        source.close()
+    tell('missed', f'{source.missed} of {periods:.0f} frames that a slow reader could not take')
+
+
+def capture_bars(fourcc: str) -> np.ndarray:
+    """Read one frame of colour bars without a counter."""
+    control('osd_text_mode=2')
+    source = CameraSource(VIDEO, CameraRequest(fourcc=fourcc))
+    try:
+        assert source.description.startswith(fourcc)
+        assert source.wait(5.0)
+        return source.read().image
+    finally:
+        source.close()
+
+
+def test_a_camera_that_describes_planes() -> None:
+    fourccs = ('YUYV', 'NV12', 'RGB3')
+    expected = [capture_bars(fourcc) for fourcc in fourccs]
+    run('rmmod', 'vivid')
+    try:
+        run('modprobe', 'vivid', *WEBCAM, 'multiplanar=2')
+        assert 'Multiplanar' in run('v4l2-ctl', '-d', VIDEO, '--info')
+        images = [capture_bars(fourcc) for fourcc in fourccs]
+    finally:
+        run('rmmod', 'vivid')
+        run('modprobe', 'vivid', *WEBCAM)
+    assert all(map(np.array_equal, images, expected))
+    tell('multi-planar', f'{", ".join(fourccs)}: the same pixels')
