@@ -29,7 +29,7 @@ def parse_cameras(text: str) -> dict[str, str]:
     """
     pairs = [word.partition('=')[::2] for word in text.split()]
     cameras = dict(pairs)
-    if not pairs or len(cameras) < len(pairs) or not all(name and source for name, source in pairs):
+    if not pairs or len(cameras) < len(pairs) or '' in {*cameras, *cameras.values()}:
         raise ValueError(f'cameras is {text!r}: give each camera a source and a name of its own, '
                          "as in cameras:='front=0 rear=/dev/v4l/by-id/usb-rear-video-index0'")
     return cameras

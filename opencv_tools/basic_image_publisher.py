@@ -156,6 +156,7 @@ class ImagePublisher(Node):
         """Publish one frame, None if nobody sees it."""
         if frame is None or not self._topics.is_looking():
             self._progress.tick('nobody subscribes', self._dropped)
+            self._diagnostics.count()
             return
         rendition = Rendition(frame, look(self._settings))
         stamp = self._stamper.stamp(

@@ -66,7 +66,7 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 # As they stand in OpenCV's names of conversions.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
-_JPEG_BEGINS, _JPEG_ENDS = b'\xff\xd8', b'\xff\xd9'
+_JPEG_BEGINS, _SCAN_BEGINS, _JPEG_ENDS = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
 def encode_picture(
@@ -110,26 +110,35 @@ def encode_picture(
     return data
 
 
-def decode_picture(data: Any) -> NDArray[Any]:
+def decode_picture(data: Any, upright: bool = False) -> NDArray[Any]:
     """
     Read the content of a picture file, with the depth and channels it has.
 
     :param data: a buffer with the bytes of the file.
+    :param upright: turn a JPEG the way up that it says itself, as a camera held on its side does.
     :returns: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array, fresh.
     :raises PictureError: it is no picture, or not a whole one.
     """
     content = np.frombuffer(data, np.uint8)
     described = f'{content.size} bytes'
-    if content[:2].tobytes() == _JPEG_BEGINS and _JPEG_ENDS not in content.tobytes():
+    is_jpeg = content[:2].tobytes() == _JPEG_BEGINS
+    if is_jpeg and _is_cut_off(content.tobytes()):
         raise PictureError(f'{described} of a JPEG picture whose end is missing')  # 4.6 fills in
+    # OpenCV turns what it reads only where it may change the channels, too, which JPEG has not.
+    flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
+             else cv2.IMREAD_UNCHANGED)
     try:
-        image: NDArray[Any] | None = cv2.imdecode(
-            content, cv2.IMREAD_UNCHANGED) if content.size else None
+        image: NDArray[Any] | None = cv2.imdecode(content, flags) if content.size else None
     except cv2.error as err:
         raise PictureError(f'{described} cannot be read as a picture: {err.err}') from err
     if image is None:
         raise PictureError(f'{described} are not a picture that OpenCV can read')
     return image
+
+
+def _is_cut_off(jpeg: bytes) -> bool:
+    """Tell whether the end of a JPEG is missing; a thumbnail before it has an end of its own."""
+    return jpeg.rfind(_JPEG_ENDS) < max(0, jpeg.rfind(_SCAN_BEGINS))
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:

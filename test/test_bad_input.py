@@ -38,7 +38,7 @@ PUBLISHER = {
     'a text named mp4': (FAILED, {'source': 'text.mp4'},
                          'text.mp4 cannot be opened as a video: it is damaged, not a video'),
     'a text named png': (FAILED, {'source': 'text.png'},
-                         'text.png is not a picture that OpenCV can read'),
+                         'text.png cannot be read: 5 bytes are not a picture'),
     'a folder without pictures': (FAILED, {'source': 'empty'}, 'there is no picture in empty'),
     'a stream that is not there': (
         FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},

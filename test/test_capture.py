@@ -144,7 +144,7 @@ def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
     player = play(source, broken.append, rate=100.0)
     assert [int(frame.image[0, 0]) for frame in player.frames()] == [0, 2]
     assert [str(err) for err in broken] == [
-        f'{tmp_path}/1.png is not a picture that OpenCV can read']
+        f'{tmp_path}/1.png cannot be read: 10 bytes are not a picture that OpenCV can read']
 
 
 @pytest.mark.parametrize(('name', 'text'), [

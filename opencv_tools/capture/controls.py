@@ -44,8 +44,8 @@ class Control:
     choices: tuple[tuple[int, str], ...] = ()
 
     @property
-    def range(self) -> str:
-        """Say what values there are."""
+    def remedy(self) -> str:
+        """Say what values can be given."""
         return f'give a number from {self.minimum} to {self.maximum}'
 
 

@@ -222,7 +222,7 @@ class VideoDevice:
 
     @property
     def buffers(self) -> int:
-        """Number of buffers that the device may fill before one is given back."""
+        """Count the buffers that the device may fill before one is given back."""
         return len(self._maps)
 
     def wait(self, seconds: float) -> bool:

@@ -69,7 +69,7 @@ class Rendition:
     @property
     def image(self) -> NDArray[Any]:
         """
-        The pixels, (h, w) or (h, w, c).
+        Give the pixels, (h, w) or (h, w, c).
 
         :raises ImageError: the frame is no picture, or cannot be what is wanted.
         """
@@ -78,7 +78,7 @@ class Rendition:
     @property
     def encoding(self) -> str:
         """
-        The encoding of the pixels.
+        Name the encoding of the pixels.
 
         :raises ImageError: as for ``image``.
         """
@@ -87,7 +87,7 @@ class Rendition:
     @property
     def size(self) -> tuple[int, int]:
         """
-        Width and height of the picture.
+        Give width and height of the picture.
 
         :raises ImageError: as for ``image``.
         """
@@ -97,7 +97,7 @@ class Rendition:
     @cached_property
     def jpeg(self) -> tuple[NDArray[Any], str]:
         """
-        A JPEG, (n,) uint8, and its format string, as compressed_image_transport writes it.
+        Make a JPEG, (n,) uint8, and its format string, as compressed_image_transport writes it.
 
         What the camera has compressed is passed on as it is.
 

@@ -119,7 +119,7 @@ class CameraSource:
             self._device.set_control(control, value)
         except OSError as err:
             raise UnavailableError(f'camera {self.name} refuses {control.name} {value} '
-                                   f'({err.strerror or err}): {control.range}') from err
+                                   f'({err.strerror or err}): {control.remedy}') from err
 
     def _start(self, request: CameraRequest) -> None:
         if not self._device.can_capture:

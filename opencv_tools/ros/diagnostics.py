@@ -70,11 +70,11 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def count(self, age: float) -> None:
+    def count(self, age: float = 0.0) -> None:
         """
         Count a frame.
 
-        :param age: seconds from its capture until it was published.
+        :param age: seconds from its capture until it was published; 0.0 if nobody saw it.
         """
         with self._lock:
             self._ages.append(age)
