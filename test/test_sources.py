@@ -124,7 +124,7 @@ class StreamHandler(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header('Content-Type', 'multipart/x-mixed-replace; boundary=frame')
         self.end_headers()
-        for number in range(256):
+        for number in range(15 if self.path == '/broken.mjpg' else 256):
             self.server.number = number
             picture = cv2.imencode('.jpg', np.full((48, 64), number, np.uint8))[1].tobytes()
             head = f'--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n'
@@ -180,6 +180,18 @@ def test_of_a_stream_the_newest_frame_is_shown(
     assert publisher.finish() == 0, publisher.output
     assert 2 < np.mean(np.diff(shown)) < 4  # ten of thirty a second
     assert np.median(behind) <= 3
+
+
+def test_a_stream_that_breaks_is_opened_again(
+        start: Start, node: Node, server: ThreadingHTTPServer) -> None:
+    shown: list[int] = []
+    node.create_subscription(
+        Image, 'video_frames', lambda message: shown.append(message.data[0]), 10)
+    url = f'http://127.0.0.1:{server.server_port}/broken.mjpg'
+    publisher = start('img_publisher', source=url, publish_rate=0)
+    spin_until(node, lambda: sum(np.diff(shown) < 0) >= 2)  # it began again, twice
+    assert publisher.output.count(f'{url} has ended, or is not reachable any more; waiting') >= 2
+    assert publisher.output.count(f'{url} is back after') >= 2
 
 
 def test_pictures_of_different_sizes_and_a_broken_one(

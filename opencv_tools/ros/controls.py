@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from contextlib import suppress
 
 from opencv_tools.capture.controls import Control
 from opencv_tools.capture.frame import CaptureError
@@ -29,7 +29,6 @@ from opencv_tools.ros.parameters import (
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 import rclpy.parameter
-
 
 # Of a setting that is called like a parameter of the node.
 _SUFFIX = '_control'
@@ -106,18 +105,33 @@ class CameraControls:
                          max(value, control.maximum), step=control.step if even else 1)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
-        """Set the camera, or refuse with the reason."""
+        """Set the camera to all that was changed, or to nothing of it, with the reason."""
+        camera = self._camera()
+        before: list[tuple[Control, int]] = []
         wanted = dict(self.wanted)
         try:
-            for change in changes:
-                if change.name in self._controls:
-                    parameter, control = self._controls[change.name]
-                    value: Any = parameter.accept(change.value)
-                    camera = self._camera()
-                    if camera:
-                        camera.set_control(control, int(value))
-                    wanted[control.name] = int(value)
+            for parameter, control, value in self._accept(changes):
+                if camera:
+                    camera.set_control(control, value)
+                    before.append((control, int(self._node.get_parameter(parameter.name).value)))
+                wanted[control.name] = value
         except (CaptureError, ParameterError) as err:
+            for control, value in before:
+                with suppress(CaptureError):
+                    camera.set_control(control, value)
             return SetParametersResult(successful=False, reason=str(err))
         self.wanted = tuple(wanted.items())
         return SetParametersResult(successful=True)
+
+    def _accept(
+        self, changes: list[rclpy.parameter.Parameter],
+    ) -> list[tuple[Parameter, Control, int]]:
+        """
+        Pick the changes of the camera's settings.
+
+        :raises ParameterError: a value that the camera cannot have.
+        """
+        known = [(*self._controls[change.name], change.value) for change in changes
+                 if change.name in self._controls]
+        return [(parameter, control, int(parameter.accept(value)))
+                for parameter, control, value in known]

@@ -197,16 +197,21 @@ def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, brightness=100, contrst=5)
     publisher.wait_for('unknown parameter contrst is not used; did you mean contrast?')
     assert '100' in run('v4l2-ctl', '-d', VIDEO, '-C', 'brightness')
-    listed = run('v4l2-ctl', '-d', VIDEO, '-L')
-    names = re.findall(r'^ +(\w+) 0x\w+ \((?:int|bool|menu|intmenu)\) .*: min', listed, re.M)
+    listed = {name: (kind, bounds) for name, kind, bounds in re.findall(
+        r'^ +(\w+) 0x\w+ \((int|bool|menu|intmenu)\) *: (.*)',
+        run('v4l2-ctl', '-d', VIDEO, '-L'), re.MULTILINE) if 'read-only' not in bounds}
     described = viewer.call(
         DescribeParameters, '/image_publisher/describe_parameters',
-        DescribeParameters.Request(names=['brightness', 'contrast', 'saturation', 'hue']))
-    ranges = {found.name: (found.integer_range[0].from_value, found.integer_range[0].to_value)
-              for found in described.descriptors}
-    for name, bounds in ranges.items():
-        line = re.search(rf'^ +{name} .*min=(-?\d+) max=(-?\d+)', listed, re.M)
-        assert bounds == (int(line[1]), int(line[2]))
+        DescribeParameters.Request(names=list(listed))).descriptors
+    assert [found.name for found in described] == list(listed)
+    for found in described:
+        kind, bounds = listed[found.name]
+        if kind == 'int':
+            least, most = map(int, re.match(r'min=(-?\d+) max=(-?\d+) ', bounds).groups())
+            assert found.integer_range[0].from_value == least
+            assert found.integer_range[0].to_value == most
+        elif kind != 'bool':
+            assert found.additional_constraints.startswith('one of: ')
     assert not viewer.set_parameters(contrast=42, horizontal_flip=True)
     told = run('v4l2-ctl', '-d', VIDEO, '-C', 'contrast,horizontal_flip')
     assert re.findall(r': (\d+)', told) == ['42', '1']
@@ -219,7 +224,7 @@ def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
     publisher.wait_for('is back')
     told = run('v4l2-ctl', '-d', VIDEO, '-C', 'brightness,contrast,horizontal_flip')
     assert re.findall(r': (\d+)', told) == ['100', '43', '1']
-    tell('controls', f'{len(ranges)} ranges as v4l2-ctl lists them, of {len(names)} controls; '
+    tell('controls', f'{len(listed)} parameters as v4l2-ctl lists the controls; '
          'set, refused, and set again on the camera that came back')
 
 
