@@ -206,8 +206,8 @@ def test_a_damaged_video_is_shown_as_far_as_it_goes(
         assert count in ([CLIP_FRAMES] if kind == 'spots' else [47, 48])
         assert_equal(pixels(run.messages[:47]), expected)
         warnings = [line.partition(']: ')[2] for line in console.splitlines() if '[WARN]' in line]
-        assert warnings == [] if kind == 'spots' else [
-            f'frame left out: {kind}.mp4 is damaged: it ends after {count} of its 90 frames']
+        assert warnings == ([] if kind == 'spots' else [
+            f'frame left out: {kind}.mp4 is damaged: it ends after {count} of its 90 frames'])
         assert_lines(console)
 
 
