@@ -71,6 +71,7 @@ class ImagePublisher(Node):
         self.done = Future()
         self._dropped = 0
         self._trouble = ''
+        self._left_out = ''
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
         self._topics = FrameTopics(self, 'video_frames', self._calibrate(),
@@ -173,7 +174,12 @@ class ImagePublisher(Node):
     def _leave_out(self, err: Exception) -> None:
         """Take note of a frame that cannot be published."""
         self._dropped += 1
-        self.get_logger().warning(f'frame left out: {err}', throttle_duration_sec=1.0)
+        text = f'frame left out: {err}'
+        if text == self._left_out:  # a camera may send the same again and again
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
+        else:
+            self.get_logger().warning(text)
+        self._left_out = text
 
     def _finish(self) -> None:
         """
