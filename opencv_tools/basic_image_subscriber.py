@@ -155,10 +155,10 @@ class ImageSubscriber(Node):
     def _count_lost(self, info: MessageInfo) -> None:
         """Count the messages that were published since the last one but did not arrive."""
         number = info['publication_sequence_number'] or 0
-        missing = number - self._last_number - 1 if self._last_number else 0
-        # The numbers of several publishers say nothing: each counts for itself.
-        if missing > 0 and self.subscription.get_publisher_count() == 1:
-            self._lost += missing
+        if self.subscription.get_publisher_count() != 1:
+            number = 0  # the numbers of several publishers say nothing: each counts for itself
+        if number and self._last_number:
+            self._lost += max(0, number - self._last_number - 1)
         self._last_number = number
 
     def _dropped(self) -> int:

@@ -119,6 +119,28 @@ def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_writte
     assert all(np.array_equal(picture, expected) for picture in read_pictures(tmp_path / 'out'))
 
 
+def test_frames_of_a_second_publisher_are_not_missed_when_it_leaves(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    message = fill_as_the_tutorial_does(np.zeros((48, 64, 3), np.uint8))
+    stays, leaves = (node.create_publisher(Image, 'video_frames', 10) for _ in range(2))
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    spin_until(node, lambda: stays.get_subscription_count() and leaves.get_subscription_count())
+    for _ in range(20):
+        stays.publish(message)
+        time.sleep(0.02)
+    leaves.publish(message)
+    time.sleep(0.5)
+    node.destroy_publisher(leaves)
+    time.sleep(0.5)
+    for _ in range(20):
+        stays.publish(message)
+        time.sleep(0.02)
+    time.sleep(0.5)
+    subscriber.interrupt()
+    assert subscriber.finish() == 0, subscriber.output
+    assert re.search(r'Received 41 .*: 41 written to .*, 0 dropped', subscriber.output)
+
+
 def test_frames_that_do_not_arrive_are_counted(start: Start, node: Node, tmp_path: Path) -> None:
     message = fill_as_the_tutorial_does(np.zeros((720, 1280, 3), np.uint8))
     publisher = node.create_publisher(Image, 'video_frames', 10)
