@@ -99,10 +99,11 @@ class CameraControls:
         if control.choices:
             return Parameter(name, value, description,
                              choices=tuple(number for number, _ in control.choices))
-        # Some drivers have values that their own ranges do not.
-        even = (value - control.minimum) % control.step == 0
+        # Some drivers have values that their own ranges do not, or no step.
+        step = max(1, control.step)
+        even = (value - control.minimum) % step == 0
         return Parameter(name, value, description, min(value, control.minimum),
-                         max(value, control.maximum), step=control.step if even else 1)
+                         max(value, control.maximum), step=step if even else 1)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all that was changed, or to nothing of it, with the reason."""
