@@ -39,9 +39,7 @@ from opencv_tools.ros.capture_parameters import (
 from opencv_tools.ros.controls import CameraControls
 from opencv_tools.ros.diagnostics import Condition, Diagnostics
 from opencv_tools.ros.frame_topics import FrameTopics
-from opencv_tools.ros.parameters import (
-    declare_parameters, describe_unknown, unknown_parameters, watch_parameters,
-)
+from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.stamps import Stamper
@@ -50,7 +48,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo
 from std_srvs.srv import SetBool
-
 
 _ACKNOWLEDGE_SECONDS = 5
 _STOP_SECONDS = 5
@@ -70,7 +67,6 @@ class ImagePublisher(Node):
         self._settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self._dropped = 0
-        self._trouble = ''
         self._left_out = ''
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
@@ -85,8 +81,7 @@ class ImagePublisher(Node):
         self.create_service(SetBool, 'set_capture', self._set_capture)
         self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
         if not is_camera(self._settings['source']):
-            for name in unknown_parameters(self, PARAMETERS):
-                self.get_logger().warning(describe_unknown(name, PARAMETERS))
+            self._controls.refuse_the_rest()
         if self._settings['wait_for_subscribers']:
             self.get_logger().info(
                 f'Waiting for {self._settings["wait_for_subscribers"]} subscriber(s)')
@@ -108,7 +103,7 @@ class ImagePublisher(Node):
 
     def opened(self, source: Source) -> None:
         """Say what was opened, and what came of what was asked for."""
-        if not self._grabber.away:
+        if not self._grabber.trouble:
             self.get_logger().info(f'{source.name} opened: {source.description}, '
                                    f'publishing to {self.publisher_.topic_name}')
         if isinstance(source, CameraSource):
@@ -118,14 +113,12 @@ class ImagePublisher(Node):
 
     def lost(self, reason: UnavailableError) -> None:
         """Say that there is no source now."""
-        self._trouble = str(reason)
         seconds = self._grabber.playback.reconnect
         limit = '' if seconds == math.inf else f' for {seconds:g} s'
         self.get_logger().error(f'{reason}; waiting for it{limit}')
 
     def returned(self, source: Source, seconds: float) -> None:
         """Say that the source gives frames again."""
-        self._trouble = ''
         self.get_logger().info(f'{source.name} is back after {seconds:.1f} s: '
                                f'{source.description}')
 
@@ -252,7 +245,7 @@ class ImagePublisher(Node):
         source = self._grabber.source
         return Condition(
             self._settings['source'], source.description if source else '',
-            self._trouble, self._grabber.paused, self._grabber.missed, self._dropped,
+            self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
             self._grabber.reconnects)
 
 

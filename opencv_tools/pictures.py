@@ -138,7 +138,8 @@ def decode_picture(data: Any, upright: bool = False) -> NDArray[Any]:
 
 def _is_cut_off(jpeg: bytes) -> bool:
     """Tell whether the end of a JPEG is missing; a thumbnail before it has an end of its own."""
-    return jpeg.rfind(_JPEG_ENDS) < max(0, jpeg.rfind(_SCAN_BEGINS))
+    end = jpeg.rfind(_JPEG_ENDS)
+    return end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:

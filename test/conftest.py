@@ -29,10 +29,12 @@ from ament_index_python.packages import get_package_prefix
 import cv2
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
@@ -154,6 +156,26 @@ def spin_until(node: Node, condition: Callable[[], bool]) -> None:
         assert time.monotonic() < deadline, 'the condition did not come to hold'
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
+
+
+def call_service(node: Node, service_type: type, name: str, request: object) -> object:
+    """Call a service and wait for the answer."""
+    client = node.create_client(service_type, name)
+    spin_until(node, client.service_is_ready)
+    future = client.call_async(request)
+    spin_until(node, future.done)
+    node.destroy_client(client)
+    return future.result()
+
+
+def set_parameters(node: Node, **values: object) -> str:
+    """Set parameters of the publisher as ``ros2 param set`` does; why it refuses, or ''."""
+    messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    answer = call_service(node, SetParameters, '/image_publisher/set_parameters',
+                          SetParameters.Request(parameters=messages))
+    assert len(answer.results) == len(values)
+    return '; '.join(result.reason or 'no reason'
+                     for result in answer.results if not result.successful)
 
 
 def read_pictures(folder: Path, suffix: str = '.png') -> list[np.ndarray]:

@@ -198,7 +198,7 @@ def test_a_camera_that_goes_is_closed_and_opened_again(
     assert log.lines[1:] == [
         'lost: gone', 'lost: not there', 'lost: not ours', 'opened', 'returned after 1.5 s']
     assert grabber.reconnects == 1
-    assert not grabber.away
+    assert not grabber.trouble
 
 
 def test_a_camera_that_is_not_there_yet_is_the_same_case(

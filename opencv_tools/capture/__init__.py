@@ -20,6 +20,3 @@ import os
 # errors raised here say the same in a sentence. Who wants those lines sets the variables.
 os.environ.setdefault('OPENCV_LOG_LEVEL', 'OFF')
 os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
-
-# Seconds after which a camera without a frame has stalled; OpenCV's own 10 keep Ctrl-C waiting.
-os.environ.setdefault('OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT', '2')

@@ -21,7 +21,6 @@ from contextlib import contextmanager
 import ctypes
 from dataclasses import dataclass
 import errno
-import itertools
 import mmap
 import os
 from pathlib import Path
@@ -32,6 +31,7 @@ from typing import Any
 from opencv_tools.capture import videodev
 from opencv_tools.capture.controls import Control, list_controls
 from opencv_tools.capture.modes import Mode
+from opencv_tools.capture.offers import list_modes, list_rates, per_second
 from opencv_tools.capture.videodev import ask, ask_about
 
 # Enough to capture into while one is read and one waits.
@@ -113,15 +113,8 @@ class VideoDevice:
 
         :raises OSError: the device is gone.
         """
-        modes: list[Mode] = []
         with self._opened() as fd:
-            for index in itertools.count():
-                description = videodev.FormatDescription(index=index, type=self._type)
-                if not ask_about(fd, videodev.ENUM_FMT, description):
-                    return modes
-                fourcc = videodev.unpack_fourcc(description.pixelformat)
-                modes += [Mode(fourcc, *size) for size in _sizes(fd, fourcc, near)]
-        return modes
+            return list(list_modes(fd, self._type, near))
 
     def rates(self, mode: Mode) -> list[float]:
         """
@@ -129,17 +122,8 @@ class VideoDevice:
 
         :raises OSError: the device is gone.
         """
-        rates = []
         with self._opened() as fd:
-            for index in itertools.count():
-                interval = videodev.FrameInterval(
-                    index=index, pixelformat=videodev.pack_fourcc(mode.fourcc),
-                    width=mode.width, height=mode.height)
-                if not ask_about(fd, videodev.ENUM_FRAMEINTERVALS, interval):
-                    break
-                ends = 1 if interval.type == videodev.DISCRETE else 2
-                rates += [_per_second(fraction) for fraction in interval.fractions[:ends]]
-        return sorted(rates)
+            return sorted(list_rates(fd, mode))
 
     def set_format(self, mode: Mode) -> StreamFormat:
         """
@@ -172,7 +156,7 @@ class VideoDevice:
             if parameters.capability & videodev.HAS_TIME_PER_FRAME:
                 parameters.timeperframe = videodev.Fraction(1000, round(rate * 1000))
                 ask_about(fd, videodev.S_PARM, parameters)
-        return _per_second(parameters.timeperframe)
+        return per_second(parameters.timeperframe)
 
     def controls(self) -> list[Control]:
         """
@@ -292,26 +276,3 @@ class VideoDevice:
             if self._fd < 0:
                 raise OSError('it was closed')
             yield self._fd
-
-
-def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Give the sizes of a format; ``near`` itself when the device does not tell any."""
-    for index in itertools.count():
-        size = videodev.FrameSize(index=index, pixelformat=videodev.pack_fourcc(fourcc))
-        if not ask_about(fd, videodev.ENUM_FRAMESIZES, size):
-            if index == 0:
-                yield near
-            return
-        if size.type == videodev.DISCRETE:
-            yield size.numbers[0], size.numbers[1]
-        else:
-            yield _step_to(near[0], *size.numbers[:3]), _step_to(near[1], *size.numbers[3:])
-
-
-def _step_to(wanted: int, least: int, most: int, step: int) -> int:
-    """Give the number from least to most, in steps, that is nearest below the wanted one."""
-    return least + (min(max(wanted, least), most) - least) // max(1, step) * max(1, step)
-
-
-def _per_second(interval: videodev.Fraction) -> float:
-    return interval.denominator / interval.numerator if interval.numerator else 0.0

@@ -64,7 +64,8 @@ class Grabber:
     """
     The frames of a source, which is opened, and opened again when it comes back.
 
-    One thread runs through ``frames``; the other methods are for any thread.
+    One thread runs through ``frames``; the other methods are for any thread. ``trouble`` says why
+    the source is away, until it gives frames again.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class Grabber:
         self._reopened = Event()
         self._released = Event()
         self._released.set()
-        self._reason = ''
+        self.trouble = ''
         self._heard_at = time.monotonic()
         self._delay = 0.0
 
@@ -125,11 +126,6 @@ class Grabber:
     def paused(self) -> bool:
         """Tell whether nothing is to be shown."""
         return self._paused.is_set()
-
-    @property
-    def away(self) -> bool:
-        """Tell whether the source is lost, or was and has not given a frame since."""
-        return bool(self._reason)
 
     @property
     def missed(self) -> int:
@@ -199,17 +195,17 @@ class Grabber:
         if left <= 0:
             raise CaptureError(
                 f'{err}; given up after {away:.1f} s' if self._delay else str(err)) from err
-        if str(err) != self._reason:
-            self._reason = str(err)
+        if str(err) != self.trouble:
+            self.trouble = str(err)
             self._watcher.lost(err)
         self._delay = min(self._delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
 
     def _note_frame(self, source: LiveSource) -> None:
         """Take note that a frame came."""
-        if self._reason:
+        if self.trouble:
             self.reconnects += 1
             self._watcher.returned(source, time.monotonic() - self._heard_at)
-        self._reason = ''
+        self.trouble = ''
         self._delay = 0.0
         self._heard_at = time.monotonic()
 

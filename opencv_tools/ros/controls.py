@@ -73,6 +73,10 @@ class CameraControls:
             parameter = self._parameter(control, value)
             if parameter.name not in self._controls:
                 self._declare(parameter, control)
+        self.refuse_the_rest()
+
+    def refuse_the_rest(self) -> None:
+        """Say, once, which of the parameters that were given nobody has."""
         for name in self._given.keys() - self._controls.keys():
             self._node.get_logger().warning(describe_unknown(
                 name, [*self._table, *(known for known, _ in self._controls.values())]))

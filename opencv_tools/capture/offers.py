@@ -1,0 +1,81 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The formats, sizes and rates that a V4L2 camera offers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+
+from opencv_tools.capture import videodev
+from opencv_tools.capture.modes import Mode
+from opencv_tools.capture.videodev import ask_about
+
+
+def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mode]:
+    """
+    Give the formats and sizes of an open device.
+
+    :param buffer_type: ``videodev.CAPTURE`` or ``CAPTURE_PLANES``.
+    :param near: width and height; of a format in which any size goes, the nearest to it is given.
+    :raises OSError: the device is gone.
+    """
+    for index in itertools.count():
+        description = videodev.FormatDescription(index=index, type=buffer_type)
+        if not ask_about(fd, videodev.ENUM_FMT, description):
+            return
+        fourcc = videodev.unpack_fourcc(description.pixelformat)
+        for size in _sizes(fd, fourcc, near):
+            yield Mode(fourcc, *size)
+
+
+def list_rates(fd: int, mode: Mode) -> Iterator[float]:
+    """
+    Give the frames per second of a mode; of a range its ends; none when it is not told.
+
+    :raises OSError: the device is gone.
+    """
+    for index in itertools.count():
+        interval = videodev.FrameInterval(
+            index=index, pixelformat=videodev.pack_fourcc(mode.fourcc),
+            width=mode.width, height=mode.height)
+        if not ask_about(fd, videodev.ENUM_FRAMEINTERVALS, interval):
+            return
+        ends = 1 if interval.type == videodev.DISCRETE else 2
+        yield from map(per_second, interval.fractions[:ends])
+
+
+def per_second(interval: videodev.Fraction) -> float:
+    """Give the rate of an interval, 0.0 when the device does not tell it."""
+    return interval.denominator / interval.numerator if interval.numerator else 0.0
+
+
+def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Give the sizes of a format; ``near`` itself when the device does not tell any."""
+    for index in itertools.count():
+        size = videodev.FrameSize(index=index, pixelformat=videodev.pack_fourcc(fourcc))
+        if not ask_about(fd, videodev.ENUM_FRAMESIZES, size):
+            if index == 0:
+                yield near
+            return
+        if size.type == videodev.DISCRETE:
+            yield size.numbers[0], size.numbers[1]
+        else:
+            yield _step_to(near[0], *size.numbers[:3]), _step_to(near[1], *size.numbers[3:])
+
+
+def _step_to(wanted: int, least: int, most: int, step: int) -> int:
+    """Give the number from least to most, in steps, that is nearest below the wanted one."""
+    return least + (min(max(wanted, least), most) - least) // max(1, step) * max(1, step)
