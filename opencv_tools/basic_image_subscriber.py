@@ -16,55 +16,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from functools import partial
 import sys
-from typing import TypedDict
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.cdr import CdrError
-from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.recorder import Recorder, RecordingError
-from opencv_tools.recording.writers import check_format
-from opencv_tools.ros.messages import read_image
-from opencv_tools.ros.parameters import declare_parameters, Parameter
-from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.qos import best_effort_qos, reliable_qos
+from opencv_tools.image.errors import ImageError
+from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.selection import Selection
+from opencv_tools.recording.trouble import Troubles
+from opencv_tools.ros.frame_subscription import FrameSubscription
+from opencv_tools.ros.messages import FrameMessage
+from opencv_tools.ros.parameters import declare_parameters
+from opencv_tools.ros.progress import open_progress
+from opencv_tools.ros.received_frames import describe_message, message_to_frame
+from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
+from opencv_tools.ros.save_requests import SaveRequests
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 from rclpy.task import Future
-from sensor_msgs.msg import Image
-
-
-def _check_file_name(template: str) -> None:
-    check_format(FileNames(template).suffix)
-
-
-def _check_folder(text: str) -> None:
-    if not text:
-        raise ValueError('name a folder')
-
-
-PARAMETERS = (
-    Parameter('output_dir', 'frames', 'folder to write to, made when missing',
-              check=_check_folder, fixed=True),
-    Parameter('file_name', '{seq:06d}.png', 'names of the files; the extension is the format',
-              check=_check_file_name, fixed=True),
-    Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9,
-              fixed=True),
-    Parameter('timeout', 0.0, 'give up after so many seconds without a frame; 0 to wait for ever',
-              maximum=1e9, fixed=True),
-)
-
-
-class MessageInfo(TypedDict):
-    """What rclpy tells of a message, as far as it is used here."""
-
-    publication_sequence_number: int | None
+from rclpy.timer import Timer
 
 
 class ImageSubscriber(Node):
@@ -81,48 +54,43 @@ class ImageSubscriber(Node):
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self.br = CvBridge()
-        self._folder = Path(settings['output_dir']).expanduser().absolute()
-        self._max_frames = settings['max_frames']
-        self._accepted = 0
-        self._lost = 0
-        self._last_number = 0
-        self._refused = 0
-        self._recorder = Recorder(
-            self._folder, FileNames(settings['file_name']), self._report_failure)
-        self._progress = Progress(self.get_logger().info, 'Receiving video frame')
-        self.subscription = self._subscribe(reliable_qos())
+        self._left_out = self._refused = 0
+        self._log, self._progress = open_progress(
+            self.get_logger(), 'Receiving video frame', settings['max_frames'])
+        self._troubles = Troubles(self._log)
+        self._limits = limits(settings)
+        self._selection = Selection(settings['every_n'], settings['max_rate'], self._limits)
+        self._folder, self._recorder = open_recorder(
+            settings, self._log, lambda: self._end(DONE))
+        self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
+        self.subscription = FrameSubscription(
+            self, 'video_frames', settings['transport'], settings['on_overflow'] == 'block',
+            self.listener_callback, self._refuse)
         self._timeout = settings['timeout']
-        self._timer = self.create_timer(
-            self._timeout, self._give_up, clock=Clock(clock_type=ClockType.STEADY_TIME),
-        ) if self._timeout else None
-        self.get_logger().info(
-            f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
+        self._patience = self._start_timer(self._timeout, self._give_up)
+        self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
-    def listener_callback(self, data: bytes, info: MessageInfo) -> None:
+    def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
         """
         Hand a frame over to be written.
 
-        :param data: the message as it came over the wire; the frame is a view of it.
-        :param info: what the middleware says of it, its number among them.
+        :param message: an image, or a compressed one; the frame is a view of it.
+        :param receive_ns: when it came, in nanoseconds of the system's clock.
         """
         if self.done.done():
             return
-        self._count_lost(info)
-        if self._timer:
-            self._timer.reset()
+        if self._patience:
+            self._patience.reset()
         try:
-            image = read_image(data)
-        except CdrError as err:
-            self._refuse(err)
-            return
-        try:
-            self._accepted += self._recorder.put(self.br.imgmsg_to_cv2(image), image.encoding)
+            frame = message_to_frame(
+                self.br, message, self.subscription.topic_name, receive_ns)
         except CvBridgeError as err:
             self._refuse(err)
-        self._progress.tick(
-            f'{image.width}x{image.height} {image.encoding[:40]}', self._dropped())
-        if self._max_frames and self._accepted == self._max_frames:
-            self.done.set_result(DONE)
+        else:
+            if not self._progress.count:
+                self._begin()
+            self._record(frame)
+            self._progress.tick(describe_message(message), self._dropped())
 
     def close(self) -> int:
         """
@@ -130,55 +98,65 @@ class ImageSubscriber(Node):
 
         :returns: the exit status.
         """
+        self.subscription.destroy()
         self._recorder.close()
-        failed = self._recorder.failed + self._refused
-        self.get_logger().info(
+        self._progress.close()
+        account = self._recorder.account
+        failed = account.failed + self._refused
+        left_out = account.left_out + self._left_out
+        self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{self._recorder.written} written to {self._folder}, {self._dropped()} dropped, '
-            f'{failed} failed')
+            f'{account.written} written to {self._folder}, {account.dropped} dropped, '
+            f'{failed} failed, {self.subscription.lost} lost on the way'
+            + (f', {left_out} left out as asked' if left_out else ''))
         if failed:
             return FAILED
         return self.done.result() if self.done.done() else DONE
 
-    def _subscribe(self, qos: QoSProfile) -> Subscription:
-        return self.create_subscription(
-            Image, 'video_frames', self.listener_callback, qos, raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._accept_best_effort))
+    def _begin(self) -> None:
+        """Take note of the first frame, from which on a duration is counted."""
+        if not self._limits.ring:
+            self._start_timer(self._limits.max_seconds, lambda: self._end(DONE))
 
-    def _accept_best_effort(self, _: QoSRequestedIncompatibleQoSInfo) -> None:
-        """Ask for less, so that a publisher that offers no more is received too."""
-        self.get_logger().info('A publisher offers best effort only; receiving best effort')
-        self.destroy_subscription(self.subscription)
-        self.subscription = self._subscribe(best_effort_qos())
+    def _record(self, frame: RawFrame | CompressedFrame) -> None:
+        """Have a frame written, if it is wanted."""
+        if self._selection.is_late(frame.receive_ns):
+            self._end(DONE)
+            return
+        requests = self._requests.take() if self._requests else []
+        if not (requests if self._requests else self._selection.wants(frame)):
+            self._left_out += 1
+            return
+        self._selection.take()
+        on_done = partial(self._requests.answer, requests) if self._requests else None
+        if not self._recorder.put(frame, on_done):
+            self._selection.put_back()
+        if self._selection.is_over:
+            self._end(DONE)
 
-    def _count_lost(self, info: MessageInfo) -> None:
-        """Count the messages that were published since the last one but did not arrive."""
-        number = info['publication_sequence_number'] or 0
-        if self.subscription.get_publisher_count() != 1:
-            number = 0  # the numbers of several publishers say nothing: each counts for itself
-        if number and self._last_number:
-            self._lost += max(0, number - self._last_number - 1)
-        self._last_number = number
-
-    def _dropped(self) -> int:
-        return self._lost + self._recorder.dropped
-
-    def _refuse(self, err: Exception) -> None:
+    def _refuse(self, err: ImageError) -> None:
         """Take note of a message that cannot be recorded."""
         self._refused += 1
-        self._report_failure(f'message left out: {err}')
+        self._troubles.failed(f'message left out: {err}')
+        self._progress.tick('a message that cannot be read', self._dropped())
 
-    def _report_failure(self, text: str) -> None:
-        self.get_logger().error(text, throttle_duration_sec=1.0)
+    def _dropped(self) -> int:
+        return self.subscription.lost + self._recorder.account.dropped
+
+    def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
+        """Have something called after a time; 0 for never."""
+        return self.create_timer(
+            seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME)) if seconds else None
 
     def _give_up(self) -> None:
         """End because no frame came."""
+        self._log.error(f'no frame on {self.subscription.topic_name} within {self._timeout:g} s: '
+                        f'{self.subscription.describe_silence()}')
+        self._end(FAILED)
+
+    def _end(self, status: int) -> None:
         if not self.done.done():
-            self.get_logger().error(
-                f'no frame on {self.subscription.topic_name} within {self._timeout:g} s; '
-                'is a publisher running, in the same ROS_DOMAIN_ID?')
-            self.done.set_result(FAILED)
+            self.done.set_result(status)
 
 
 def main(args: Sequence[str] | None = None) -> int:

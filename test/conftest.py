@@ -16,14 +16,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+import hashlib
 import itertools
+import json
 import os
 from pathlib import Path
 import shutil
 import signal
 import subprocess
 import time
+from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 import cv2
@@ -58,6 +61,10 @@ class NodeProcess:
                 stderr=subprocess.STDOUT, cwd=log.parent)
 
     @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
     def output(self) -> str:
         return self._log.read_text()
 
@@ -70,7 +77,7 @@ class NodeProcess:
             time.sleep(0.02)
 
     def finish(self) -> int:
-        """Wait for the end; the exit status."""
+        """Wait for the end; the exit status, which is -N when signal N ended it."""
         try:
             status = self._process.wait(DEADLINE)
         except subprocess.TimeoutExpired:
@@ -119,13 +126,15 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
     Start executables of the package, and end those that a test leaves running.
 
-    Keywords are parameters; words before them go to the command line as they are.
+    Keywords are parameters; words before them go to the command line as they are. What it runs
+    within stands before the executable, and makes place for it by ``exec``.
     """
     processes: list[NodeProcess] = []
 
-    def _start(name: str, *words: str, **parameters: object) -> NodeProcess:
+    def _start(
+            name: str, *words: str, within: Sequence[str] = (), **parameters: object) -> NodeProcess:
         given = [f'{key}:={value}' for key, value in parameters.items()]
-        command = [executable(name), *words, '--ros-args',
+        command = [*within, executable(name), *words, '--ros-args',
                    *itertools.chain.from_iterable(('-p', assignment) for assignment in given)]
         log = tmp_path / f'{name}_{len(processes)}.log'
         processes.append(NodeProcess(command, log, dict(os.environ)))
@@ -182,6 +191,22 @@ def read_pictures(folder: Path, suffix: str = '.png') -> list[np.ndarray]:
     """Read the pictures of a folder in the order of their names."""
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             for path in sorted(folder.glob(f'*{suffix}'))]
+
+
+def recorded_files(folder: Path) -> list[Path]:
+    """List what was recorded, in the order of the names, without the manifest."""
+    return sorted(path for path in folder.glob('[!.]*') if path.name != 'manifest.jsonl')
+
+
+def read_manifest(folder: Path) -> list[dict[str, Any]]:
+    """Read the manifest, each line of which is true of its file, and which lists every file."""
+    lines = [json.loads(line) for line in (folder / 'manifest.jsonl').read_text().splitlines()]
+    for line in lines:
+        content = (folder / line['file']).read_bytes()
+        assert line['bytes'] == len(content), line
+        assert line['sha256'] == hashlib.sha256(content).hexdigest(), line
+    assert sorted(line['file'] for line in lines) == [path.name for path in recorded_files(folder)]
+    return lines
 
 
 def decode_clip() -> list[np.ndarray]:

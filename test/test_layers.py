@@ -37,14 +37,15 @@ ALLOWED = {
                              'opencv_tools.pictures', 'cv2'},
     'opencv_tools.pictures': {'opencv_tools.image', 'cv2'},
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
-                               'opencv_tools.pictures'},
+                               'opencv_tools.pictures', 'av', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.pictures', 'sensor_msgs',
                                'std_msgs'},
     'opencv_tools.ros': {
         'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
-        'opencv_tools.image', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs',
-        'rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'yaml'},
+        'opencv_tools.image', 'opencv_tools.recording', 'ament_index_python',
+        'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
+        'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')

@@ -12,51 +12,90 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files of frames: names, formats, and a recorder that keeps them whole."""
+"""Frames to files: formats, files that are whole, and a recorder that accounts for each."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import json
+import os
 from pathlib import Path
-from threading import Event
+import threading
+import time
+from typing import Any
 
+from conftest import read_manifest, recorded_files
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.recording import recorder as recorder_module
+from opencv_tools.image.errors import ImageError
+from opencv_tools.pictures import encode_picture
+from opencv_tools.recording.files import open_files
+from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.frames import CompressedFrame, RawFrame
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.recorder import Recorder, RecordingError
-from opencv_tools.recording.writers import encode_frame, FORMATS, UnwritableError
+from opencv_tools.recording.picture_files import PictureFiles
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.writers import encode_frame, Format, FORMATS, UnwritableError
 import pytest
 
 ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16',
              '8UC1', '8UC2', '8UC3', '8UC4', '16UC1', '16UC3', '16SC1', '32SC1', '32FC1', '32FC3',
-             '64FC1', 'bayer_rggb8', 'yuv422')
+             '64FC1')
+NANO = 10**9
+NO_LIMITS = Limits()
 
 
-@pytest.mark.parametrize(('template', 'name', 'suffix'), [
-    ('{seq:06d}.png', '000042.png', '.png'), ('{seq}.JPG', '42.JPG', '.jpg'),
-    ('a[{seq:d}]+b.tiff', 'a[42]+b.tiff', '.tiff'), ('{seq}_{seq:03d}.npy', '42_042.npy', '.npy'),
-])
-def test_names(template: str, name: str, suffix: str) -> None:
-    names = FileNames(template)
-    assert names.name(42) == name
-    assert names.suffix == suffix
-    assert names.next_seq([name, names.name(7), 'other.png', 'x42.png', '']) == 43
-    assert names.next_seq([]) == 0
+class Console:
+    """Keep what is said."""
 
+    def __init__(self) -> None:
+        self.lines: list[str] = []
 
-@pytest.mark.parametrize('template', [
-    'x.png', '{}.png', '{other}.png', '{seq', '{seq:x}.png', '{seq:q}.png', '{seq:+d}.png',
-    'a/{seq}.png', '../{seq}.png', '.{seq}.png', '{seq.real}.png', '{seq:,}.png', '{0}.png'])
-def test_templates_that_are_refused(template: str) -> None:
-    with pytest.raises(ValueError):
-        FileNames(template)
+    def info(self, message: str) -> None:
+        self.lines.append(f'info: {message}')
+
+    def warning(self, message: str) -> None:
+        self.lines.append(f'warning: {message}')
+
+    def error(self, message: str) -> None:
+        self.lines.append(f'error: {message}')
 
 
 def random_image(encoding: str) -> np.ndarray:
     found = find_encoding(encoding)
-    shape = (9, 7) if found.channels == 1 else (9, 7, found.channels)
+    rows = found.rows(10)
+    shape = (rows, 8) if found.channels == 1 else (rows, 8, found.channels)
     return np.random.default_rng(4).integers(0, 127, shape).astype(found.dtype)
+
+
+def frame_of(image: np.ndarray, encoding: str, seconds: float = 0.0) -> RawFrame:
+    time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
+    return RawFrame(time_ns, 'camera', encoding, '/video_frames', time_ns + 5_000_000, image)
+
+
+def gray_frame(number: int, seconds: float = 0.0) -> RawFrame:
+    return frame_of(np.full((20, 20), number, np.uint8), 'mono8', seconds)
+
+
+def gray_numbers(folder: Path) -> list[int]:
+    return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0, 0] for path in recorded_files(folder)]
+
+
+def record(
+    folder: Path, count: int, template: str = '{seq:03d}.png', on_exists: str = 'continue',
+    limits: Limits = NO_LIMITS, first: int = 0,
+) -> Recorder:
+    """Record gray frames, one a second, which have their number as their colour."""
+    names = FileNames(template)
+    recorder = Recorder(
+        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False), Console(),
+        block=True)
+    for number in range(first, first + count):
+        recorder.put(gray_frame(number, number))
+    recorder.close()
+    return recorder
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
@@ -66,12 +105,14 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
     image = random_image(encoding)
     path = tmp_path / f'file{suffix}'
     try:
-        path.write_bytes(encode_frame(image, encoding, suffix))
+        content = encode_frame(frame_of(image, encoding), Format(suffix))
     except UnwritableError as err:
         assert f'a {encoding} frame cannot be kept as {suffix}' in str(err)
         assert str(err).endswith('.npy')
         assert suffix != '.npy'
         return
+    assert (content.encoding, content.width, content.height) == (encoding, 8, 10)
+    path.write_bytes(content.data)
     if suffix == '.npy':
         np.testing.assert_array_equal(np.load(path), image)
         return
@@ -85,88 +126,400 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
         np.testing.assert_array_equal(kept, expected)
 
 
+@pytest.mark.parametrize(('encoding', 'color'), [
+    ('bayer_rggb8', cv2.COLOR_BayerRGGB2BGR), ('bayer_gbrg16', cv2.COLOR_BayerGBRG2BGR),
+    ('uyvy', cv2.COLOR_YUV2BGR_UYVY), ('yuv422_yuy2', cv2.COLOR_YUV2BGR_YUYV),
+    ('nv12', cv2.COLOR_YUV2BGR_NV12), ('nv21', cv2.COLOR_YUV2BGR_NV21)])
+def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
+        encoding: str, color: int) -> None:
+    image = random_image(encoding)
+    picture = encode_frame(frame_of(image, encoding), Format('.png'))
+    assert picture.encoding == ('bgr16' if encoding.endswith('16') else 'bgr8')
+    assert (picture.width, picture.height) == (8, 10)
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED),
+        cv2.cvtColor(image, color))
+    array = encode_frame(frame_of(image, encoding), Format('.npy'))
+    assert (array.encoding, array.width, array.height) == (encoding, 8, 10)
+    assert array.data[-image.nbytes:] == image.tobytes()
+
+
+@pytest.mark.parametrize(('encoding', 'is_kept'), [
+    ('bayer_rggb8', True), ('bayer_rggb16', True), ('uyvy', False), ('nv12', False)])
+def test_nothing_is_converted_when_it_must_not_be(encoding: str, is_kept: bool) -> None:
+    image = random_image(encoding)
+    wanted = Format('.png', to_color=False)
+    if not is_kept:
+        with pytest.raises(UnwritableError, match=f'a {encoding} frame cannot .* to .npy$'):
+            encode_frame(frame_of(image, encoding), wanted)
+        return
+    content = encode_frame(frame_of(image, encoding), wanted)
+    assert content.encoding == encoding
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED), image)
+
+
 def test_big_endian_frames_are_kept_by_value() -> None:
     image = random_image('mono16') + 1000
-    content = encode_frame(image.astype('>u2'), 'mono16', '.png')
-    kept = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), Format('.png'))
+    kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(kept, image)
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
     with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
-        encode_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.png')
+        encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), Format('.png'))
 
 
-def test_recorder_numbers_frames_in_the_order_they_came(tmp_path: Path) -> None:
-    failures: list[str] = []
-    recorder = Recorder(tmp_path / 'a' / 'b', FileNames('{seq:03d}.png'), failures.append)
-    for number in range(50):
-        assert recorder.put(np.full((20, 20), number, np.uint8), 'mono8')
+def test_quality_and_compression_make_smaller_files() -> None:
+    image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, (200, 300, 3), np.uint8),
+                             (9, 9), 0)
+    frame = frame_of(image, 'bgr8')
+    jpegs = [len(encode_frame(frame, Format('.jpg', jpeg_quality=quality)).data)
+             for quality in (100, 95, 50, 1)]
+    pngs = [len(encode_frame(frame, Format('.png', png_compression=level)).data)
+            for level in (0, 1, 9)]
+    assert jpegs == sorted(jpegs, reverse=True) and len(set(jpegs)) == 4
+    assert pngs == sorted(pngs, reverse=True) and len(set(pngs)) == 3
+
+
+def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
+    data = memoryview(encode_picture(image, suffix))
+    return CompressedFrame(NANO, 'camera', told, '/video_frames/compressed', NANO, data)
+
+
+@pytest.mark.parametrize(('suffix', 'told'), [
+    ('.jpg', 'rgb8; jpeg compressed bgr8'), ('.jpeg', 'jpeg'), ('.png', '; png compressed ')])
+def test_a_compressed_frame_is_kept_as_it_came(suffix: str, told: str) -> None:
+    frame = compressed(suffix, told, random_image('bgr8'))
+    content = encode_frame(frame, Format(suffix))
+    assert content.data is frame.data
+    assert (content.encoding, content.width, content.height) == (told, 8, 10)
+
+
+def test_a_compressed_frame_is_decoded_for_another_format() -> None:
+    image = random_image('bgr8')
+    content = encode_frame(compressed('.png', 'png', image), Format('.npy'))
+    assert content.encoding == 'bgr8'
+    assert content.data[-image.nbytes:] == image.tobytes()
+    jpeg = encode_frame(compressed('.png', 'png', image), Format('.jpg', jpeg_quality=30))
+    assert jpeg.data.tobytes() == encode_picture(image, '.jpg', 30).tobytes()
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.png'])
+def test_a_compressed_frame_that_is_not_whole_is_refused(suffix: str) -> None:
+    whole = compressed(suffix, suffix[1:], np.zeros((300, 300, 3), np.uint8))
+    for data in (whole.data[:-20], whole.data[:9], b'', b'text', bytes(whole.data[:2]) * 1000,
+                 bytes(whole.data[:2]) + b'\xff' * 1000 + b'\xff\xd9'):
+        broken = CompressedFrame(NANO, '', 'jpeg', '', NANO, data)
+        with pytest.raises(ImageError):
+            encode_frame(broken, Format(suffix))
+
+
+def test_frames_are_numbered_in_the_order_they_came(tmp_path: Path) -> None:
+    folder = tmp_path / 'a' / 'b'
+    recorder = record(folder, 50)
+    assert [path.name for path in recorded_files(folder)] == [
+        f'{number:03d}.png' for number in range(50)]
+    assert gray_numbers(folder) == list(range(50))
+    assert vars(recorder.account) == {'written': 50, 'dropped': 0, 'failed': 0, 'left_out': 0}
+
+
+def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    lines = read_manifest(tmp_path)
+    assert [line['seq'] for line in lines] == [0, 1, 2]
+    del lines[1]['bytes'], lines[1]['sha256']
+    assert lines[1] == {
+        'seq': 1, 'file': '001.png', 'stamp': {'sec': 1_700_000_001, 'nanosec': 0},
+        'receive_time': {'sec': 1_700_000_001, 'nanosec': 5_000_000}, 'frame_id': 'camera',
+        'encoding': 'mono8', 'kept_as': 'mono8', 'size': [20, 20], 'frames': 1}
+
+
+class SlowFiles(PictureFiles):
+    """Write nothing before it may."""
+
+    may_write = threading.Event()
+
+    def prepare(self, frame: RawFrame | CompressedFrame) -> object:
+        assert self.may_write.wait(10)
+        return super().prepare(frame)
+
+
+@pytest.fixture
+def slow_files(tmp_path: Path) -> SlowFiles:
+    SlowFiles.may_write = threading.Event()
+    return SlowFiles(Folder(tmp_path), FileNames('{seq:03d}.png'), Format('.png'), 'continue',
+                     Limits())
+
+
+def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) -> None:
+    console = Console()
+    recorder = Recorder(slow_files, console, queue_size=3, writers=1)
+    recorder.put(gray_frame(0))
+    while recorder.is_waiting:
+        time.sleep(0.01)
+    made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
+    slow_files.may_write.set()
     recorder.close()
-    files = sorted((tmp_path / 'a' / 'b').iterdir())
-    assert [file.name for file in files] == [f'{number:03d}.png' for number in range(50)]
-    assert [cv2.imread(str(file), -1)[0, 0] for file in files] == list(range(50))
-    assert (recorder.written, recorder.dropped, recorder.failed) == (50, 0, 0)
-    assert not failures
+    assert made_room == [True] * 3 + [False] * 16
+    assert gray_numbers(tmp_path) == [0, 17, 18, 19]
+    assert [path.name for path in recorded_files(tmp_path)] == [
+        '000.png', '001.png', '002.png', '003.png']
+    assert vars(recorder.account) == {'written': 4, 'dropped': 16, 'failed': 0, 'left_out': 0}
+    assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
-def test_a_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    go_on = Event()
-
-    def wait_and_encode(*args: object) -> bytes:
-        go_on.wait(10)
-        return encode_frame(*args)
-
-    monkeypatch.setattr(recorder_module, 'encode_frame', wait_and_encode)
-    recorder = Recorder(tmp_path, FileNames('{seq}.png'), pytest.fail, queue_size=3)
-    taken = [recorder.put(np.zeros((2, 2), np.uint8), 'mono8') for _ in range(20)]
-    go_on.set()
+def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowFiles) -> None:
+    recorder = Recorder(slow_files, Console(), queue_size=3, writers=2, block=True)
+    putting = threading.Thread(
+        target=lambda: [recorder.put(gray_frame(number)) for number in range(40)])
+    putting.start()
+    putting.join(0.2)
+    assert putting.is_alive()
+    slow_files.may_write.set()
+    putting.join(10)
     recorder.close()
-    assert recorder.written == sum(taken) < 20
-    assert recorder.written + recorder.dropped == 20
-    assert sorted(int(file.stem) for file in tmp_path.iterdir()) == list(range(recorder.written))
+    assert gray_numbers(tmp_path) == list(range(40))
+    assert recorder.account.dropped == 0
 
 
-def test_trouble_is_reported_and_the_recorder_goes_on(tmp_path: Path) -> None:
-    failures: list[str] = []
-    folder = tmp_path / 'out'
-    recorder = Recorder(folder, FileNames('{seq}.png'), failures.append)
-    recorder.put(np.zeros((2, 2), np.float32), '32FC1')
-    recorder.put(np.zeros((2, 2), np.uint8), 'mono8')
+def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
+    console = Console()
+    names = FileNames('{seq}.png')
+    recorder = Recorder(open_files(tmp_path, names, Format('.png'), 'continue', Limits(), False),
+                        console, writers=2)
+    for _ in range(5):
+        recorder.put(frame_of(np.zeros((2, 2), np.float32), '32FC1'))
+        recorder.put(gray_frame(7))
     recorder.close()
-    assert (recorder.written, recorder.failed) == (1, 1)
-    assert [file.name for file in folder.iterdir()] == ['1.png']
-    assert failures == ['frame 0 was not written: a 32FC1 frame cannot be kept as .png; '
-                        'set the extension of file_name to .tif or .tiff or .npy']
+    assert (recorder.account.written, recorder.account.failed) == (5, 5)
+    assert [line['file'] for line in read_manifest(tmp_path)] == [
+        f'{number}.png' for number in range(5)]
+    assert console.lines == [
+        'error: a frame was not written: a 32FC1 frame cannot be kept as .png; '
+        'set the extension of file_name to .tif or .tiff or .npy']
 
 
-def test_a_folder_that_vanishes_is_reported_frame_by_frame(tmp_path: Path) -> None:
-    failures: list[str] = []
-    folder = tmp_path / 'out'
-    recorder = Recorder(folder, FileNames('{seq}.png'), failures.append)
-    folder.rmdir()
-    recorder.put(np.zeros((2, 2), np.uint8), 'mono8')
+def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
+    folder, console = tmp_path / 'mount' / 'out', Console()
+    recorder = Recorder(
+        open_files(folder, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), False),
+        console, writers=1)
+
+    def put_and_wait(number: int) -> None:
+        done = threading.Event()
+        recorder.put(gray_frame(number), lambda _: done.set())
+        assert done.wait(10)
+
+    put_and_wait(0)
+    (tmp_path / 'mount').rename(tmp_path / 'away')
+    put_and_wait(1)
+    put_and_wait(2)
+    assert console.lines == ['error: a frame was not written: No such file or directory']
+    assert not (tmp_path / 'mount').exists()  # it may be where a disk was
+    (tmp_path / 'mount').mkdir()
+    put_and_wait(3)
+    put_and_wait(4)
     recorder.close()
-    assert recorder.failed == 1
-    assert 'No such file or directory' in failures[0]
-
-
-def test_a_file_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fill_the_disk(path: Path, content: bytes) -> None:
-        with path.open('wb') as file:
-            file.write(content[:10])
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(Path, 'write_bytes', fill_the_disk)
-    failures: list[str] = []
-    recorder = Recorder(tmp_path, FileNames('{seq}.png'), failures.append)
-    recorder.put(np.zeros((2, 2), np.uint8), 'mono8')
-    recorder.close()
-    assert not list(tmp_path.iterdir())
-    assert 'No space left on device' in failures[0]
+    assert gray_numbers(folder) == [3, 4]
+    assert len(read_manifest(folder)) == 2
+    assert console.lines[1:] == ['info: Writing again; 2 frames were not written']
+    assert (recorder.account.written, recorder.account.failed) == (3, 2)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     with pytest.raises(RecordingError, match=r'output_dir .*/file/out cannot be used'):
-        Recorder(tmp_path / 'file' / 'out', FileNames('{seq}.png'), pytest.fail)
+        Folder(tmp_path / 'file' / 'out')
+
+
+def test_a_file_without_its_line_is_no_file(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill_the_disk(file: int, data: Any) -> int:
+        return write(file, data[:10] if data[:1] == b'{' else data)
+
+    record(tmp_path, 1)
+    write = os.write
+    monkeypatch.setattr(os, 'write', fill_the_disk)
+    recorder = record(tmp_path, 3, first=1)
+    assert recorder.account.failed == 3
+    assert gray_numbers(tmp_path) == [0]
+    assert len(read_manifest(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(('template', 'names'), [
+    ('{seq:03d}.png', ['000.png', '001.png', '002.png', '003.png']),
+    ('x.png', ['x.png', 'x_1.png', 'x_2.png', 'x_3.png']),
+    ('{frame_id}.png', ['camera.png', 'camera_1.png', 'camera_2.png', 'camera_3.png'])])
+def test_a_second_recording_continues(tmp_path: Path, template: str, names: list[str]) -> None:
+    record(tmp_path, 2, template)
+    record(tmp_path, 2, template, first=2)
+    assert gray_numbers(tmp_path) == [0, 1, 2, 3]
+    lines = read_manifest(tmp_path)
+    assert [line['file'] for line in lines] == names
+    assert [line['seq'] for line in lines] == [0, 1, 2, 3]
+
+
+def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    for path in recorded_files(tmp_path):
+        path.unlink()
+    record(tmp_path, 1)
+    assert [path.name for path in recorded_files(tmp_path)] == ['003.png']
+
+
+def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
+    threads = [threading.Thread(target=record, args=(tmp_path, 40)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    assert sorted(gray_numbers(tmp_path)) == sorted([*range(40)] * 2)
+    assert len(read_manifest(tmp_path)) == 80
+
+
+def test_files_are_overwritten_when_that_is_asked(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    record(tmp_path, 2, on_exists='overwrite', first=10)
+    assert gray_numbers(tmp_path) == [10, 11, 2]
+    assert len(read_manifest(tmp_path)) == 3
+
+
+def test_the_latest_frame_alone_is_kept_under_one_name(tmp_path: Path) -> None:
+    record(tmp_path, 250, 'latest.png', on_exists='overwrite')
+    assert gray_numbers(tmp_path) == [249]
+    assert len(read_manifest(tmp_path)) == 1
+
+
+def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
+    (tmp_path / 'other.txt').touch()
+    record(tmp_path, 2, on_exists='error')
+    with pytest.raises(RecordingError, match=r'has 000\.png already; name another folder'):
+        record(tmp_path, 2, on_exists='error')
+    assert len([path for path in tmp_path.iterdir() if path.name.startswith('.')]) == 0
+
+
+def test_a_file_that_comes_from_elsewhere_is_not_touched(tmp_path: Path) -> None:
+    names = FileNames('{seq}.png')
+    recorder = Recorder(
+        open_files(tmp_path, names, Format('.png'), 'error', Limits(), False), Console())
+    (tmp_path / '0.png').write_text('mine')
+    recorder.put(gray_frame(1))
+    recorder.close()
+    assert recorder.account.failed == 1
+    assert (tmp_path / '0.png').read_text() == 'mine'
+
+
+def leave_behind(folder: Path, kill_in: str) -> None:
+    """Record a frame, and stop as a killed process does: at once, in the middle of a call."""
+    child = os.fork()
+    if child:
+        assert os.waitpid(child, 0)[1] >> 8 == 9
+        return
+    owner, name = {'link': (os, 'link'), 'unlink': (Path, 'unlink'),
+                   'append': (Folder, 'add_line')}[kill_in]
+    setattr(owner, name, lambda *_: os._exit(9))
+    files = PictureFiles(
+        Folder(folder), FileNames('{seq}.png'), Format('.png'), 'continue', Limits())
+    frame = gray_frame(5)
+    files.commit(frame, files.prepare(frame))
+    os._exit(1)
+
+
+@pytest.mark.parametrize(('kill_in', 'is_there'), [
+    ('link', False), ('unlink', True), ('append', True)])
+def test_what_a_killed_recording_left_is_put_in_order(
+        tmp_path: Path, kill_in: str, is_there: bool) -> None:
+    record(tmp_path, 1, '{seq}.png')
+    leave_behind(tmp_path, kill_in)
+    assert list(tmp_path.glob('.recording-*'))
+    assert gray_numbers(tmp_path) == ([0, 5] if is_there else [0])
+    record(tmp_path, 1, '{seq}.png', first=9)
+    assert gray_numbers(tmp_path) == ([0, 5, 9] if is_there else [0, 9])
+    read_manifest(tmp_path)
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
+    record(tmp_path, 2)
+    manifest = tmp_path / 'manifest.jsonl'
+    manifest.write_bytes(manifest.read_bytes() + b'{"seq": 2, "fi' + b'x' * 5000)
+    record(tmp_path, 1, first=2)
+    assert len(read_manifest(tmp_path)) == 3
+
+
+def test_temporary_files_of_others_stay(tmp_path: Path) -> None:
+    other = Folder(tmp_path)
+    temporary = other.write(b'content')
+    record(tmp_path, 1)
+    assert temporary.exists()
+    other.close()
+
+
+LIMITS = [Limits(max_frames=4, ring=True), Limits(max_seconds=3.5, ring=True)]
+
+
+@pytest.mark.parametrize('limits', LIMITS)
+def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits) -> None:
+    (tmp_path / '7.txt').write_text('not ours')
+    recorder = record(tmp_path, 250, limits=limits)
+    (tmp_path / '7.txt').unlink()
+    assert recorder.account.written == 250
+    assert gray_numbers(tmp_path) == [246, 247, 248, 249]
+    assert len(read_manifest(tmp_path)) == 4
+    record(tmp_path, 2, limits=limits, first=250)  # what is there already counts
+    assert gray_numbers(tmp_path) == [248, 249, 250, 251]
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [248, 249, 250, 251]
+
+
+@pytest.mark.parametrize('ring', [False, True])
+def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> None:
+    record(tmp_path / 'one', 1, '{seq:03d}.bmp')
+    size = (tmp_path / 'one' / '000.bmp').stat().st_size
+    limits = Limits(max_bytes=5 * size, ring=ring)
+    recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
+    assert gray_numbers(tmp_path / 'many') == (
+        [15, 16, 17, 18, 19] if ring else [0, 1, 2, 3, 4])
+    assert len(read_manifest(tmp_path / 'many')) == 5
+    assert recorder.is_full is not ring
+    assert recorder.account.written == (20 if ring else 5)
+    assert recorder.account.left_out == (0 if ring else 15)
+    assert recorder.account.failed == 0
+
+
+def test_what_is_on_the_disk_is_asked_for_before_the_name(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def note(name: str, call: Callable[..., object]) -> Callable[..., object]:
+        return lambda *args: (done.append(name), call(*args))[1]
+
+    monkeypatch.setattr(os, 'fsync', note('fsync', os.fsync))
+    monkeypatch.setattr(os, 'link', note('link', os.link))
+    for sync in (True, False):
+        files = open_files(
+            tmp_path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync)
+        recorder = Recorder(files, Console(), writers=1)
+        recorder.put(gray_frame(0))
+        recorder.close()
+    assert done == ['fsync', 'link', 'link']
+
+
+def test_a_disk_without_hard_links_overwrites_nothing_either(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, 'Operation not permitted')
+
+    monkeypatch.setattr(os, 'link', refuse)
+    record(tmp_path, 2)
+    (tmp_path / '002.png').write_text('mine')
+    folder = Folder(tmp_path)
+    files = PictureFiles(folder, FileNames('{seq:03d}.png'), Format('.png'), 'continue', Limits())
+    (tmp_path / '003.png').write_text('mine too')
+    frame = gray_frame(4)
+    assert files.commit(frame, files.prepare(frame)).name == '004.png'
+    files.close()
+    assert (tmp_path / '003.png').read_text() == 'mine too'
+    lines = (tmp_path / 'manifest.jsonl').read_text().splitlines()
+    assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames to files: a queue, a few threads that write, and files that are whole or not there."""
+"""Frames to files: a queue, a few threads that write, and an order that they keep."""
 
 from __future__ import annotations
 
@@ -20,120 +20,193 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import os
 from pathlib import Path
-from queue import Full, Queue
 from threading import Lock, Thread
-from typing import Any
+from typing import Generic, Protocol, TypeVar
 
-from numpy.typing import NDArray
-from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.writers import encode_frame
+from opencv_tools.image.errors import ImageError
+from opencv_tools.recording.frame_queue import FrameQueue
+from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.selection import FullError
+from opencv_tools.recording.trouble import Log, Throttle, Troubles
 
 QUEUE_SIZE = 64  # frames
-_MAX_WRITERS = 4
+
+_FAILURES = (OSError, ImageError, MemoryError)
+
+Frame = RawFrame | CompressedFrame
+# Told where a frame is, or why it is nowhere.
+OnDone = Callable[[Path | str], object]
 
 
-class RecordingError(Exception):
-    """A folder that cannot be recorded to; the message says why."""
+class Prepared(Protocol):
+    """What remains to be put in its place."""
+
+    def discard(self) -> None:
+        """Let go of it."""
+
+
+P = TypeVar('P', bound=Prepared)
+
+
+class Files(Protocol[P]):
+    """What frames are written to."""
+
+    def prepare(self, frame: Frame) -> P:
+        """Do what takes time; more than one thread may."""
+
+    def commit(self, frame: Frame, prepared: P) -> Path:
+        """Put a frame in its place, one after another in their order; where it is."""
+
+    def close(self) -> None:
+        """Finish."""
+
+
+@dataclass
+class Account:
+    """What became of the frames that were handed over."""
+
+    written: int = 0
+    dropped: int = 0
+    failed: int = 0
+    left_out: int = 0
 
 
 @dataclass(frozen=True)
 class _Job:
-    seq: int
-    image: NDArray[Any]
-    encoding: str
+    frame: Frame
+    on_done: OnDone | None
+
+    def done(self, outcome: Path | str) -> None:
+        if self.on_done:
+            self.on_done(outcome)
 
 
-class Recorder:
-    """Write each frame to a numbered file, beside the thread that hands it over."""
+class Recorder(Generic[P]):
+    """Write each frame beside the thread that hands it over, and in the order they came."""
 
     def __init__(
-        self, folder: Path, names: FileNames, on_failure: Callable[[str], None],
-        queue_size: int = QUEUE_SIZE,
+        self, files: Files[P], log: Log, queue_size: int = QUEUE_SIZE, writers: int = 0,
+        block: bool = False, on_full: Callable[[], object] = lambda: None,
     ) -> None:
         """
-        Make the folder when it is missing, and start the threads.
+        Start the threads.
 
-        :param folder: where the files go; numbering goes on after those that are there.
-        :param names: names of the files; the extension is the format.
-        :param on_failure: told, on a thread of the recorder, why a frame was not written.
-        :param queue_size: frames that may wait to be written; more are dropped.
-        :raises RecordingError: the folder cannot be made or written to.
+        :param files: what frames are written to.
+        :param log: where trouble is told.
+        :param queue_size: frames that may wait to be written.
+        :param writers: threads that write; 0 for as many as there are processors.
+        :param block: when the queue is full, have ``put`` wait, instead of dropping the oldest.
+        :param on_full: told, on any thread, that the files are as large as they may get.
         """
-        self.written = 0
-        self.dropped = 0
-        self.failed = 0
-        self._folder = folder
-        self._names = names
-        self._on_failure = on_failure
-        self._next_seq = names.next_seq(_prepare(folder))
-        self._queue: Queue[_Job | None] = Queue(queue_size)
-        self._counting = Lock()
+        self.account = Account()
+        self.is_full = False
+        self._files = files
+        self._log = log
+        self._on_full = on_full
+        self._queue: FrameQueue[_Job] = FrameQueue(queue_size, block)
+        self._queue_size = queue_size
+        self._troubles = Troubles(log)
+        self._drop_warnings = Throttle()
+        self._ordering = Lock()
+        self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
+        self._next_place = 0
         self._threads = [Thread(target=self._write_all, name=f'writer-{index}', daemon=True)
-                         for index in range(min(_MAX_WRITERS, os.cpu_count() or 1))]
+                         for index in range(writers or len(os.sched_getaffinity(0)))]
         for thread in self._threads:
             thread.start()
 
-    def put(self, image: NDArray[Any], encoding: str) -> bool:
+    @property
+    def is_waiting(self) -> bool:
+        """Tell whether a frame is in the queue."""
+        return len(self._queue) > 0
+
+    def put(self, frame: Frame, on_done: OnDone | None = None) -> bool:
         """
         Hand a frame over to be written.
 
-        :param image: (h, w) or (h, w, c) array that nobody writes to any more.
-        :param encoding: its sensor_msgs/Image encoding.
-        :returns: False when the queue is full and the frame was dropped.
+        :param frame: the frame, which nobody changes any more.
+        :param on_done: told, on any thread, where it was written or why it was not.
+        :returns: False when another one, the oldest that waits, was dropped for it.
         """
-        try:
-            self._queue.put_nowait(_Job(self._next_seq, image, encoding))
-        except Full:
-            self.dropped += 1
-            return False
-        self._next_seq += 1
-        return True
+        dropped = self._queue.put(_Job(frame, on_done))
+        if not dropped:
+            return True
+        self.account.dropped += 1
+        if self._drop_warnings.passes():
+            self._log.warning(
+                f'{self.account.dropped} frames dropped: they come faster than they are written, '
+                f'and {self._queue_size} wait already; write .jpg, take every_n, or raise '
+                'queue_size')
+        dropped.done('it was dropped, as the queue is full')
+        return False
 
     def close(self) -> None:
-        """Write what waits in the queue, and end the threads."""
-        for _ in self._threads:
-            self._queue.put(None)
+        """Write what waits in the queue, end the threads and finish the files."""
+        self._queue.close()
         for thread in self._threads:
             thread.join()
-        self._threads.clear()
+        if self._threads:
+            self._threads.clear()
+            try:
+                self._files.close()
+            except OSError as err:
+                self._log.error(f'the recording was not finished: {_reason(err)}')
 
     def _write_all(self) -> None:
-        for job in iter(self._queue.get, None):
-            try:
-                self._write(job)
-            except (OSError, ValueError) as err:
-                with self._counting:
-                    self.failed += 1
-                self._on_failure(f'frame {job.seq} was not written: {err}')
-            else:
-                with self._counting:
-                    self.written += 1
+        while (taken := self._queue.get()) is not None:
+            place, job = taken
+            prepared = self._prepare(job.frame)
+            with self._ordering:
+                self._out_of_order[place] = job, prepared
+                while self._next_place in self._out_of_order:
+                    self._finish(*self._out_of_order.pop(self._next_place))
+                    self._next_place += 1
 
-    def _write(self, job: _Job) -> None:
-        """Write a file under a temporary name and rename it, so that it is whole or not there."""
-        path = self._folder / self._names.name(job.seq)
-        content = encode_frame(job.image, job.encoding, self._names.suffix)
-        temporary = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    def _prepare(self, frame: Frame) -> P | Exception:
+        """Do what needs no order; what failed is told in its turn."""
+        if self.is_full:
+            return FullError('the recording is full')
         try:
-            temporary.write_bytes(content)
-            temporary.replace(path)
-        except OSError:
-            temporary.unlink(missing_ok=True)
+            return self._files.prepare(frame)
+        except _FAILURES as err:
+            return err
+
+    def _finish(self, job: _Job, prepared: P | Exception) -> None:
+        """Put a frame in its place, and take account of it."""
+        try:
+            path = self._commit(job.frame, prepared)
+        except FullError as err:
+            self.account.left_out += 1
+            self._end(err)
+            job.done(str(err))
+        except _FAILURES as err:
+            self.account.failed += 1
+            tell = self._troubles.outage if isinstance(err, OSError) else self._troubles.failed
+            tell(f'a frame was not written: {_reason(err)}')
+            job.done(_reason(err))
+        else:
+            self.account.written += 1
+            self._troubles.written()
+            job.done(path)
+
+    def _commit(self, frame: Frame, prepared: P | Exception) -> Path:
+        if isinstance(prepared, Exception):
+            raise prepared
+        try:
+            if self.is_full:
+                raise FullError('the recording is full')
+            return self._files.commit(frame, prepared)
+        except (FullError, *_FAILURES):
+            prepared.discard()
             raise
 
+    def _end(self, err: FullError) -> None:
+        if not self.is_full:
+            self.is_full = True
+            self._log.info(f'The recording is full: {err}')
+            self._on_full()
 
-def _prepare(folder: Path) -> list[str]:
-    """
-    Make a folder ready to be written to.
 
-    :returns: the names of what is in it.
-    :raises RecordingError: it cannot be made, read or written to.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        names = [path.name for path in folder.iterdir()]
-    except OSError as err:
-        raise RecordingError(f'output_dir {folder} cannot be used: {err.strerror}') from err
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise RecordingError(f'output_dir {folder} cannot be written to: no permission')
-    return names
+def _reason(err: Exception) -> str:
+    """Say what failed, without the name of a file that is another for every frame."""
+    return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

@@ -16,15 +16,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import io
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.pictures import encode_picture, FORMATS as PICTURE_FORMATS, PictureError
+from opencv_tools.pictures import (
+    convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
+)
+from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.payload import read_payload
 
 
 class UnwritableError(ImageError):
@@ -43,46 +47,96 @@ FORMATS = {
 # OpenCV's encoders take colours in this order.
 _FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
 
+# What frames become whose pixels have their colours only together, by the type of the numbers.
+_COLORS = {'uint8': 'bgr8', 'uint16': 'bgr16'}
 
-def check_format(suffix: str) -> None:
+
+@dataclass(frozen=True)
+class Format:
     """
-    Refuse a format that is not known.
+    How a frame becomes the content of a file.
 
-    :param suffix: file name extension with its dot, in lower case.
-    :raises ValueError: nothing here writes such files.
+    :param suffix: one of ``FORMATS``, or that of a video.
+    :param to_color: convert bayer and yuv frames to colour where pictures are made; otherwise they
+        are kept as they are, or refused.
+    :param jpeg_quality: of JPEG, 1 to 100.
+    :param png_compression: of PNG, 0 to 9.
+    :param crf: of videos, x264's quality from 0 for the best to 51.
     """
-    if suffix not in FORMATS:
-        raise ValueError(f'the extension is one of {", ".join(FORMATS)}')
+
+    suffix: str
+    to_color: bool = True
+    jpeg_quality: int = 95
+    png_compression: int = 1
+    crf: int = 23
 
 
-def encode_frame(image: NDArray[Any], encoding_name: str, suffix: str) -> bytes:
+@dataclass(frozen=True)
+class Content:
+    """
+    The content of a file.
+
+    :param data: a buffer of its bytes.
+    :param encoding: of what is in it: the frame's own, or what it was converted to.
+    :param width: of the picture, in pixels.
+    :param height: of the picture, in pixels.
+    """
+
+    data: Any
+    encoding: str
+    width: int
+    height: int
+
+
+def able_formats(type_name: str) -> str:
+    """Name the extensions of files that hold an image of a type, such as ``16UC1``."""
+    able = [suffix for suffix, types in FORMATS.items() if type_name in types]
+    return ' or '.join([*able, _ANYTHING])
+
+
+def encode_frame(frame: RawFrame | CompressedFrame, wanted: Format) -> Content:
     """
     Make the content of a file of a frame.
 
-    :param image: (h, w) or (h, w, c) array of any byte order; it is not changed.
-    :param encoding_name: its sensor_msgs/Image encoding.
-    :param suffix: the format, one of ``FORMATS``; ``.npy`` keeps the array as it is.
-    :returns: the bytes of the file.
-    :raises UnwritableError: the format cannot hold the frame without changing it.
+    A compressed frame that is such a file already is kept as it is; another one is decoded.
+
+    :param frame: the frame; it is not changed.
+    :param wanted: what is to be made of it; ``.npy`` keeps the array as it is.
+    :returns: the content, which may be the frame's own data.
+    :raises ImageError: the format cannot hold the frame without changing it, or it is broken.
     """
-    encoding = find_encoding(encoding_name)
-    if suffix == _ANYTHING:
+    if isinstance(frame, CompressedFrame):
+        payload = read_payload(frame.data)
+        if wanted.suffix in payload.suffixes:
+            return Content(frame.data, frame.encoding, payload.width, payload.height)
+    return _encode_image(frame.decode(), wanted)
+
+
+def _encode_image(frame: RawFrame, wanted: Format) -> Content:
+    image, encoding = frame.image, find_encoding(frame.encoding)
+    height, width = encoding.height(image.shape[0]), image.shape[1]
+    if wanted.suffix == _ANYTHING:
         file = io.BytesIO()
         np.save(file, image)
-        return file.getvalue()
+        return Content(file.getbuffer(), encoding.name, width, height)
+    if wanted.to_color and encoding.kind in ('bayer', 'yuv'):
+        target = find_encoding(_COLORS[encoding.dtype])
+        image, encoding = convert_picture(_native(image, encoding), encoding, target), target
     # An array of luma and chroma has the type of a gray picture, but is none.
-    type_name = generic_encoding(image).name if encoding.planes == 1 else encoding_name
-    if type_name not in FORMATS[suffix]:
-        able = [other for other, types in FORMATS.items() if type_name in types] + [_ANYTHING]
-        raise UnwritableError(f'a {encoding_name} frame cannot be kept as {suffix}; '
-                              f'set the extension of file_name to {" or ".join(able)}')
+    type_name = generic_encoding(image).name if encoding.planes == 1 else encoding.name
+    if type_name not in FORMATS[wanted.suffix]:
+        raise UnwritableError(f'a {encoding.name} frame cannot be kept as {wanted.suffix}; '
+                              f'set the extension of file_name to {able_formats(type_name)}')
     if not image.size:
-        raise UnwritableError(f'an empty frame, {image.shape[1]}x{image.shape[0]}, '
-                              f'cannot be kept as {suffix}')
+        raise UnwritableError(f'an empty frame, {width}x{height}, '
+                              f'cannot be kept as {wanted.suffix}')
+    quality = wanted.jpeg_quality if wanted.suffix in ('.jpg', '.jpeg') else None
     try:
-        return encode_picture(_file_order(image, encoding), suffix).tobytes()
+        data = encode_picture(
+            _file_order(image, encoding), wanted.suffix, quality, wanted.png_compression)
     except PictureError as err:
-        raise UnwritableError(f'a {encoding_name} frame was not encoded: {err}') from err
+        raise UnwritableError(f'a {encoding.name} frame was not encoded: {err}') from err
+    return Content(data, encoding.name, width, height)
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
@@ -90,5 +144,9 @@ def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     order = _FILE_ORDER.get(encoding.order)
     if order:
         target = find_encoding(encoding.name.replace(encoding.order, order))
-        return convert(image, encoding, target)
+        return convert_picture(_native(image, encoding), encoding, target)
+    return _native(image, encoding)
+
+
+def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     return np.ascontiguousarray(image, np.dtype(encoding.dtype))

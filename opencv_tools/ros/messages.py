@@ -16,9 +16,17 @@
 
 from __future__ import annotations
 
-from opencv_tools.image.cdr import cdr_to_image, CdrError, EncapsulationError, WireImage
+from collections.abc import Callable
+from typing import Any
+
+from opencv_tools.image.cdr import (
+    cdr_to_compressed_image, cdr_to_image, CdrError, EncapsulationError, WireCompressedImage,
+    WireImage,
+)
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
+
+FrameMessage = WireImage | Image | WireCompressedImage | CompressedImage
 
 
 def read_image(serialized: bytes) -> WireImage | Image:
@@ -30,10 +38,26 @@ def read_image(serialized: bytes) -> WireImage | Image:
         it.
     :raises CdrError: it is no image message.
     """
+    return _read(serialized, cdr_to_image, Image)
+
+
+def read_compressed_image(serialized: bytes) -> WireCompressedImage | CompressedImage:
+    """
+    Read a compressed image message that was received raw.
+
+    :param serialized: the message in the format of the wire.
+    :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
+        it.
+    :raises CdrError: it is no compressed image message.
+    """
+    return _read(serialized, cdr_to_compressed_image, CompressedImage)
+
+
+def _read(serialized: bytes, read: Callable[[bytes], Any], message_type: Any) -> Any:
     try:
-        return cdr_to_image(serialized)
+        return read(serialized)
     except EncapsulationError:
         try:
-            return deserialize_message(serialized, Image)
+            return deserialize_message(serialized, message_type)
         except RuntimeError as err:  # rclpy's RMWError is private
             raise CdrError(f'the middleware cannot read the message: {err}') from err

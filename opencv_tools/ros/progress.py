@@ -17,7 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import shutil
+import sys
 import time
+from typing import Any
+
+from opencv_tools.recording.trouble import Log
 
 _SECONDS_BETWEEN_LINES = 1.0
 
@@ -54,9 +59,76 @@ class Progress:
         since = now - self._said_at
         rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
         self._said_at, self._said_count = now, self.count
-        self._say(f'{self._phrase} {self.count}: {what}, {rate}{dropped} dropped')
+        self._show(f'{what}, {rate}{dropped} dropped')
 
     def average_rate(self) -> float:
         """Give the frames per second from the first frame to the last, 0.0 for fewer than two."""
         seconds = self._last_at - self._first_at
         return (self.count - 1) / seconds if seconds > 0 else 0.0
+
+    def close(self) -> None:
+        """Say no more."""
+
+    def _show(self, state: str) -> None:
+        self._say(f'{self._phrase} {self.count}: {state}')
+
+
+class ProgressBar(Progress):
+    """Show how frames go in the last line of a terminal, with a bar where the end is known."""
+
+    def __init__(self, log: Log, phrase: str, total: int) -> None:
+        """
+        Start counting.
+
+        :param log: whose lines appear above that of the bar, when they are said through ``info``,
+            ``warning`` and ``error`` here.
+        :param phrase: what is being done.
+        :param total: how many frames there will be, 0 where nobody knows.
+        """
+        from tqdm import tqdm  # only a terminal waits for it
+        super().__init__(log.info, phrase)
+        self._log = log
+        size = shutil.get_terminal_size()  # terminals of containers may say that they have none
+        amount = '{n_fmt}/{total_fmt} |{bar}|' if total else '{n_fmt}'
+        self._bar: Any = tqdm(
+            total=total or None, desc=phrase, bar_format=f'{{desc}} {amount}{{postfix}}',
+            file=sys.stderr, ncols=size.columns, nrows=size.lines)
+
+    def info(self, message: str) -> None:
+        """Say what is as it should be."""
+        self._bar.clear()
+        self._log.info(message)
+
+    def warning(self, message: str) -> None:
+        """Say what may not be wanted."""
+        self._bar.clear()
+        self._log.warning(message)
+
+    def error(self, message: str) -> None:
+        """Say what failed."""
+        self._bar.clear()
+        self._log.error(message)
+
+    def close(self) -> None:
+        """Leave the line as it is last."""
+        self._bar.n = self.count
+        self._bar.close()
+
+    def _show(self, state: str) -> None:
+        self._bar.n = self.count
+        self._bar.set_postfix_str(state)
+
+
+def open_progress(log: Log, phrase: str, total: int) -> tuple[Log, Progress]:
+    """
+    Begin to show progress: on a terminal in its last line, otherwise in the log.
+
+    :param log: of the node.
+    :param phrase: what is being done.
+    :param total: how many frames there will be, 0 where nobody knows.
+    :returns: the log to use from now on, and the progress.
+    """
+    if not sys.stderr.isatty():
+        return log, Progress(log.info, phrase)
+    bar = ProgressBar(log, phrase, total)
+    return bar, bar

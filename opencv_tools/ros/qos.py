@@ -30,13 +30,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from opencv_tools.ros.parameters import ParameterError
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy, HistoryPolicy, qos_check_compatible, QoSCompatibility, QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
 _DEPTH = 10
@@ -53,6 +57,48 @@ def best_effort_qos() -> QoSProfile:
     """Make the profile that matches every publisher, for one that offers no more than this."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def following_qos(offers: Sequence[QoSProfile], keep_all: bool) -> QoSProfile:
+    """
+    Make the profile that asks for the most that all publishers offer.
+
+    :param offers: what each publisher offers; without any, frames are to arrive whole.
+    :param keep_all: keep every frame until it is taken, not only the newest ten. Fast DDS keeps
+        5000 frames at most, and memory for as many as were ever kept.
+    :returns: what to subscribe with.
+    """
+    reliable = all(offer.reliability != ReliabilityPolicy.BEST_EFFORT for offer in offers)
+    # What was published before is sent again to those only who can ask for it.
+    latched = bool(offers) and reliable and all(
+        offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def qos_mismatch(offer: QoSProfile, request: QoSProfile) -> str:
+    """
+    Say why a subscription receives nothing from a publisher.
+
+    :param offer: the publisher's profile.
+    :param request: the subscription's profile.
+    :returns: the policies that do not match, '' when all do.
+    """
+    compatibility, reason = qos_check_compatible(offer, request)
+    if compatibility != QoSCompatibility.ERROR:
+        return ''
+    return str(reason).replace('ERROR: ', '').rstrip(';').lower()
+
+
+def describe_qos(qos: QoSProfile) -> str:
+    """Name the policies of a subscription that follow its publishers, in a few words."""
+    words = ['best effort' if qos.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable']
+    if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        words.append('with what was published before')
+    return ', '.join(words)
 
 
 def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publisher:

@@ -1,0 +1,79 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What frames are written to: a file each, or a video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.picture_files import PictureFiles
+from opencv_tools.recording.recorder import Files
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video import check_video, FORMATS as VIDEO_FORMATS
+from opencv_tools.recording.video_files import VideoFiles
+from opencv_tools.recording.video_picture import VideoError
+from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
+
+
+def check_format(suffix: str) -> None:
+    """
+    Refuse a format that is not known.
+
+    :param suffix: file name extension with its dot, in lower case.
+    :raises ValueError: nothing here writes such files.
+    """
+    known = (*PICTURE_FORMATS, *VIDEO_FORMATS)
+    if suffix not in known:
+        raise ValueError(f'the extension is one of {", ".join(known)}')
+
+
+def open_files(
+    path: Path, names: FileNames, wanted: Format, on_exists: str, limits: Limits, sync: bool,
+) -> Files[Any]:
+    """
+    Make ready what frames are written to.
+
+    :param path: the folder, which is made when it is missing.
+    :param names: names of the files.
+    :param wanted: what frames become.
+    :param on_exists: what is done about files that are there already.
+    :param limits: how much is recorded.
+    :param sync: have each file on the disk before it gets its name.
+    :returns: files for a recorder.
+    :raises RecordingError: the folder cannot be written to, files that are there are in the way,
+        or videos cannot be written here.
+    """
+    is_video = wanted.suffix in VIDEO_FORMATS
+    if is_video and limits.ring:
+        raise RecordingError(f'a ring deletes the oldest files, and a {wanted.suffix} is one file '
+                             'of many frames; set the extension of file_name to .png or .jpg')
+    try:
+        if is_video:
+            check_video()
+    except VideoError as err:
+        raise RecordingError(str(err)) from err
+    folder = Folder(path, sync)
+    try:
+        kind = VideoFiles if is_video else PictureFiles
+        return kind(folder, names, wanted, on_exists, limits)
+    except OSError as err:
+        folder.close()
+        raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
+    except RecordingError:
+        folder.close()
+        raise

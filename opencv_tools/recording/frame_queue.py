@@ -1,0 +1,85 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The queue between the thread that receives frames and those that write them."""
+
+from __future__ import annotations
+
+from collections import deque
+from threading import Condition
+from typing import Generic, TypeVar
+
+T = TypeVar('T')
+
+
+class FrameQueue(Generic[T]):
+    """A queue that, when it is full, lets the oldest go or has who puts wait."""
+
+    def __init__(self, size: int, block: bool) -> None:
+        """
+        Make it empty.
+
+        :param size: how many wait in it at most.
+        :param block: wait for room, instead of making some.
+        """
+        self._size = size
+        self._block = block
+        self._waiting: deque[T] = deque()
+        self._taken = 0
+        self._closed = False
+        self._changed = Condition()
+
+    def __len__(self) -> int:
+        """Count what waits."""
+        return len(self._waiting)
+
+    def put(self, item: T) -> T | None:
+        """
+        Add an item.
+
+        :returns: the one that was dropped to make room, or None.
+        """
+        dropped = None
+        with self._changed:
+            if len(self._waiting) >= self._size:
+                if self._block:
+                    self._changed.wait_for(lambda: len(self._waiting) < self._size)
+                else:
+                    dropped = self._waiting.popleft()
+            self._waiting.append(item)
+            self._changed.notify_all()
+        return dropped
+
+    def get(self) -> tuple[int, T] | None:
+        """
+        Wait for an item and take it.
+
+        :returns: its place in the order of all that were taken, from 0, and the item; None when
+            the queue is closed and empty.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._closed)
+            if not self._waiting:
+                return None
+            place = self._taken
+            self._taken += 1
+            item = self._waiting.popleft()
+            self._changed.notify_all()
+            return place, item
+
+    def close(self) -> None:
+        """Let those that take end, once the queue is empty."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()

@@ -1,0 +1,79 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is recorded: frames as they come, raw or compressed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+from opencv_tools.image.compressed import stored_encoding
+from opencv_tools.pictures import decode_picture
+from opencv_tools.recording.naming import Labels
+
+
+@dataclass(frozen=True)
+class ReceivedFrame(Labels):
+    """
+    What frames of both kinds have.
+
+    :param receive_ns: when the message came, in nanoseconds of the system's clock.
+    """
+
+    receive_ns: int
+
+    @property
+    def time_ns(self) -> int:
+        """Give the time of the frame in nanoseconds: its stamp, or when it came without one."""
+        return self.stamp_ns or self.receive_ns
+
+
+@dataclass(frozen=True)
+class RawFrame(ReceivedFrame):
+    """
+    A frame as pixels.
+
+    :param image: (h, w) or (h, w, c) array of the frame's encoding, that nobody writes to any
+        more; chroma in rows of its own stands below the luma.
+    """
+
+    image: NDArray[Any]
+
+    def decode(self) -> RawFrame:
+        """Give the frame as pixels."""
+        return self
+
+
+@dataclass(frozen=True)
+class CompressedFrame(ReceivedFrame):
+    """
+    A frame as the content of a picture file; its encoding is the format of the message.
+
+    :param data: a buffer of bytes that nobody writes to any more.
+    """
+
+    data: Any
+
+    def decode(self) -> RawFrame:
+        """
+        Give the frame as pixels.
+
+        :raises ImageError: the data are no picture that can be read.
+        """
+        image = decode_picture(self.data)
+        encoding = stored_encoding(image, self.encoding)
+        return RawFrame(self.stamp_ns, self.frame_id, encoding.name, self.topic, self.receive_ns,
+                        image)

@@ -1,0 +1,225 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The account of a recording: ``manifest.jsonl``, a line of JSON for each file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+import errno
+import fcntl
+import json
+import os
+from pathlib import Path
+
+from opencv_tools.recording.frames import ReceivedFrame
+
+FILE_NAME = 'manifest.jsonl'
+
+_NANO = 10**9
+_BLOCK = 4096
+_TAIL = 1 << 20
+
+
+@dataclass(frozen=True)
+class Entry:
+    """
+    One file.
+
+    :param seq: number of the file.
+    :param name: of the file.
+    :param stamp_ns: stamp of its frame, the first one of a video.
+    :param receive_ns: when the frame came, in nanoseconds of the system's clock.
+    :param frame_id: its coordinate frame.
+    :param encoding: of the message, or its format where it was compressed.
+    :param kept_as: encoding of what is in the file.
+    :param width: in pixels, 0 where nobody looked.
+    :param height: in pixels, 0 where nobody looked.
+    :param size: bytes of the file.
+    :param sha256: of its content, in hexadecimal digits.
+    :param frames: how many frames are in it.
+    """
+
+    seq: int
+    name: str
+    stamp_ns: int
+    receive_ns: int
+    frame_id: str
+    encoding: str
+    kept_as: str
+    width: int
+    height: int
+    size: int
+    sha256: str
+    frames: int = 1
+
+    def line(self) -> bytes:
+        """Write the entry as it stands in the manifest."""
+        fields = {
+            'seq': self.seq, 'file': self.name, 'stamp': _time(self.stamp_ns),
+            'receive_time': _time(self.receive_ns), 'frame_id': self.frame_id,
+            'encoding': self.encoding, 'kept_as': self.kept_as, 'size': [self.width, self.height],
+            'bytes': self.size, 'sha256': self.sha256, 'frames': self.frames}
+        return json.dumps(fields).encode() + b'\n'
+
+
+def file_entry(
+    seq: int, name: str, frame: ReceivedFrame, kept_as: str, picture_size: tuple[int, int],
+    size: int, sha256: str, frames: int = 1,
+) -> Entry:
+    """Make the entry of a file of a frame, or of a video that begins with it."""
+    return Entry(seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
+                 kept_as, *picture_size, size, sha256, frames)
+
+
+def parse_line(line: bytes) -> Entry:
+    """
+    Read a line of a manifest.
+
+    :raises ValueError: it is not one.
+    """
+    try:
+        fields = json.loads(line)
+        width, height = map(int, fields['size'])
+        return Entry(
+            int(fields['seq']), str(fields['file']), _nanoseconds(fields['stamp']),
+            _nanoseconds(fields['receive_time']), str(fields['frame_id']),
+            str(fields['encoding']), str(fields['kept_as']), width, height,
+            int(fields['bytes']), str(fields['sha256']), int(fields['frames']))
+    except (LookupError, TypeError) as err:
+        raise ValueError(f'{line[:80]!r} is no line of a manifest') from err
+
+
+class Manifest:
+    """The manifest of a folder, which several recordings may write to at once."""
+
+    def __init__(self, folder: Path) -> None:
+        """Name the file; it is made with its first line."""
+        self._path = folder / FILE_NAME
+
+    def append(self, entry: Entry) -> None:
+        """
+        Add a line, whole or not at all.
+
+        :raises OSError: it cannot be written.
+        """
+        with self._locked() as file:
+            end = _mend(file)
+            line = entry.line()
+            try:
+                if os.write(file, line) < len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError:
+                os.ftruncate(file, end)
+                raise
+
+    def entries(self) -> list[Entry]:
+        """
+        Read all lines; what is none, and was not written here, is passed over.
+
+        :raises OSError: it cannot be read.
+        """
+        try:
+            return list(_parse(self._path.read_bytes()))
+        except FileNotFoundError:
+            return []
+
+    def tail(self) -> list[Entry]:
+        """
+        Read the last lines, as many as tell the highest numbers.
+
+        :raises OSError: they cannot be read.
+        """
+        try:
+            with self._path.open('rb') as file:
+                file.seek(max(0, self._path.stat().st_size - _TAIL))
+                return list(_parse(file.read()))
+        except FileNotFoundError:
+            return []
+
+    def compact(
+        self, is_wanted: Callable[[Entry], bool], write: Callable[[bytes], Path],
+    ) -> None:
+        """
+        Drop the lines that a later one of the same file replaces, and those not wanted.
+
+        :param is_wanted: tells whether a line is to stay.
+        :param write: writes a file under a temporary name in the folder, and tells which.
+        :raises OSError: it cannot be written anew.
+        """
+        with self._locked() as file:
+            size = os.fstat(file).st_size
+            before = os.pread(file, size, 0)
+            last = {entry.name: entry for entry in _parse(before)}
+            after = b''.join(entry.line() for entry in last.values() if is_wanted(entry))
+            if after != before:
+                write(after).replace(self._path)
+
+    @contextmanager
+    def _locked(self) -> Iterator[int]:
+        """Open the file for this process alone."""
+        while True:
+            file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                _lock(file)
+                if _is_file(file, self._path):
+                    yield file
+                    return
+            finally:
+                os.close(file)
+
+
+def _time(nanoseconds: int) -> dict[str, int]:
+    """Write a time as ROS does, for a number of JSON may lose its last digits."""
+    sec, nanosec = divmod(nanoseconds, _NANO)
+    return {'sec': sec, 'nanosec': nanosec}
+
+
+def _nanoseconds(time: dict[str, int]) -> int:
+    return int(time['sec']) * _NANO + int(time['nanosec'])
+
+
+def _parse(content: bytes) -> Iterable[Entry]:
+    for line in content.splitlines():
+        try:
+            yield parse_line(line)
+        except ValueError:
+            continue
+
+
+def _mend(file: int) -> int:
+    """Cut off a last line whose end a killed process did not write; where the next one goes."""
+    end = size = os.fstat(file).st_size
+    while end and os.pread(file, 1, end - 1) != b'\n':
+        begin = max(0, end - _BLOCK)
+        end = begin + os.pread(file, end - begin, begin).rfind(b'\n') + 1
+    if end < size:
+        os.ftruncate(file, end)
+    return end
+
+
+def _lock(file: int) -> None:
+    """Wait for other processes; where files cannot be locked there is nobody to wait for."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
+def _is_file(file: int, path: Path) -> bool:
+    """Tell whether an open file is still the one at a path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False

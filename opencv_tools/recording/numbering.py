@@ -1,0 +1,75 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The next name of a recording: numbers go on, and no file is overwritten unless asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+
+from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
+
+#: What is done about files that are there already.
+ON_EXISTS = ('continue', 'error', 'overwrite')
+
+
+class Numbering:
+    """Find names that are free."""
+
+    def __init__(self, names: FileNames, folder: Folder, on_exists: str) -> None:
+        """
+        Begin behind the files that are there, or at 0 when they are to be overwritten.
+
+        :param names: the template.
+        :param folder: where the files are.
+        :param on_exists: one of ``ON_EXISTS``.
+        :raises RecordingError: there are such files, and that is an error.
+        """
+        self.replaces = on_exists == 'overwrite'
+        self._names = names
+        self._only_free = on_exists == 'error'
+        self._copy = ('', 0)
+        taken = [name for name in folder.names() if names.matches(name)]
+        if taken and self._only_free:
+            raise RecordingError(
+                f'output_dir {folder.path} has {min(taken)} already; name another folder, '
+                'or set on_exists to continue or overwrite')
+        numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
+        self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
+
+    def candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
+        """
+        Give a number and a name, and others as long as they turn out to be taken.
+
+        The last one that was asked for is the one that was used, when ``use`` is called.
+        """
+        name = self._names.name(self._seq, labels)
+        if self.replaces or self._only_free:
+            yield self._seq, name
+        elif self._names.is_numbered:
+            while True:
+                yield self._seq, name
+                self._seq += 1
+                name = self._names.name(self._seq, labels)
+        else:
+            first = self._copy[1] if self._copy[0] == name else 0
+            for copy in itertools.count(first):
+                yield self._seq, numbered_copy(name, copy) if copy else name
+                self._copy = (name, copy + 1)
+
+    def use(self) -> None:
+        """Take note that a number was used."""
+        self._seq += 1

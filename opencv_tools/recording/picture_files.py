@@ -1,0 +1,147 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames as files of their own."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+import errno
+import hashlib
+from pathlib import Path
+
+from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.manifest import Entry, file_entry
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.selection import Budget, Limits
+from opencv_tools.recording.writers import Content, encode_frame, Format
+
+# Lines of files that are no more are dropped when there are so many, and more than of others.
+_MANY_LINES = 100
+
+
+@dataclass(frozen=True)
+class PreparedPicture:
+    """
+    A file that only lacks its name.
+
+    :param temporary: where it is.
+    :param content: what is in it, without the data.
+    :param size: bytes of it.
+    :param sha256: of its content, in hexadecimal digits.
+    """
+
+    temporary: Path
+    content: Content
+    size: int
+    sha256: str
+
+    def discard(self) -> None:
+        """Remove the file, which gets no name."""
+        with suppress(OSError):  # the next recording removes it
+            self.temporary.unlink(missing_ok=True)
+
+
+class PictureFiles:
+    """Write each frame to a file."""
+
+    def __init__(
+        self, folder: Folder, names: FileNames, wanted: Format, on_exists: str, limits: Limits,
+    ) -> None:
+        """
+        Go on behind the files that are there.
+
+        :param folder: where the files go.
+        :param names: names of the files.
+        :param wanted: what frames become.
+        :param on_exists: what is done about files that are there already.
+        :param limits: how much is kept.
+        :raises RecordingError: the files that are there are an error.
+        """
+        self._folder = folder
+        self._names = names
+        self._wanted = wanted
+        self._limits = limits
+        self._numbering = Numbering(names, folder, on_exists)
+        self._stale_lines = 0
+        self._compact()
+        self._budget = Budget(limits, [
+            entry for entry in (folder.manifest.entries() if limits.ring else [])
+            if names.matches(entry.name)])
+
+    def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedPicture:
+        """
+        Write a frame under a temporary name; more than one thread may.
+
+        :param frame: the frame.
+        :returns: the file.
+        :raises ImageError: the format cannot hold the frame.
+        :raises OSError: it cannot be written.
+        """
+        content = encode_frame(frame, self._wanted)
+        data = memoryview(content.data).cast('B')
+        digest = hashlib.sha256(data).hexdigest()
+        temporary = self._folder.write(data)
+        return PreparedPicture(temporary, replace(content, data=b''), data.nbytes, digest)
+
+    def commit(self, frame: RawFrame | CompressedFrame, picture: PreparedPicture) -> Path:
+        """
+        Give a file its name; one thread at a time may, in the order of the frames.
+
+        :param frame: what is in the file.
+        :param picture: the file.
+        :returns: where it is now.
+        :raises FullError: the recording is as large as it may get.
+        :raises OSError: it cannot be given its name, or not be accounted for.
+        """
+        content = picture.content
+        for seq, name in self._numbering.candidates(frame):
+            entry = file_entry(seq, name, frame, content.encoding,
+                               (content.width, content.height), picture.size, picture.sha256)
+            gone = self._budget.make_room(entry)
+            try:
+                return self._publish(picture.temporary, entry, gone)
+            except FileExistsError:
+                continue
+        raise FileExistsError(errno.EEXIST, f'{name} is there already')
+
+    def close(self) -> None:
+        """Drop the lines of files that are no more, and leave the folder."""
+        try:
+            if self._stale_lines:
+                self._compact()
+        finally:
+            self._folder.close()
+
+    def _publish(self, temporary: Path, entry: Entry, gone: list[str]) -> Path:
+        for name in gone:
+            (self._folder.path / name).unlink(missing_ok=True)
+        path = self._folder.publish(temporary, entry, self._numbering.replaces)
+        self._numbering.use()
+        self._stale_lines += len(gone) or self._numbering.replaces
+        self._budget.add(entry, gone)
+        if self._stale_lines > max(_MANY_LINES, self._budget.count):
+            self._compact()
+        return path
+
+    def _compact(self) -> None:
+        """Leave lines of our files only where a ring did not delete them, and one a file."""
+        self._stale_lines = 0
+        if self._limits.ring or self._numbering.replaces:
+            self._folder.manifest.compact(
+                lambda entry: not self._names.matches(entry.name)
+                or (self._folder.path / entry.name).exists(), self._folder.write)

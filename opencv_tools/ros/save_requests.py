@@ -1,0 +1,79 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The service that has a frame written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+_PATIENCE_SECONDS = 3.0
+
+
+class SaveRequests:
+    """Answer each call of ``~/save`` when the frame that came next is written, or will not be."""
+
+    def __init__(self, node: Node) -> None:
+        """
+        Offer the service.
+
+        :param node: the node that receives the frames.
+        """
+        self._node = node
+        self._waiting: list[Future] = []
+        # A call that waits would keep the frames of its own group from coming.
+        self._service = node.create_service(
+            Trigger, '~/save', self._save, callback_group=ReentrantCallbackGroup())
+
+    def take(self) -> list[Future]:
+        """Give the requests that the frame which came now is for; none is given twice."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+    def answer(self, requests: list[Future], outcome: Path | str) -> None:
+        """
+        Say what became of a frame; any thread may.
+
+        :param requests: those that it was for.
+        :param outcome: where it is, or why it is nowhere.
+        """
+        for request in requests:
+            request.set_result(outcome)
+        self._node.executor.wake()
+
+    async def _save(
+        self, _request: Trigger.Request, response: Trigger.Response,
+    ) -> Trigger.Response:
+        request = Future()
+        self._waiting.append(request)
+        patience = self._node.create_timer(
+            _PATIENCE_SECONDS, lambda: self._give_up(request),
+            clock=Clock(clock_type=ClockType.STEADY_TIME))
+        outcome = await request
+        self._node.destroy_timer(patience)
+        response.success = isinstance(outcome, Path)
+        response.message = str(outcome)
+        return response
+
+    def _give_up(self, request: Future) -> None:
+        """Answer who would wait for ever; a frame of earlier would not show what is there now."""
+        if request in self._waiting:
+            self._waiting.remove(request)
+            request.set_result(f'no frame came within {_PATIENCE_SECONDS:g} s')

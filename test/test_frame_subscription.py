@@ -1,0 +1,707 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+import itertools
+import threading
+import time
+
+from conftest import DEADLINE, spin_until
+from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage
+from opencv_tools.ros import frame_subscription
+from opencv_tools.ros.frame_subscription import FrameSubscription
+from opencv_tools.ros.messages import FrameMessage, read_compressed_image
+from opencv_tools.ros.qos import following_qos, qos_mismatch
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header, String
+
+TOPIC = '/video_frames'
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED_BEST_EFFORT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL,
+                                 reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@dataclass
+class Received:
+    """What a subscription has handed over."""
+
+    frames: list[FrameMessage] = field(default_factory=list)
+    times: list[int] = field(default_factory=list)
+    errors: list[CdrError] = field(default_factory=list)
+
+    def take(self, frame: FrameMessage, received: int) -> None:
+        self.frames.append(frame)
+        self.times.append(received)
+
+    def numbers(self, first: int = 0) -> list[int]:
+        """Give the numbers of the frames, of one publisher where those of another are lower."""
+        return [frame.sec for frame in self.frames if frame.sec >= first]
+
+
+@pytest.fixture(autouse=True)
+def _look_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frame_subscription, '_LOOK_SECONDS', 0.1)
+
+
+@pytest.fixture
+def camera(domain: int) -> Iterator[Node]:
+    """Give a node that publishes, which the receiving one has to discover."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    publishing = Node('camera', context=context, namespace='/front')
+    yield publishing
+    publishing.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def received() -> Received:
+    return Received()
+
+
+@pytest.fixture
+def subscribe(node: Node, received: Received) -> Iterator[Callable[..., FrameSubscription]]:
+    """Subscribe to frames, until the test ends."""
+    subscriptions: list[FrameSubscription] = []
+
+    def _subscribe(
+        transport: str = 'auto', keep_all: bool = False, subscriber: Node = node,
+    ) -> FrameSubscription:
+        subscriptions.append(FrameSubscription(
+            subscriber, 'video_frames', transport, keep_all, received.take,
+            received.errors.append))
+        return subscriptions[-1]
+
+    yield _subscribe
+    for subscription in subscriptions:
+        subscription.destroy()
+
+
+def image(number: int) -> Image:
+    message = Image(height=1, width=1, encoding='mono8', step=1, data=[number % 256])
+    message.header.stamp.sec = number
+    return message
+
+
+def compressed(number: int) -> CompressedImage:
+    message = CompressedImage(format='jpeg', data=bytes(range(number % 256)))
+    message.header.stamp.sec = number
+    return message
+
+
+def publish_until(
+    node: Node, publisher: Publisher, make: Callable[[int], object],
+    condition: Callable[[], bool],
+) -> None:
+    """Publish numbered messages until a condition holds, as a publisher waits for nobody."""
+    numbers = itertools.count()
+
+    def step() -> bool:
+        publisher.publish(make(next(numbers)))
+        return condition()
+
+    spin_until(node, step)
+
+
+def spin_for(node: Node, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    spin_until(node, lambda: time.monotonic() > end)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Wait without running the executor."""
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline, 'the condition did not come to hold'
+        time.sleep(0.01)
+
+
+def requests(node: Node, topic: str = TOPIC) -> dict[bytes, QoSProfile]:
+    """Give what the subscriptions of a topic ask for, as the graph knows it."""
+    return {bytes(info.endpoint_gid): info.qos_profile
+            for info in node.get_subscriptions_info_by_topic(topic)}
+
+
+def reliabilities(node: Node) -> list[ReliabilityPolicy]:
+    return [qos.reliability for qos in requests(node).values()]
+
+
+@pytest.mark.parametrize('first', ['publisher', 'subscription'])
+def test_a_best_effort_publisher_is_received(
+        node: Node, camera: Node, received: Received, subscribe: Callable[..., FrameSubscription],
+        first: str, capfd: pytest.CaptureFixture[str]) -> None:
+    if first == 'subscription':
+        subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, BEST_EFFORT)
+    if first == 'publisher':
+        spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
+        subscribe()
+    publish_until(node, publisher, image, lambda: len(received.frames) > 3)
+    spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.BEST_EFFORT])
+    said = capfd.readouterr().err.count(
+        'Receiving /video_frames (sensor_msgs/msg/Image, best effort), as its publishers offer')
+    assert said == (first == 'subscription')
+    assert all(isinstance(frame, WireImage) for frame in received.frames)
+
+
+class Stream:
+    """Publish numbered images from a thread, whatever the executor does."""
+
+    def __init__(self, publisher: Publisher, first: int) -> None:
+        self.published: list[int] = []
+        self._publisher = publisher
+        self._first = first
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        for number in itertools.count(self._first):
+            self._publisher.publish(image(number))
+            self.published.append(number)
+            if self._ended.wait(0.005):
+                return
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+def test_nothing_is_lost_or_doubled_when_a_best_effort_publisher_joins_and_leaves(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    stays = camera.create_publisher(Image, TOPIC, RELIABLE)
+    subscribe(keep_all=True)
+    spin_until(node, lambda: stays.get_subscription_count() == 1)
+    stream = Stream(stays, 1000)
+    try:
+        spin_until(node, lambda: len(received.frames) > 20)
+        assert reliabilities(node) == [ReliabilityPolicy.RELIABLE]
+        joins = camera.create_publisher(Image, TOPIC, BEST_EFFORT)
+        publish_until(
+            node, joins, image, lambda: len(received.frames) > 3 + len(received.numbers(1000)))
+        spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.BEST_EFFORT])
+        asked = requests(node)
+        camera.destroy_publisher(joins)
+        spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
+        spin_for(node, 3 * frame_subscription._LOOK_SECONDS)
+    finally:
+        stream.end()
+    assert requests(node) == asked  # who leaves is no reason to subscribe again
+    spin_until(node, lambda: received.numbers(1000)[-1] == stream.published[-1])
+    assert received.numbers(1000) == stream.published
+
+
+def test_a_reliable_publisher_after_a_best_effort_one_is_received_reliable(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscribe()
+    leaves = camera.create_publisher(Image, TOPIC, BEST_EFFORT)
+    publish_until(node, leaves, image, lambda: bool(received.frames))
+    camera.destroy_publisher(leaves)
+    spin_until(node, lambda: not node.count_publishers(TOPIC))
+    spin_for(node, frame_subscription._LOOK_SECONDS)
+    camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.RELIABLE])
+
+
+def test_a_latched_image_arrives_though_it_was_published_before(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
+    subscribe()
+    spin_until(node, lambda: received.numbers() == [7])
+    other = camera.create_publisher(Image, TOPIC, RELIABLE)  # which latches nothing
+    publish_until(node, other, image, lambda: len(received.frames) > 3)
+    assert received.numbers().count(7) <= 2
+
+
+def test_what_comes_before_and_again_after_subscribing_anew_is_passed_on_once(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, LATCHED)
+    wait_until(lambda: publisher.get_subscription_count() == 1)  # nothing is asked for anew yet
+    for number in range(1, 31):
+        publisher.publish(image(number))
+    spin_until(node, lambda: DurabilityPolicy.TRANSIENT_LOCAL in [
+        qos.durability for qos in requests(node).values()])
+    spin_until(node, lambda: len(requests(node)) == 1)  # the old subscription is gone
+    assert received.numbers() == list(range(21, 31))
+    publisher.publish(image(31))
+    spin_until(node, lambda: received.numbers()[-1] == 31)
+    assert received.numbers() == list(range(21, 32))
+    assert subscription.lost == 0
+
+
+def test_lost_frames_are_counted_also_across_a_new_subscription(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(image(0))
+    spin_until(node, lambda: len(received.frames) == 1)
+    for number in range(1, 31):
+        publisher.publish(image(number))
+    spin_until(node, lambda: len(received.frames) == 11)
+    assert received.numbers() == [0, *range(21, 31)]
+    assert subscription.lost == 20
+    # As when it is asked for otherwise, without a second publisher that ends the count.
+    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    assert len(requests(node)) == 2
+    spin_until(node, lambda: publisher.get_subscription_count() == 2)
+    for number in range(31, 61):
+        publisher.publish(image(number))
+    spin_until(node, lambda: len(received.frames) == 21)
+    spin_until(node, lambda: len(requests(node)) == 1)
+    assert received.numbers()[-10:] == list(range(51, 61))
+    assert subscription.lost == 40
+
+
+def test_messages_that_come_late_are_no_gap(
+        node: Node, camera: Node, subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    spin_for(node, 0.2)
+    for number, lost in ((11, 0), (12, 0), (3, 0), (13, 0), (15, 1)):
+        subscription._take(subscription._reception, serialize_message(image(number)), {
+            'publication_sequence_number': number, 'source_timestamp': number,
+            'received_timestamp': number})
+        assert subscription.lost == lost
+
+
+def test_what_the_old_subscription_has_received_comes_first(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    for number in range(5):
+        publisher.publish(image(number))
+    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    wait_until(lambda: publisher.get_subscription_count() == 2)
+    for number in range(5, 9):
+        publisher.publish(image(number))
+    spin_until(node, lambda: len(received.frames) >= 9)
+    assert received.numbers() == list(range(9))
+
+
+def test_what_was_received_from_a_publisher_that_left_is_not_forgotten(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    for number in range(5):
+        publisher.publish(image(number))
+    camera.destroy_publisher(publisher)
+    wait_until(lambda: not subscription._reception.publisher_count())
+    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    assert received.numbers() == list(range(5))
+    assert len(list(node.subscriptions)) == 1
+
+
+def test_what_comes_while_the_old_subscription_is_emptied_does_not_hold_it_up(
+        node: Node, camera: Node) -> None:
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    numbers: list[int] = []
+
+    def answer(frame: WireImage, _: int) -> None:
+        numbers.append(frame.sec)
+        if len(numbers) < 1000:
+            publisher.publish(image(len(numbers)))
+
+    subscription = FrameSubscription(node, TOPIC, 'raw', True, answer, pytest.fail)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(image(0))
+    subscription._reception.drain()
+    assert len(numbers) < 100
+    subscription.destroy()
+
+
+def test_another_publishers_numbers_are_not_taken_for_lost_frames(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    stays, leaves = (camera.create_publisher(Image, TOPIC, RELIABLE) for _ in range(2))
+    for _ in range(50):
+        leaves.publish(image(0))  # to nobody, which counts as well
+    subscription = subscribe()
+    spin_until(node, lambda: all(
+        publisher.get_subscription_count() for publisher in (stays, leaves)))
+    spin_for(node, 2 * frame_subscription._LOOK_SECONDS)
+    for number in range(5):
+        stays.publish(image(number))
+        spin_until(node, lambda count=number: len(received.frames) > count)
+    leaves.publish(image(5))
+    spin_until(node, lambda: len(received.frames) == 6)
+    camera.destroy_publisher(leaves)
+    spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
+    for number in range(6, 10):
+        stays.publish(image(number))
+        spin_until(node, lambda count=number: len(received.frames) > count)
+    assert subscription.lost == 0
+
+
+def test_the_numbers_of_a_publisher_that_took_anothers_place_unseen_are_not_taken_for_lost(
+        node: Node, camera: Node, received: Received, monkeypatch: pytest.MonkeyPatch,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    first = camera.create_publisher(Image, TOPIC, RELIABLE)
+    publish_until(node, first, image, lambda: len(received.frames) > 3)
+    monkeypatch.setattr(subscription, '_follow', lambda: None)  # as when the event comes late
+    subscription._reception._subscription.event_handlers[1].callback = lambda _: None
+    camera.destroy_publisher(first)
+    second = camera.create_publisher(Image, TOPIC, RELIABLE)
+    for number in range(1000, 1030):  # before anybody has discovered it, more or less
+        second.publish(image(number))
+    publish_until(node, second, image, lambda: len(received.frames) > 20)
+    assert subscription.lost == 0
+
+
+def test_keep_all_keeps_what_comes_while_nobody_takes_it(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe(keep_all=True)
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    for number in range(300):
+        publisher.publish(image(number))
+    spin_until(node, lambda: len(received.frames) == 300)
+    assert received.numbers() == list(range(300))
+    assert subscription.lost == 0
+
+
+def test_broken_messages_are_reported_and_the_next_frame_arrives(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    whole = serialize_message(image(1))
+    huge = whole[:-5] + b'\xff\xff\xff\xff' + whole[-1:]  # says that it holds 4 GB
+    for data in (whole[:30], huge, b'\0\3' + b'\xff' * 60, whole):
+        publisher.publish(data)
+    spin_until(node, lambda: bool(received.frames))
+    assert received.numbers() == [1]
+    assert len(received.errors) == 3
+    assert 'the message ends after' in str(received.errors[0])
+    assert 'takes 4294967295' in str(received.errors[1])
+    assert 'the middleware cannot read the message' in str(received.errors[2])
+    assert subscription.lost == 0
+
+
+def test_frames_have_the_time_when_they_were_received_not_when_they_were_taken(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch) -> None:
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    before = time.time_ns()
+    publisher.publish(image(0))
+    after = time.time_ns() + 50_000_000
+    time.sleep(0.1)
+    spin_until(node, lambda: bool(received.frames))
+    assert before <= received.times[0] <= after
+    monkeypatch.setattr(time, 'time_ns', lambda: 5)
+    subscription._take(subscription._reception, serialize_message(image(1)), {})
+    assert received.times[1] == 5  # of a middleware that does not tell
+
+
+# Transports
+
+@pytest.mark.parametrize(('transport', 'kind'), [
+    ('auto', WireCompressedImage), ('compressed', WireCompressedImage)])
+def test_compressed_images_arrive_byte_for_byte(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], transport: str, kind: type) -> None:
+    subscription = subscribe(transport)
+    publisher = camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(compressed(255))
+    spin_until(node, lambda: bool(received.frames))
+    assert subscription.topic_name == f'{TOPIC}/compressed'
+    assert isinstance(received.frames[0], kind)
+    assert bytes(received.frames[0].data) == bytes(range(255))
+    assert (received.frames[0].format, received.frames[0].sec) == ('jpeg', 255)
+
+
+@pytest.mark.parametrize(('transport', 'kind'), [
+    ('auto', WireImage), ('raw', WireImage), ('compressed', WireCompressedImage)])
+def test_of_both_kinds_raw_images_are_received_unless_told_otherwise(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], transport: str, kind: type) -> None:
+    publishers = (camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE),
+                  camera.create_publisher(Image, TOPIC, RELIABLE))
+    subscribe(transport)
+
+    def publish() -> bool:
+        publishers[0].publish(compressed(1))
+        publishers[1].publish(image(1))
+        return len(received.frames) > 3
+
+    spin_until(node, publish)
+    spin_for(node, 3 * frame_subscription._LOOK_SECONDS)
+    assert {type(frame) for frame in received.frames} == {kind}
+
+
+def test_auto_stays_with_what_arrives_and_changes_when_its_publisher_leaves(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], capfd: pytest.CaptureFixture[str]) -> None:
+    subscription = subscribe()
+    first = camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
+    publish_until(node, first, compressed, lambda: bool(received.frames))
+    second = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
+    spin_for(node, 4 * frame_subscription._LOOK_SECONDS)
+    assert subscription.topic_name == f'{TOPIC}/compressed'
+    camera.destroy_publisher(first)
+    received.frames.clear()
+    publish_until(node, second, image, lambda: bool(received.frames))
+    assert subscription.topic_name == TOPIC
+    assert isinstance(received.frames[0], WireImage)
+    assert subscription.lost == 0
+    assert capfd.readouterr().err.count('as its publishers offer') == 2
+
+
+def test_auto_changes_to_raw_images_as_long_as_no_compressed_one_has_come(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    first = camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
+    spin_until(node, lambda: first.get_subscription_count() == 1)
+    second = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: second.get_subscription_count() == 1)
+    first.publish(compressed(1))
+    publish_until(node, second, image, lambda: len(received.frames) > 3)
+    assert {type(frame) for frame in received.frames} == {WireImage}
+    assert subscription.topic_name == TOPIC
+
+
+@pytest.fixture
+def remapped(domain: int) -> Iterator[Callable[[str], Node]]:
+    """Make a node for which ``video_frames`` is another topic."""
+    contexts: list[Context] = []
+    nodes: list[Node] = []
+
+    def _remapped(target: str) -> Node:
+        contexts.append(Context())
+        rclpy.init(context=contexts[-1], domain_id=domain)
+        nodes.append(Node('remapped', context=contexts[-1], namespace='/robot',
+                          cli_args=['--ros-args', '-r', f'video_frames:={target}']))
+        return nodes[-1]
+
+    yield _remapped
+    for made in nodes:
+        made.destroy_node()
+    for context in contexts:
+        rclpy.shutdown(context=context)
+
+
+@pytest.mark.parametrize(('transport', 'message_type', 'target', 'topic'), [
+    ('auto', Image, '/camera/image_raw', '/camera/image_raw'),
+    ('auto', CompressedImage, '/camera/image_raw', '/camera/image_raw/compressed'),
+    ('compressed', CompressedImage, 'image_raw', '/robot/image_raw/compressed'),
+    ('auto', CompressedImage, '/camera/image_raw/compressed', '/camera/image_raw/compressed'),
+    ('compressed', CompressedImage, '/camera/image_raw/compressed',
+     '/camera/image_raw/compressed'),
+    ('compressed', CompressedImage, '/camera/jpeg', '/camera/jpeg'),
+    ('auto', CompressedImage, '/camera/jpeg', '/camera/jpeg'),
+    ('auto', Image, '/odd/compressed', '/odd/compressed')])
+def test_all_transports_follow_a_remapping(
+        camera: Node, remapped: Callable[[str], Node], received: Received,
+        subscribe: Callable[..., FrameSubscription], transport: str, message_type: type,
+        target: str, topic: str) -> None:
+    receiving = remapped(target)
+    subscription = subscribe(transport, subscriber=receiving)
+    make = image if message_type is Image else compressed
+    publish_until(receiving, camera.create_publisher(message_type, topic, RELIABLE), make,
+                  lambda: bool(received.frames))
+    assert subscription.topic_name == topic
+    subscription.destroy()
+
+
+# Silence
+
+def test_the_reason_is_said_once_and_again_when_it_changes(
+        node: Node, camera: Node, domain: int, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.6)
+    console = ''
+
+    def said(text: str) -> bool:
+        nonlocal console
+        console += capfd.readouterr().err
+        return text in console
+
+    subscribe()
+    spin_until(node, lambda: said(
+        f'No frames: no publisher on /video_frames; nobody publishes images in ROS_DOMAIN_ID '
+        f'{domain}; is a publisher running, with the same ROS_DOMAIN_ID?'))
+    other = camera.create_publisher(Image, '/camera/image_raw', RELIABLE)
+    spin_until(node, lambda: said('receive one with -r video_frames:=/camera/image_raw'))
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: said('/video_frames has a publisher (node /front/camera), which'))
+    spin_for(node, 1.5)  # in which nothing is said again
+    publish_until(node, publisher, image, lambda: said('Frames arrive on /video_frames'))
+    console += capfd.readouterr().err
+    assert console.count('No frames: ') == 3
+    assert console.count('Frames arrive') == 1
+    spin_until(node, lambda: said('Frames arrive') and console.count('No frames: ') == 4)
+    assert console.count('which sends nothing that arrives') == 2
+    assert '--ipc=host' in console
+    camera.destroy_publisher(publisher)
+    spin_until(node, lambda: console.count(':=/camera/image_raw') == 2 or said('never'))
+    assert other.get_subscription_count() == 0
+
+
+def test_a_slow_stream_and_a_single_latched_image_are_no_silence(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.5)
+    camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
+    subscription = subscribe()
+    spin_until(node, lambda: received.numbers() == [7])
+    spin_for(node, 1.2)
+    assert 'No frames' not in capfd.readouterr().err
+    subscription.destroy()
+    slow = camera.create_publisher(Image, '/slow', RELIABLE)
+    slowly = FrameSubscription(node, '/slow', 'raw', False, received.take, received.errors.append)
+    spin_until(node, lambda: slow.get_subscription_count() == 1)
+    slow.publish(image(0))
+    spin_for(node, 0.45)
+    slow.publish(image(1))
+    spin_for(node, 1.0)  # more than 0.5 s, less than three of its periods
+    assert 'No frames' not in capfd.readouterr().err
+    spin_until(node, lambda: 'No frames: /slow has' in capfd.readouterr().err)
+    slowly.destroy()
+
+
+def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.8)
+    subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    publish_until(node, publisher, image, lambda: len(received.frames) > 3)
+    publisher.publish(image(99))
+    time.sleep(1.5)
+    spin_until(node, lambda: received.numbers()[-1] == 99)
+    assert 'No frames' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(('transport', 'published', 'sentence'), [
+    ('raw', {TOPIC: String},
+     '/video_frames has a publisher of type std_msgs/msg/String (node /front/camera), '
+     'not sensor_msgs/msg/Image; nobody publishes images in ROS_DOMAIN_ID'),
+    ('auto', {TOPIC: String, '/b': Image, '/a': CompressedImage},
+     'not sensor_msgs/msg/Image; there are images on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'receive one with -r video_frames:=/a'),
+    ('raw', {TOPIC: CompressedImage},
+     '/video_frames has a publisher of type sensor_msgs/msg/CompressedImage '
+     '(node /front/camera), not sensor_msgs/msg/Image; '
+     'set transport:=compressed or transport:=auto'),
+    ('raw', {f'{TOPIC}/compressed': CompressedImage},
+     'no publisher of sensor_msgs/msg/Image on /video_frames, but one of '
+     'sensor_msgs/msg/CompressedImage on /video_frames/compressed (node /front/camera); '
+     'set transport:=compressed or transport:=auto'),
+    ('compressed', {TOPIC: Image},
+     'no publisher of sensor_msgs/msg/CompressedImage on /video_frames/compressed, but one of '
+     'sensor_msgs/msg/Image on /video_frames (node /front/camera); '
+     'set transport:=raw or transport:=auto'),
+    ('raw', {f'/{letter}': Image for letter in 'gfedcba'},
+     'no publisher on /video_frames; there are images on /a, /b, /c, /d, /e and 2 more in '
+     'ROS_DOMAIN_ID {domain}; receive one with -r video_frames:=/a'),
+    ('raw', {'/a': CompressedImage, '/b': Image, '/c': String},
+     'there are images on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'receive one with -r video_frames:=/b'),
+    ('raw', {'/jpeg': CompressedImage},
+     'receive one with -r video_frames:=/jpeg -p transport:=auto'),
+    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; there'),
+])
+def test_the_reason_comes_with_what_helps(
+        node: Node, camera: Node, domain: int, subscribe: Callable[..., FrameSubscription],
+        transport: str, published: dict[str, type], sentence: str) -> None:
+    for topic, message_type in published.items():
+        camera.create_publisher(message_type, topic, RELIABLE)
+    subscription = subscribe(transport)
+    spin_until(node, lambda: all(map(node.count_publishers, published)) and (
+        '_NODE_NAME_UNKNOWN_' not in {
+            info.node_name for topic in published
+            for info in node.get_publishers_info_by_topic(topic)}))
+    assert sentence.format(domain=domain) in subscription.describe_silence()
+
+
+def test_a_quality_of_service_that_cannot_be_followed_is_named(
+        node: Node, camera: Node, subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    camera.create_publisher(Image, TOPIC, BEST_EFFORT)
+    wait_until(lambda: node.count_publishers(TOPIC) == 1)  # which is not followed yet
+    assert 'best effort publisher and reliable subscription' in subscription.describe_silence()
+
+
+def test_nothing_is_left_when_it_is_destroyed(
+        node: Node, subscribe: Callable[..., FrameSubscription]) -> None:
+    timers = len(list(node.timers))
+    subscription = subscribe()
+    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    assert (len(list(node.subscriptions)), len(list(node.timers))) == (1, timers + 1)
+    subscription.destroy()
+    assert (len(list(node.subscriptions)), len(list(node.timers))) == (0, timers)
+
+
+# Without a graph
+
+@pytest.mark.parametrize(('offers', 'reliability', 'durability'), [
+    ((), 'RELIABLE', 'VOLATILE'),
+    ((RELIABLE,), 'RELIABLE', 'VOLATILE'),
+    ((RELIABLE, BEST_EFFORT), 'BEST_EFFORT', 'VOLATILE'),
+    ((LATCHED, LATCHED), 'RELIABLE', 'TRANSIENT_LOCAL'),
+    ((LATCHED, RELIABLE), 'RELIABLE', 'VOLATILE'),
+    ((LATCHED, BEST_EFFORT), 'BEST_EFFORT', 'VOLATILE'),
+    ((LATCHED_BEST_EFFORT,), 'BEST_EFFORT', 'VOLATILE')])
+@pytest.mark.parametrize('keep_all', [False, True])
+def test_what_is_asked_for_is_what_all_offer(
+        offers: tuple[QoSProfile, ...], reliability: str, durability: str,
+        keep_all: bool) -> None:
+    qos = following_qos(offers, keep_all)
+    assert (qos.reliability.name, qos.durability.name) == (reliability, durability)
+    assert qos.history == (HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST)
+    assert [qos_mismatch(offer, qos) for offer in offers] == [''] * len(offers)
+
+
+def test_compressed_images_that_are_not_in_plain_cdr_are_left_to_the_middleware() -> None:
+    serialized = serialize_message(CompressedImage(
+        header=Header(frame_id='eye'), format='png', data=b'123'))
+    assert isinstance(read_compressed_image(serialized), WireCompressedImage)
+    try:
+        assert isinstance(read_compressed_image(b'\0\3' + serialized[2:]), CompressedImage)
+    except CdrError as err:
+        assert 'the middleware cannot read the message' in str(err)

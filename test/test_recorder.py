@@ -1,0 +1,363 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The recorder as a process: what it keeps of each encoding, what it chooses, what it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import itertools
+import os
+from pathlib import Path
+import pty
+import re
+import subprocess
+import time
+
+import av
+from conftest import (
+    call_service, DEADLINE, executable, NodeProcess, read_manifest, recorded_files, spin_until,
+)
+import cv2
+from images import random_image
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.encodings import ENCODINGS
+import pytest
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+Start = Callable[..., NodeProcess]
+NANO = 10**9
+
+GENERIC = [f'{depth}C{channels}' for depth in ('8U', '8S', '16U', '16S', '32S', '32F', '64F')
+           for channels in (1, 2, 3, 4)]
+_BYTES = {'mono8', 'bgr8', 'rgb8', '8UC1', '8UC3'}
+_ALPHA = {'bgra8', 'rgba8', '8UC4'}
+_WORDS = {'mono16', 'bgr16', 'rgb16', 'bgra16', 'rgba16', '16UC1', '16UC3', '16UC4'}
+_FLOATS = {'32FC1', '32FC3', '64FC1', '64FC3'}
+_COLORED_BYTES = {name for name in ENCODINGS
+                  if name.startswith(('bayer', 'yu', 'uy', 'nv')) and not name.endswith('16')}
+_COLORED_WORDS = {name for name in ENCODINGS if name.startswith('bayer') and name.endswith('16')}
+KEPT = {
+    '.png': _BYTES | _ALPHA | _WORDS | _COLORED_BYTES | _COLORED_WORDS,
+    '.tif': _BYTES | _ALPHA | _WORDS | _FLOATS | _COLORED_BYTES | _COLORED_WORDS,
+    '.jpg': _BYTES | _COLORED_BYTES,
+    '.bmp': _BYTES | _COLORED_BYTES,
+    '.webp': {'bgr8', 'rgb8', '8UC3'} | _COLORED_BYTES,
+    '.npy': {*ENCODINGS, *GENERIC},
+    '.mkv': _BYTES | _COLORED_BYTES,
+}
+
+
+def stamped(image: np.ndarray, encoding: str, stamp_ns: int, frame_id: str = 'camera') -> Image:
+    message = CvBridge().cv2_to_imgmsg(image, encoding)
+    sec, nanosec = divmod(stamp_ns, NANO)
+    message.header = Header(frame_id=frame_id)
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+    return message
+
+
+def line_stamp(line: dict[str, object]) -> int:
+    return line['stamp']['sec'] * NANO + line['stamp']['nanosec']
+
+
+@pytest.fixture
+def publisher(node: Node) -> Publisher:
+    return node.create_publisher(Image, 'video_frames', QoSProfile(depth=1000))
+
+
+def send(node: Node, publisher: Publisher, *messages: Image) -> None:
+    """Publish messages as soon as somebody subscribes, and wait until they are received."""
+    spin_until(node, lambda: publisher.get_subscription_count() > 0)
+    for message in messages:
+        publisher.publish(message)
+    assert publisher.wait_for_all_acked()
+
+
+def received(process: NodeProcess) -> int:
+    return int(re.search(r'Received (\d+) frames', process.output)[1])
+
+
+def expected_picture(image: np.ndarray, encoding: str) -> np.ndarray:
+    """Make the picture as cv_bridge shows it, in the order of OpenCV's files."""
+    if ENCODINGS.get(encoding) is None or ENCODINGS[encoding].order == 'y':
+        return image
+    wanted = 'bgra' if ENCODINGS[encoding].order in ('bgra', 'rgba') else 'bgr'
+    bits = 16 if ENCODINGS[encoding].dtype == 'uint16' else 8
+    bridge = CvBridge()
+    return bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, encoding), f'{wanted}{bits}')
+
+
+@pytest.mark.parametrize('suffix', [suffix for suffix in KEPT if suffix != '.mkv'])
+def test_every_encoding_is_kept_exactly_or_refused(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path, suffix: str) -> None:
+    names = [*ENCODINGS, *GENERIC]
+    images = {name: random_image(name, 12, 16) for name in names}
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block',
+                     file_name=f'f{{seq}}{suffix}', max_frames=len(names))
+    send(node, publisher, *(stamped(image, name, NANO + index)
+                            for index, (name, image) in enumerate(images.items())))
+    everything = suffix == '.npy'
+    assert recorder.finish() == (0 if everything else 1), recorder.output
+    lines = {line['encoding']: line for line in read_manifest(tmp_path / 'out')}
+    assert set(lines) == KEPT[suffix]
+    for name, line in lines.items():
+        assert line_stamp(line) == NANO + names.index(name)
+        assert line['size'] == [16, 12]
+        path = tmp_path / 'out' / line['file']
+        if everything:
+            kept = np.load(path)
+            np.testing.assert_array_equal(kept, images[name])
+            assert kept.dtype == images[name].dtype
+            continue
+        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        expected = expected_picture(images[name], name)
+        assert kept.dtype == expected.dtype
+        if suffix == '.jpg':
+            expected = cv2.imdecode(cv2.imencode('.jpg', expected)[1], cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(kept, expected, err_msg=name)
+        is_colored = name in _COLORED_BYTES | _COLORED_WORDS
+        assert line['kept_as'] == (
+            name if not is_colored else 'bgr16' if name.endswith('16') else 'bgr8')
+    refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be kept',
+                             recorder.output))
+    assert refused <= set(names) - KEPT[suffix]
+    assert len(refused) == min(20, len(names) - len(KEPT[suffix]))  # then it has said enough
+    assert received(recorder) == len(names)
+
+
+def test_every_encoding_is_in_a_video_or_refused(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    names = [*ENCODINGS, *GENERIC]
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block',
+                     file_name='clip.mkv', max_frames=len(names))
+    send(node, publisher, *(
+        stamped(_flat(name), name, NANO + index * NANO // 30)
+        for index, name in enumerate(names)))
+    assert recorder.finish() == 1, recorder.output
+    lines = read_manifest(tmp_path / 'out')
+    assert sum(line['frames'] for line in lines) == len(KEPT['.mkv'])
+
+
+def _flat(name: str) -> np.ndarray:
+    image = random_image(name, 64, 64)
+    image[...] = 77
+    return image
+
+
+def test_bad_messages_are_counted_and_the_next_are_written(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block',
+                     file_name='f{frame_id}_{seq}.png', max_frames=6)
+    good = np.zeros((4, 4), np.uint8)
+    hostile = stamped(good, 'mono8', 1, '../../../tmp/evil')
+    huge, short, nonsense = (stamped(good, 'mono8', 1) for _ in range(3))
+    huge.height = huge.width = huge.step = 2**32 - 1
+    short.data = short.data[:3]
+    nonsense.encoding = '../mono8\n' * 1000
+    send(node, publisher, huge, hostile, short, nonsense, stamped(good, 'mono8', 2),
+         *[nonsense] * 3, *[stamped(good, 'mono8', 3)] * 4)
+    assert recorder.finish() == 1, recorder.output
+    assert received(recorder) == 12
+    assert '6 written to' in recorder.output and ' 6 failed' in recorder.output
+    assert recorder.output.count('message left out') == 3
+    assert [path.name for path in recorded_files(tmp_path / 'out')] == [
+        'f_._.._.._tmp_evil_0.png', *(f'fcamera_{seq}.png' for seq in range(1, 6))]
+    assert len(read_manifest(tmp_path / 'out')) == 6
+
+
+def test_names_tell_of_the_frame(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    name = '{topic}-{frame_id}-{encoding}-{sec}-{nanosec}-{stamp}.npy'
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name=f'v{name}',
+                     max_frames=2)
+    image = np.zeros((2, 2), np.uint16)
+    send(node, publisher, *[stamped(image, 'mono16', 5 * NANO + 42, 'left/camera')] * 2)
+    assert recorder.finish() == 0, recorder.output
+    stem = 'vvideo_frames-left_camera-mono16-5-000000042-5.000000042'
+    assert [line['file'] for line in read_manifest(tmp_path / 'out')] == [
+        f'{stem}.npy', f'{stem}_1.npy']
+
+
+@pytest.mark.parametrize(('parameters', 'numbers', 'ends'), [
+    ({'every_n': 7, 'max_frames': 4}, [0, 7, 14, 21], True),
+    ({'max_rate': 10.0}, list(range(0, 60, 3)), False),
+    ({'max_bytes': 3500}, [0, 1, 2], True),
+    ({'max_bytes': 3500, 'ring': 'true'}, [57, 58, 59], False),
+    ({'max_frames': 5, 'ring': 'true'}, [55, 56, 57, 58, 59], False),
+])
+def test_frames_are_chosen(start: Start, node: Node, publisher: Publisher, tmp_path: Path,
+                           parameters: dict[str, object], numbers: list[int], ends: bool) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.bmp',
+                     on_overflow='block', **parameters)
+    # Each is a file of 54 + 16 * 64 bytes, so that three fit into 3500.
+    frames = [stamped(np.full((16, 21, 3), number, np.uint8), 'bgr8', NANO + number * NANO // 30)
+              for number in range(60)]
+    send(node, publisher, *frames)
+    if not ends:
+        recorder.wait_for('Receiving video frame')
+        _wait_until_received(recorder, tmp_path / 'out', numbers[-1])
+        recorder.interrupt()
+    assert recorder.finish() == 0, recorder.output
+    lines = read_manifest(tmp_path / 'out')
+    assert [cv2.imread(str(tmp_path / 'out' / line['file']))[0, 0, 0] for line in lines] == numbers
+    assert line_stamp(lines[-1]) == NANO + numbers[-1] * NANO // 30
+
+
+def _wait_until_received(recorder: NodeProcess, folder: Path, last: int) -> None:
+    deadline = time.monotonic() + DEADLINE
+    while True:
+        values = [cv2.imread(str(path)) for path in recorded_files(folder)]
+        if any(value is not None and value[0, 0, 0] == last for value in values):
+            return
+        assert time.monotonic() < deadline, recorder.output
+        time.sleep(0.05)
+
+
+def test_a_duration_ends_the_recording_though_no_frame_comes(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', max_duration=1.0)
+    send(node, publisher, stamped(np.zeros((4, 4), np.uint8), 'mono8', 1))
+    began = time.monotonic()
+    assert recorder.finish() == 0, recorder.output
+    assert time.monotonic() - began < 2.5
+    assert len(read_manifest(tmp_path / 'out')) == 1
+
+
+def test_a_compressed_topic_is_recorded_byte_for_byte(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    messages: list[CompressedImage] = []
+    node.create_subscription(CompressedImage, 'video_frames/compressed', messages.append, 100)
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', transport='compressed',
+                     file_name='f{stamp}.jpg', max_frames=30, timeout=20)
+    start('img_publisher', source='pattern:320x240@30', publish_rate=0, wait_for_subscribers=2)
+    spin_until(node, lambda: len(messages) >= 35)
+    assert recorder.finish() == 0, recorder.output
+    sent = {f'f{message.header.stamp.sec}.{message.header.stamp.nanosec:09d}.jpg': message
+            for message in messages}
+    lines = read_manifest(tmp_path / 'out')
+    assert len(lines) == 30
+    for line in lines:
+        assert (tmp_path / 'out' / line['file']).read_bytes() == bytes(sent[line['file']].data)
+        assert line['encoding'] == line['kept_as'] == sent[line['file']].format
+        assert line['size'] == [320, 240]
+
+
+def test_a_minute_of_video_has_the_times_of_its_stamps(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mp4',
+                     on_overflow='block', max_frames=1800)
+    trembling = np.random.default_rng(3).integers(-15_000_000, 15_000_000, 1800)
+    stamps = [1_700_000_000 * NANO + number * NANO // 30 + int(shift)
+              for number, shift in enumerate(trembling)]
+    spin_until(node, lambda: publisher.get_subscription_count() > 0)
+    for number, stamp in enumerate(stamps):
+        image = np.full((48, 64, 3), number % 200 + 20, np.uint8)
+        publisher.publish(stamped(image, 'bgr8', stamp))
+        if number % 100 == 0:
+            assert publisher.wait_for_all_acked()
+    assert publisher.wait_for_all_acked()
+    assert recorder.finish() == 0, recorder.output
+    [line] = read_manifest(tmp_path / 'out')
+    assert (line['file'], line['frames'], line_stamp(line)) == ('clip.mp4', 1800, stamps[0])
+    with av.open(str(tmp_path / 'out' / 'clip.mp4')) as video:
+        frames = list(video.decode(video=0))
+    times = [frame.pts * frame.time_base for frame in frames]
+    away = [abs(float(time - times[0]) - (stamp - stamps[0]) / NANO)
+            for time, stamp in zip(times, stamps)]
+    assert len(frames) == 1800
+    assert max(away) < 0.001
+    assert float(times[-1] - times[0]) > 59.9
+    for number in (0, 900, 1799):
+        assert abs(int(frames[number].to_ndarray(format='bgr24').mean()) - number % 200 - 20) < 4
+    print(f'a minute of video: 1800 frames, the farthest from its stamp by '
+          f'{max(away) * 1e6:.0f} us')
+
+
+def test_a_video_of_another_size_is_another_file(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mkv',
+                     on_overflow='block', max_frames=30)
+    sizes = [(48, 64)] * 10 + [(60, 80)] * 10 + [(48, 64)] * 10
+    send(node, publisher, *(stamped(np.zeros((*size, 3), np.uint8), 'bgr8', NANO + n * NANO // 10)
+                            for n, size in enumerate(sizes)))
+    assert recorder.finish() == 0, recorder.output
+    lines = read_manifest(tmp_path / 'out')
+    assert [(line['file'], line['size'], line['frames'], line['seq']) for line in lines] == [
+        ('clip.mkv', [64, 48], 10, 0), ('clip_1.mkv', [80, 60], 10, 1),
+        ('clip_2.mkv', [64, 48], 10, 2)]
+
+
+def test_a_frame_is_saved_on_request(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', mode='on_request',
+                     file_name='f{seq}.png', every_n=100)
+    numbers = itertools.count(1)
+
+    def publish() -> None:
+        publisher.publish(stamped(np.full((4, 4), next(numbers) % 256, np.uint8), 'mono8', 1))
+
+    timer = node.create_timer(0.02, publish)
+    for seq in range(3):
+        answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
+        assert (answer.success, answer.message) == (True, str(tmp_path / 'out' / f'f{seq}.png'))
+        lines = read_manifest(tmp_path / 'out')
+        assert len(lines) == seq + 1
+    node.destroy_timer(timer)
+    began = time.monotonic()
+    answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
+    assert (answer.success, answer.message) == (False, 'no frame came within 3 s')
+    assert 2.5 < time.monotonic() - began < 5
+    timer = node.create_timer(0.02, lambda: publisher.publish(
+        stamped(np.zeros((4, 4), np.float32), '32FC1', 1)))
+    answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
+    assert not answer.success
+    assert answer.message.startswith('a 32FC1 frame cannot be kept as .png')
+    recorder.interrupt()
+    assert recorder.finish() == 1, recorder.output
+    assert '3 written' in recorder.output and ' 1 failed' in recorder.output
+
+
+def test_a_terminal_shows_a_bar(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [executable('img_subscriber'), '--ros-args', '-p', f'output_dir:={tmp_path / "out"}',
+         '-p', 'max_frames:=20', '-p', 'on_overflow:=block'], stdin=subprocess.DEVNULL, stdout=slave, stderr=slave,
+        env={**os.environ, 'COLUMNS': '120'})
+    os.close(slave)
+    try:
+        image = np.zeros((4, 4), np.uint8)
+        send(node, publisher, stamped(np.zeros((4, 4), np.float32), '32FC1', 1),
+             *[stamped(image, 'mono8', 1)] * 19)
+        assert process.wait(DEADLINE) == 1
+    finally:
+        process.kill()
+    console = b''
+    while True:
+        try:
+            console += os.read(master, 1 << 16)
+        except OSError:  # the other end is closed
+            break
+    os.close(master)
+    text = console.decode()
+    assert re.search(r'\rReceiving video frame 1/20 \|.*4x4 32FC1, 0 dropped', text)
+    assert re.search(r'Receiving video frame 20/20 \|', text)
+    for line in re.split(r'[\r\n]+', text):
+        assert 'INFO' not in line or 'Receiving video frame' not in line, line

@@ -1,0 +1,222 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The recorder in trouble: killed, without a place to write to, with more than it can write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import random
+import re
+import shutil
+import signal
+import subprocess
+import time
+
+from conftest import DEADLINE, NodeProcess, read_manifest, read_pictures, recorded_files
+import cv2
+import numpy as np
+from opencv_tools.capture.pattern import draw_pattern
+import pytest
+
+Start = Callable[..., NodeProcess]
+KILLS = 50
+# A root to whom the permissions of files mean what they say.
+OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
+SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
+                     r'(\d+) failed, (\d+) lost on the way')
+# As root or not, whoever may have a mount namespace of its own.
+NAMESPACE = ('unshare', '--mount') if os.getuid() == 0 else (
+    'unshare', '--mount', '--user', '--map-root-user')
+
+
+def summary(process: NodeProcess) -> dict[str, int]:
+    """Read the account that a recorder gives at its end."""
+    numbers = map(int, SUMMARY.search(process.output).groups())
+    account = dict(zip(('received', 'written', 'dropped', 'failed', 'lost'), numbers))
+    assert account['received'] == account['written'] + account['dropped'] + account['failed']
+    return account
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline, 'the condition did not come to hold'
+        time.sleep(0.02)
+
+
+def test_killed_at_any_moment_it_leaves_whole_files(
+        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')  # what is killed leaves no segments
+    folder = tmp_path / 'out'
+    start('img_publisher', source='pattern:80x60@100', publish_rate=0)
+    parameters = {'output_dir': folder, 'file_name': 'f{seq:06d}.png', 'writers': 4}
+    moments = random.Random(5)
+    checked: set[Path] = set()
+    temporaries = unlisted = 0
+    recorder = start('img_subscriber', **parameters)
+    for _ in range(KILLS):
+        recorder.wait_for('Receiving video frame')
+        successor = start('img_subscriber', **parameters)  # meanwhile both write to the folder
+        time.sleep(moments.uniform(0, 0.5))
+        recorder.interrupt(signal.SIGKILL)
+        assert recorder.finish() == -signal.SIGKILL
+        recorder = successor
+        temporaries += len(list(folder.glob('.*.part')))
+        for path in set(recorded_files(folder)) - checked:
+            picture = cv2.imread(str(path))
+            assert picture is not None and picture.shape == (60, 80, 3), path
+            checked.add(path)
+    recorder.wait_for('Receiving video frame')
+    recorder.interrupt()
+    assert recorder.finish() == 0, recorder.output
+    unlisted = len(recorded_files(folder)) - (folder / 'manifest.jsonl').read_text().count('\n')
+
+    last = start('img_subscriber', **parameters, max_frames=3)
+    assert last.finish() == 0, last.output
+    lines = read_manifest(folder)
+    numbers = sorted(line['seq'] for line in lines)
+    assert numbers == list(range(len(lines)))
+    assert [f'f{number:06d}.png' for number in numbers] == [
+        path.name for path in recorded_files(folder)]
+    assert not list(folder.glob('.*'))
+    print(f'{KILLS} kills: {len(lines)} files, 0 partial, {len(lines)} lines; {temporaries} '
+          f'temporary files seen, {unlisted} lines added late, none left')
+    assert len(lines) > 10 * KILLS
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
+    """Give a folder, and what to run a process within so that the folder is a disk of 1 MB."""
+    folder = tmp_path / 'disk'
+    folder.mkdir()
+    command = [*NAMESPACE, 'sh', '-c',
+               f'mount -t tmpfs -o size=1m none {folder} && exec "$@"', 'sh']
+    probe = subprocess.run([*command, 'true'], capture_output=True, text=True, check=False)
+    if probe.returncode:
+        pytest.skip(f'no mount namespace here: {probe.stderr}')
+    return folder, command
+
+
+def test_a_full_disk_and_then_room_again(
+        start: Start, small_disk: tuple[Path, list[str]]) -> None:
+    folder, within = small_disk
+    recorder = start('img_subscriber', within=within, output_dir=folder, file_name='f{seq:04d}.png',
+                     png_compression=0)
+    start('img_publisher', source='pattern:160x120@50', publish_rate=0, wait_for_subscribers=1)
+    recorder.wait_for('No space left on device')
+    inside = Path(f'/proc/{recorder.pid}/root{folder}')
+    full = recorded_files(inside)
+    assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
+               for index, picture in enumerate(read_pictures(inside)))
+    time.sleep(0.5)  # of which nothing may remain
+    assert recorded_files(inside) == full
+    for path in full[:10]:
+        path.unlink()
+    recorder.wait_for('Writing again')
+    wait_until(lambda: len(recorded_files(inside)) == len(full))
+    recorder.wait_for('Receiving video frame')
+    wait_until(lambda: recorder.output.count('No space left on device') == 2)
+    pictures = read_pictures(inside)
+    assert len(pictures) >= len(full) and all(picture is not None for picture in pictures)
+    temporaries = [path for path in inside.glob('.*') if path.suffix != '.journal']
+    recorder.interrupt()
+    assert recorder.finish() == 1, recorder.output
+    account = summary(recorder)
+    assert account['failed'] > 10
+    assert account['written'] == len(pictures) + 10
+    assert len(temporaries) <= 4  # those being written at that moment
+    print(f'a disk of 1 MB, full twice: {account}, {len(pictures)} whole files on it, '
+          'of which ten were deleted in between')
+
+
+def test_a_folder_that_cannot_be_written_to_for_a_while(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    within = OBEDIENT_ROOT if os.getuid() == 0 else ()
+    recorder = start('img_subscriber', within=within, output_dir=folder)
+    start('img_publisher', source='pattern:160x120@50', publish_rate=0)
+    recorder.wait_for('Receiving video frame')
+    folder.chmod(0o555)
+    recorder.wait_for('Permission denied')
+    time.sleep(0.5)  # in which it is not said for every frame
+    folder.chmod(0o755)
+    recorder.wait_for('Writing again')
+    assert recorder.output.count('Permission denied') == 1
+    recorder.interrupt()
+    assert recorder.finish() == 1, recorder.output
+    account = summary(recorder)
+    assert account['failed'] >= 10
+    assert len(read_manifest(folder)) == account['written']
+    print(f'a folder that was read-only for a while: {account}')
+
+
+def test_a_folder_that_is_removed_is_made_again(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    recorder = start('img_subscriber', output_dir=folder, file_name='f{seq:04d}.png')
+    start('img_publisher', source='pattern:160x120@50', publish_rate=0)
+    wait_until(lambda: folder.exists() and len(recorded_files(folder)) > 10)
+    folder.rename(tmp_path / 'away')
+    wait_until(lambda: folder.exists() and len(recorded_files(folder)) > 10)
+    recorder.interrupt()
+    recorder.finish()
+    account = summary(recorder)
+    first, second = (len(read_manifest(path)) for path in (tmp_path / 'away', folder))
+    assert first + second == account['written']
+    numbers = [int(path.stem[1:]) for path in
+               (*recorded_files(tmp_path / 'away'), *recorded_files(folder))]
+    assert numbers == list(range(account['written']))
+    assert account['failed'] <= 4, recorder.output  # those being written at that moment
+
+
+@pytest.mark.parametrize('writers', [1, 2])
+def test_with_slow_writers_every_frame_is_accounted_for(
+        start: Start, tmp_path: Path, writers: int) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', queue_size=3, writers=writers,
+                     png_compression=9)
+    publisher = start('img_publisher', source='pattern:1280x720@60', publish_rate=0,
+                      wait_for_subscribers=1, max_frames=150)
+    assert publisher.finish() == 0, publisher.output
+    recorder.interrupt()
+    assert recorder.finish() == 0, recorder.output
+    account = summary(recorder)
+    assert account['dropped'] > 10
+    assert account['received'] + account['lost'] == 150
+    lines = read_manifest(tmp_path / 'out')
+    assert len(lines) == account['written']
+    stamps = [(line['stamp']['sec'], line['stamp']['nanosec']) for line in lines]
+    assert stamps == sorted(stamps)
+    warnings = recorder.output.count('they come faster than they are written')
+    assert 1 <= warnings <= 2 + 150 / 60
+    print(f'{writers} slow writers: {account}')
+
+
+def test_ten_thousand_frames_without_a_loss(start: Start, tmp_path: Path) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq:05d}.png',
+                     on_overflow='block', queue_size=8, max_frames=10_000, timeout=20)
+    publisher = start('img_publisher', source='pattern:64x48@1000', publish_rate=0,
+                      wait_for_subscribers=1, max_frames=10_000)
+    assert recorder.finish() == 0, recorder.output
+    assert publisher.finish() == 0, publisher.output
+    account = summary(recorder)
+    assert account == {
+        'received': 10_000, 'written': 10_000, 'dropped': 0, 'failed': 0, 'lost': 0}
+    lines = read_manifest(tmp_path / 'out')
+    assert [line['seq'] for line in lines] == list(range(10_000))
+    for number in (0, 1, 4999, 9999):
+        picture = cv2.imread(str(tmp_path / 'out' / f'f{number:05d}.png'))
+        assert np.array_equal(picture, draw_pattern(number, 64, 48))
+    shutil.rmtree(tmp_path / 'out')
+    print(f'10,000 frames with on_overflow:=block: {account}')

@@ -1,0 +1,130 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which frames are recorded: by their number, by their time, and until when."""
+
+from __future__ import annotations
+
+import numpy as np
+from opencv_tools.recording.manifest import Entry
+from opencv_tools.recording.selection import Budget, FullError, Limits, Selection
+from opencv_tools.recording.frames import ReceivedFrame
+import pytest
+
+NANO = 10**9
+
+
+def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
+    return ReceivedFrame(stamp_ns, 'camera', 'mono8', '/video_frames', receive_ns)
+
+
+def wanted(selection: Selection, times: list[int]) -> list[int]:
+    return [number for number, time_ns in enumerate(times) if selection.wants(frame(time_ns))]
+
+
+def stamps(count: int, rate: float, jitter_ms: float = 0.0, start: int = 100 * NANO) -> list[int]:
+    trembling = np.random.default_rng(7).uniform(-jitter_ms, jitter_ms, count) * 1e6
+    return [start + int(number * NANO / rate + shift) for number, shift in enumerate(trembling)]
+
+
+def test_one_of_so_many_is_taken() -> None:
+    assert wanted(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
+    assert wanted(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(('rate', 'max_rate', 'jitter_ms'), [
+    (30, 10, 0), (30, 10, 5), (30, 10, 10), (30, 30, 5), (30, 100, 0), (25, 5, 8), (60, 7, 3),
+    (29.97, 15, 2), (1000, 3, 0.4)])
+def test_a_rate_is_kept_though_stamps_tremble(
+        rate: float, max_rate: float, jitter_ms: float) -> None:
+    seconds = 60
+    taken = wanted(Selection(1, max_rate, Limits()), stamps(int(rate * seconds), rate, jitter_ms))
+    expected = min(rate, max_rate) * seconds
+    assert expected * 0.98 <= len(taken) <= expected + 1
+
+
+def test_a_third_of_the_rate_is_every_third_frame() -> None:
+    assert wanted(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
+
+
+def test_a_pause_and_a_clock_that_was_set_begin_anew() -> None:
+    selection = Selection(1, 1.0, Limits())
+    times = [100, 100.5, 101, 500, 500.5, 501, 20, 20.5, 21]
+    assert wanted(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
+
+
+def test_frames_without_a_stamp_have_the_time_at_which_they_came() -> None:
+    selection = Selection(1, 10.0, Limits())
+    taken = [number for number, time_ns in enumerate(stamps(31, 30))
+             if selection.wants(frame(0, time_ns))]
+    assert taken == list(range(0, 31, 3))
+
+
+def test_it_is_over_when_so_many_were_taken_and_none_came_back() -> None:
+    selection = Selection(1, 0.0, Limits(max_frames=2))
+    assert not selection.is_over
+    selection.take()
+    selection.take()
+    assert selection.is_over
+    selection.put_back()
+    assert not selection.is_over
+    ring = Selection(1, 0.0, Limits(max_frames=1, ring=True))
+    ring.take()
+    assert not ring.is_over
+
+
+def test_a_duration_begins_with_the_first_frame() -> None:
+    selection = Selection(1, 0.0, Limits(max_seconds=2.0))
+    late = [selection.is_late(time) for time in (5 * NANO, 6 * NANO, 7 * NANO - 1, 7 * NANO)]
+    assert late == [False, False, False, True]
+    for_ever = Selection(1, 0.0, Limits())
+    assert not for_ever.is_late(1) and not for_ever.is_late(10**18)
+
+
+def entry(name: str, size: int = 10, receive_ns: int = 0) -> Entry:
+    return Entry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '')
+
+
+def fill(budget: Budget, *entries: Entry) -> list[str]:
+    """Let files come; the names of those that had to go."""
+    gone = []
+    for coming in entries:
+        going = budget.make_room(coming)
+        budget.add(coming, going)
+        gone += going
+    return gone
+
+
+def test_a_ring_lets_as_many_go_as_it_must() -> None:
+    budget = Budget(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
+    assert fill(budget, entry('c')) == []
+    assert fill(budget, entry('d')) == ['a']
+    assert fill(budget, entry('large', 25)) == ['b', 'c', 'd']
+    assert budget.count == 1
+    with pytest.raises(FullError, match='max_bytes is 30, and the next file has 31'):
+        budget.make_room(entry('larger', 31))
+
+
+def test_a_file_that_is_replaced_takes_no_room_twice() -> None:
+    budget = Budget(Limits(max_bytes=30, max_frames=3, ring=True), [])
+    assert fill(budget, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
+    assert fill(budget, entry('d')) == ['c']
+
+
+def test_without_a_ring_nothing_goes_and_frames_are_not_counted_here() -> None:
+    budget = Budget(Limits(max_frames=1, max_bytes=25), [])
+    assert fill(budget, entry('a'), entry('b')) == []
+    with pytest.raises(FullError):
+        budget.make_room(entry('c'))
+    assert fill(budget, entry('small', 5)) == []
