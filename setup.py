@@ -32,7 +32,7 @@ setup(
         (f'share/{package_name}/sdf/my_robot', glob('sdf/my_robot/*')),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'numpy', 'PyYAML'],
+    install_requires=['setuptools', 'av', 'numpy', 'PyYAML', 'tqdm'],
     extras_require={'test': ['pytest']},
     zip_safe=True,
     maintainer='opencv_tools maintainers',

@@ -28,7 +28,9 @@ from opencv_tools.recording.selection import Selection
 from opencv_tools.recording.trouble import Troubles
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage
-from opencv_tools.ros.parameters import declare_parameters
+from opencv_tools.ros.parameters import (
+    declare_parameters, describe_unknown, unknown_parameters,
+)
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
@@ -68,6 +70,8 @@ class ImageSubscriber(Node):
             self.listener_callback, self._refuse)
         self._timeout = settings['timeout']
         self._patience = self._start_timer(self._timeout, self._give_up)
+        for name in unknown_parameters(self, PARAMETERS):
+            self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
     def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:

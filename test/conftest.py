@@ -131,8 +131,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
     processes: list[NodeProcess] = []
 
-    def _start(
-            name: str, *words: str, within: Sequence[str] = (), **parameters: object) -> NodeProcess:
+    def _start(name: str, *words: str, within: Sequence[str] = (),
+               **parameters: object) -> NodeProcess:
         given = [f'{key}:={value}' for key, value in parameters.items()]
         command = [*within, executable(name), *words, '--ros-args',
                    *itertools.chain.from_iterable(('-p', assignment) for assignment in given)]

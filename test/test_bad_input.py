@@ -79,6 +79,8 @@ SUBSCRIBER = {
     'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'give max_frames, max_duration or'),
     'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
                          'a ring deletes the oldest files, and a .mp4 is one file'),
+    'a parameter that is not known': (FAILED, {'timeout': 0.3, 'max_frame': 5},
+                                      'max_frame is not used; did you mean max_frames?'),
     'files that are an error': (FAILED, {'on_exists': 'error', 'output_dir': '.',
                                          'file_name': 'text.png'},
                                 'has text.png already; name another folder'),

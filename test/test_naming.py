@@ -20,7 +20,8 @@ from hypothesis import given, strategies as st
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
 import pytest
 
-FRAME = Labels(1700000000_000000042, 'camera/left', '16UC1; png compressed ', '/front/video_frames')
+FRAME = Labels(
+    1700000000_000000042, 'camera/left', '16UC1; png compressed ', '/front/video_frames')
 
 
 @pytest.mark.parametrize(('template', 'name', 'suffix'), [

@@ -339,7 +339,8 @@ def test_a_terminal_shows_a_bar(
     master, slave = pty.openpty()
     process = subprocess.Popen(
         [executable('img_subscriber'), '--ros-args', '-p', f'output_dir:={tmp_path / "out"}',
-         '-p', 'max_frames:=20', '-p', 'on_overflow:=block'], stdin=subprocess.DEVNULL, stdout=slave, stderr=slave,
+         '-p', 'max_frames:=20', '-p', 'on_overflow:=block'],
+        stdin=subprocess.DEVNULL, stdout=slave, stderr=slave,
         env={**os.environ, 'COLUMNS': '120'})
     os.close(slave)
     try:

@@ -114,8 +114,8 @@ def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
 def test_a_full_disk_and_then_room_again(
         start: Start, small_disk: tuple[Path, list[str]]) -> None:
     folder, within = small_disk
-    recorder = start('img_subscriber', within=within, output_dir=folder, file_name='f{seq:04d}.png',
-                     png_compression=0)
+    recorder = start('img_subscriber', within=within, output_dir=folder,
+                     file_name='f{seq:04d}.png', png_compression=0)
     start('img_publisher', source='pattern:160x120@50', publish_rate=0, wait_for_subscribers=1)
     recorder.wait_for('No space left on device')
     inside = Path(f'/proc/{recorder.pid}/root{folder}')

@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 import numpy as np
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import Entry
 from opencv_tools.recording.selection import Budget, FullError, Limits, Selection
-from opencv_tools.recording.frames import ReceivedFrame
 import pytest
 
 NANO = 10**9

@@ -49,8 +49,8 @@ _SILENCE_SECONDS = 3.0
 _SILENCE_PERIODS = 3
 # How much of the usual time between frames each frame makes.
 _PERIOD_WEIGHT = 1 / 8
-# More messages than wait in a new subscription that the old one has passed on, unless it keeps all.
-_REMEMBERED = 1000
+# As many messages as Fast DDS keeps for a subscription at most.
+_REMEMBERED = 5000
 _NAMED_TOPICS = 5
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 

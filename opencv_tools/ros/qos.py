@@ -53,12 +53,6 @@ def reliable_qos() -> QoSProfile:
         history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def best_effort_qos() -> QoSProfile:
-    """Make the profile that matches every publisher, for one that offers no more than this."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
 def following_qos(offers: Sequence[QoSProfile], keep_all: bool) -> QoSProfile:
     """
     Make the profile that asks for the most that all publishers offer.
