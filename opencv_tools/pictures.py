@@ -38,7 +38,8 @@ def _types(depths: str, channels: str) -> frozenset[str]:
 
 
 _BYTES = _types('8U', '1 3')
-_TIFF = _types('8U 16U', '1 3 4') | _types('32F 64F', '1 3')
+# OpenCV 4.6 cannot read the 64FC3 that it writes.
+_TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
 
 #: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
 FORMATS = {

@@ -488,6 +488,19 @@ def test_auto_stays_with_what_arrives_and_changes_when_its_publisher_leaves(
     assert capfd.readouterr().err.count('as its publishers offer') == 2
 
 
+def test_auto_waits_a_look_for_the_raw_images_of_a_camera_whose_topics_appear_one_by_one(
+        node: Node, camera: Node, subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription = subscribe()
+    camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
+    wait_until(lambda: node.count_publishers(f'{TOPIC}/compressed') == 1)
+    subscription._look()
+    camera.create_publisher(Image, TOPIC, RELIABLE)
+    wait_until(lambda: node.count_publishers(TOPIC) == 1)
+    for _ in range(3):
+        subscription._look()
+        assert subscription.topic_name == TOPIC
+
+
 def test_auto_changes_to_raw_images_as_long_as_no_compressed_one_has_come(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:

@@ -50,7 +50,7 @@ GENERIC = [f'{depth}C{channels}' for depth in ('8U', '8S', '16U', '16S', '32S', 
 _BYTES = {'mono8', 'bgr8', 'rgb8', '8UC1', '8UC3'}
 _ALPHA = {'bgra8', 'rgba8', '8UC4'}
 _WORDS = {'mono16', 'bgr16', 'rgb16', 'bgra16', 'rgba16', '16UC1', '16UC3', '16UC4'}
-_FLOATS = {'32FC1', '32FC3', '64FC1', '64FC3'}
+_FLOATS = {'32FC1', '32FC3', '64FC1'}
 _COLORED_BYTES = {name for name in ENCODINGS
                   if name.startswith(('bayer', 'yu', 'uy', 'nv')) and not name.endswith('16')}
 _COLORED_WORDS = {name for name in ENCODINGS if name.startswith('bayer') and name.endswith('16')}
