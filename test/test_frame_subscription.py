@@ -494,6 +494,7 @@ def test_auto_waits_a_look_for_the_raw_images_of_a_camera_whose_topics_appear_on
     camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
     wait_until(lambda: node.count_publishers(f'{TOPIC}/compressed') == 1)
     subscription._look()
+    assert subscription.topic_name == TOPIC
     camera.create_publisher(Image, TOPIC, RELIABLE)
     wait_until(lambda: node.count_publishers(TOPIC) == 1)
     for _ in range(3):

@@ -34,6 +34,7 @@ from opencv_tools.recording.files import open_files
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame
 from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
@@ -236,6 +237,13 @@ def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
         'encoding': 'mono8', 'kept_as': 'mono8', 'size': [20, 20], 'frames': 1}
 
 
+def picture_files(
+        path: Path, template: str, kind: type[PictureFiles] = PictureFiles) -> PictureFiles:
+    folder = Folder(path)
+    numbering = Numbering(FileNames(template), folder, 'continue')
+    return kind(folder, numbering, Format('.png'), NO_LIMITS)
+
+
 class SlowFiles(PictureFiles):
     """Write nothing before it may."""
 
@@ -249,8 +257,7 @@ class SlowFiles(PictureFiles):
 @pytest.fixture
 def slow_files(tmp_path: Path) -> SlowFiles:
     SlowFiles.may_write = threading.Event()
-    return SlowFiles(Folder(tmp_path), FileNames('{seq:03d}.png'), Format('.png'), 'continue',
-                     Limits())
+    return picture_files(tmp_path, '{seq:03d}.png', SlowFiles)
 
 
 def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) -> None:
@@ -420,8 +427,7 @@ def leave_behind(folder: Path, kill_in: str) -> None:
     owner, name = {'link': (os, 'link'), 'unlink': (Path, 'unlink'),
                    'append': (Folder, 'add_line')}[kill_in]
     setattr(owner, name, lambda *_: os._exit(9))
-    files = PictureFiles(
-        Folder(folder), FileNames('{seq}.png'), Format('.png'), 'continue', Limits())
+    files = picture_files(folder, '{seq}.png')
     frame = gray_frame(5)
     files.commit(frame, files.prepare(frame))
     os._exit(1)
@@ -514,8 +520,7 @@ def test_a_disk_without_hard_links_overwrites_nothing_either(
     monkeypatch.setattr(os, 'link', refuse)
     record(tmp_path, 2)
     (tmp_path / '002.png').write_text('mine')
-    folder = Folder(tmp_path)
-    files = PictureFiles(folder, FileNames('{seq:03d}.png'), Format('.png'), 'continue', Limits())
+    files = picture_files(tmp_path, '{seq:03d}.png')
     (tmp_path / '003.png').write_text('mine too')
     frame = gray_frame(4)
     assert files.commit(frame, files.prepare(frame)).name == '004.png'

@@ -21,6 +21,7 @@ from typing import Any
 
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.recorder import Files
 from opencv_tools.recording.selection import Limits
@@ -69,8 +70,9 @@ def open_files(
         raise RecordingError(str(err)) from err
     folder = Folder(path, sync)
     try:
+        numbering = Numbering(names, folder, on_exists)
         kind = VideoFiles if is_video else PictureFiles
-        return kind(folder, names, wanted, on_exists, limits)
+        return kind(folder, numbering, wanted, limits)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err

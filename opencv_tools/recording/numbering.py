@@ -16,11 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import errno
 import itertools
+from typing import TypeVar
 
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
+
+T = TypeVar('T')
 
 #: What is done about files that are there already.
 ON_EXISTS = ('continue', 'error', 'overwrite')
@@ -50,12 +54,31 @@ class Numbering:
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
 
-    def candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
-        """
-        Give a number and a name, and others as long as they turn out to be taken.
+    def matches(self, name: str) -> bool:
+        """Tell whether a name may be one of the recording's."""
+        return self._names.matches(name)
 
-        The last one that was asked for is the one that was used, when ``use`` is called.
+    def claim(self, labels: Labels, make: Callable[[int, str], T]) -> T:
         """
+        Have a file made under the next name that is free.
+
+        :param labels: what names can tell of its frame.
+        :param make: makes the file of a number and a name.
+        :returns: what it returns.
+        :raises FileExistsError: the name is taken, and that is an error.
+        :raises OSError: the file cannot be made; its number is not used.
+        """
+        for seq, name in self._candidates(labels):
+            try:
+                made = make(seq, name)
+            except FileExistsError:
+                continue
+            self._seq += 1
+            return made
+        raise FileExistsError(errno.EEXIST, f'{name} is there already')
+
+    def _candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
+        """Give a number and a name, and others as long as they turn out to be taken."""
         name = self._names.name(self._seq, labels)
         if self.replaces or self._only_free:
             yield self._seq, name
@@ -67,9 +90,5 @@ class Numbering:
         else:
             first = self._copy[1] if self._copy[0] == name else 0
             for copy in itertools.count(first):
+                self._copy = name, copy
                 yield self._seq, numbered_copy(name, copy) if copy else name
-                self._copy = (name, copy + 1)
-
-    def use(self) -> None:
-        """Take note that a number was used."""
-        self._seq += 1

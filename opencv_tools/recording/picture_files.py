@@ -18,14 +18,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-import errno
 import hashlib
 from pathlib import Path
 
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, RawFrame
 from opencv_tools.recording.manifest import Entry, file_entry
-from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Budget, Limits
 from opencv_tools.recording.writers import Content, encode_frame, Format
@@ -60,28 +58,26 @@ class PictureFiles:
     """Write each frame to a file."""
 
     def __init__(
-        self, folder: Folder, names: FileNames, wanted: Format, on_exists: str, limits: Limits,
+        self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
     ) -> None:
         """
-        Go on behind the files that are there.
+        Take account of the files that are there.
 
-        :param folder: where the files go.
-        :param names: names of the files.
+        :param folder: where the files go, which is left when this is closed.
+        :param numbering: finds their names.
         :param wanted: what frames become.
-        :param on_exists: what is done about files that are there already.
         :param limits: how much is kept.
-        :raises RecordingError: the files that are there are an error.
+        :raises OSError: the account of earlier files cannot be read.
         """
         self._folder = folder
-        self._names = names
+        self._numbering = numbering
         self._wanted = wanted
-        self._limits = limits
-        self._numbering = Numbering(names, folder, on_exists)
+        self._loses_files = limits.ring or numbering.replaces
         self._stale_lines = 0
         self._compact()
+        earlier = folder.manifest.entries() if limits.ring else []
         self._budget = Budget(limits, [
-            entry for entry in (folder.manifest.entries() if limits.ring else [])
-            if names.matches(entry.name)])
+            entry for entry in earlier if numbering.matches(entry.name)])
 
     def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedPicture:
         """
@@ -109,15 +105,13 @@ class PictureFiles:
         :raises OSError: it cannot be given its name, or not be accounted for.
         """
         content = picture.content
-        for seq, name in self._numbering.candidates(frame):
-            entry = file_entry(seq, name, frame, content.encoding,
-                               (content.width, content.height), picture.size, picture.sha256)
-            gone = self._budget.make_room(entry)
-            try:
-                return self._publish(picture.temporary, entry, gone)
-            except FileExistsError:
-                continue
-        raise FileExistsError(errno.EEXIST, f'{name} is there already')
+        path = self._numbering.claim(frame, lambda seq, name: self._publish(
+            picture.temporary, file_entry(
+                seq, name, frame, content.encoding, (content.width, content.height),
+                picture.size, picture.sha256)))
+        if self._stale_lines > max(_MANY_LINES, self._budget.count):
+            self._compact()
+        return path
 
     def close(self) -> None:
         """Drop the lines of files that are no more, and leave the folder."""
@@ -127,21 +121,19 @@ class PictureFiles:
         finally:
             self._folder.close()
 
-    def _publish(self, temporary: Path, entry: Entry, gone: list[str]) -> Path:
+    def _publish(self, temporary: Path, entry: Entry) -> Path:
+        gone = self._budget.make_room(entry)
         for name in gone:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
-        self._numbering.use()
         self._stale_lines += len(gone) or self._numbering.replaces
         self._budget.add(entry, gone)
-        if self._stale_lines > max(_MANY_LINES, self._budget.count):
-            self._compact()
         return path
 
     def _compact(self) -> None:
         """Leave lines of our files only where a ring did not delete them, and one a file."""
         self._stale_lines = 0
-        if self._limits.ring or self._numbering.replaces:
+        if self._loses_files:
             self._folder.manifest.compact(
-                lambda entry: not self._names.matches(entry.name)
+                lambda entry: not self._numbering.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-import errno
 import hashlib
 from pathlib import Path
 
@@ -27,7 +26,6 @@ from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.manifest import file_entry
-from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import FullError, Limits
 from opencv_tools.recording.video import VideoWriter
@@ -58,23 +56,21 @@ class VideoFiles:
     """Write frames to videos, which have their names from the beginning and always play."""
 
     def __init__(
-        self, folder: Folder, names: FileNames, wanted: Format, on_exists: str, limits: Limits,
+        self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
     ) -> None:
         """
-        Go on behind the files that are there.
+        Begin with the first frame.
 
-        :param folder: where the files go.
-        :param names: names of the files.
+        :param folder: where the videos go, which is left when this is closed.
+        :param numbering: finds their names.
         :param wanted: what frames become.
-        :param on_exists: what is done about files that are there already.
         :param limits: how much is recorded.
-        :raises RecordingError: the files that are there are an error.
         """
         self._folder = folder
         self._wanted = wanted
         self._max_bytes = limits.max_bytes
         self._bytes = 0
-        self._numbering = Numbering(names, folder, on_exists)
+        self._numbering = numbering
         self._video: _Video | None = None
 
     def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedVideoPicture:
@@ -110,7 +106,8 @@ class VideoFiles:
             video = None
         if self._is_full(video):
             raise FullError(f'max_bytes is {self._max_bytes}')
-        video = video or self._begin(frame, picture)
+        video = self._video = video or self._numbering.claim(
+            frame, lambda seq, name: self._begin(seq, name, frame, picture))
         try:
             video.writer.write(picture, frame.time_ns)
         except (OSError, VideoError):
@@ -135,19 +132,14 @@ class VideoFiles:
         size = self._bytes + (video.writer.bytes_written if video else 0)
         return 0 < self._max_bytes <= size
 
-    def _begin(self, frame: ReceivedFrame, picture: VideoPicture) -> _Video:
-        for seq, name in self._numbering.candidates(frame):
-            path = self._folder.path / name
-            if self._numbering.replaces:
-                path.unlink(missing_ok=True)
-            try:
-                writer = VideoWriter(path, picture, frame.time_ns, self._wanted.crf)
-            except FileExistsError:
-                continue
-            self._numbering.use()
-            self._video = _Video(seq, path, frame, writer, picture.form[:2])
-            return self._video
-        raise FileExistsError(errno.EEXIST, f'{name} is there already')
+    def _begin(
+        self, seq: int, name: str, frame: ReceivedFrame, picture: VideoPicture,
+    ) -> _Video:
+        path = self._folder.path / name
+        if self._numbering.replaces:
+            path.unlink(missing_ok=True)
+        writer = VideoWriter(path, picture, frame.time_ns, self._wanted.crf)
+        return _Video(seq, path, frame, writer, picture.form[:2])
 
     def _end(self, video: _Video) -> None:
         """End a video and account for it."""

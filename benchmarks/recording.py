@@ -1,0 +1,483 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How fast 1080p frames get to the disk: against cv2.imwrite, from our publisher, as they came."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from itertools import cycle, islice
+import json
+import logging
+import os
+from pathlib import Path
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.pictures import encode_picture
+from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.picture_files import PictureFiles
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.writers import Format
+from opencv_tools.ros.messages import read_compressed_image, read_image
+from opencv_tools.ros.received_frames import message_to_frame
+from opencv_tools.ros.recording_parameters import open_recorder, PARAMETERS
+from std_msgs.msg import Header
+
+CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
+SIZE = (1920, 1080)
+RATE = 30
+PICTURES = 18  # of the clip, as far apart as it has them
+TOPIC = '/video_frames'
+
+SPEEDUP = 1.8  # goals
+SAVING = 10.0
+
+ROUNDS = 5
+RUN_SECONDS = 3.0
+START_SECONDS = 30.0
+POLL_SECONDS = 0.02
+
+# Each test has a domain from 1 to 100, other benchmarks 101; the namespace keeps runs apart.
+ENVIRONMENT = {'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+NAMESPACE = f'/recording_{os.getpid()}'
+
+_PUBLISHED = re.compile(r'Published ([0-9]+) frames at ([0-9.]+) Hz')
+_RECEIVED = re.compile(
+    r'Received ([0-9]+) frames at ([0-9.]+) Hz: ([0-9]+) written to .*, '
+    r'([0-9]+) dropped, ([0-9]+) failed, ([0-9]+) lost on the way')
+
+# Writes messages to a folder as files of a format; the seconds it took.
+Way = Callable[[Sequence[bytes], Path, str], float]
+
+
+@dataclass(frozen=True)
+class Race:
+    """
+    Pictures written in the callback, and by the recorder.
+
+    :param suffix: of the files.
+    :param frames: in each run.
+    :param theirs: frames per second of each run of cv2.imwrite.
+    :param ours: frames per second of each run of the recorder.
+    :param their_size: bytes a frame.
+    :param our_size: bytes a frame.
+    """
+
+    suffix: str
+    frames: int
+    theirs: list[float]
+    ours: list[float]
+    their_size: float
+    our_size: float
+
+    @property
+    def ratios(self) -> list[float]:
+        """Give how many times as fast ours was, in each pair of runs."""
+        return [ours / theirs for ours, theirs in zip(self.ours, self.theirs)]
+
+    @property
+    def ratio(self) -> float:
+        """Give the median of the ratios."""
+        return statistics.median(self.ratios)
+
+
+@dataclass(frozen=True)
+class Load:
+    """
+    What a node took for its frames, without its start.
+
+    :param share: per cent of a core while frames were sent.
+    :param per_frame: CPU milliseconds, user and system, of all threads and to its end.
+    """
+
+    share: float
+    per_frame: float
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    What became of the frames of a publisher.
+
+    :param suffix: of the files.
+    :param sent: frames that were published.
+    :param rate: of these, a second.
+    :param received: frames that came.
+    :param kept: frames in files.
+    :param dropped: frames that did not fit into the queue.
+    :param lost: frames that the subscriber knows it missed.
+    :param publisher: its load, per frame sent.
+    :param subscriber: its load, per frame kept.
+    :param size: bytes of the files for each frame.
+    """
+
+    suffix: str
+    sent: int
+    rate: float
+    received: int
+    kept: int
+    dropped: int
+    lost: int
+    publisher: Load
+    subscriber: Load
+    size: float
+
+
+@dataclass(frozen=True)
+class Passthrough:
+    """
+    JPEG messages to JPEG files, medians of milliseconds per frame.
+
+    :param kept_cpu: of writing them as they came.
+    :param encoded_cpu: of decoding and encoding them.
+    :param kept_wall: as before, by the clock.
+    :param encoded_wall: as before, by the clock.
+    :param ratios: of the CPU, in each pair of runs.
+    """
+
+    kept_cpu: float
+    encoded_cpu: float
+    kept_wall: float
+    encoded_wall: float
+    ratios: list[float]
+
+    @property
+    def ratio(self) -> float:
+        """Give the median of the ratios."""
+        return statistics.median(self.ratios)
+
+
+def clip_frames() -> Iterator[av.VideoFrame]:
+    """Yield the frames of the clip."""
+    with av.open(str(CLIP)) as container:
+        yield from container.decode(video=0)
+
+
+def clip_pictures() -> list[np.ndarray]:
+    """Give BGR pictures of 1080p from all over the clip."""
+    frames = list(clip_frames())
+    return [frame.reformat(*SIZE, 'bgr24').to_ndarray()
+            for frame in frames[::len(frames) // PICTURES][:PICTURES]]
+
+
+def make_video(path: Path) -> None:
+    """Make a 1080p30 video of the clip."""
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=RATE, options={'preset': 'veryfast'})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = 'yuv420p'
+        for number, frame in enumerate(clip_frames()):
+            scaled = frame.reformat(*SIZE, 'yuv420p')
+            scaled.pts, scaled.time_base = number, Fraction(1, RATE)
+            scaled.pict_type = 0  # left to the encoder, not that of the clip
+            container.mux(stream.encode(scaled))
+        container.mux(stream.encode(None))
+
+
+def folder_here() -> tempfile.TemporaryDirectory[str]:
+    """Make a folder on the disk that is worked on, for the usual one may be in memory."""
+    return tempfile.TemporaryDirectory(prefix='.benchmark_', dir='.')
+
+
+def file_bytes(folder: Path, suffix: str) -> int:
+    """Count the bytes of the files of a format."""
+    return sum(path.stat().st_size for path in folder.glob(f'*{suffix}'))
+
+
+def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
+    """Write as the tutorials do, one frame after another."""
+    bridge = CvBridge()
+    began = time.perf_counter()
+    for number, serialized in enumerate(messages):
+        image = bridge.imgmsg_to_cv2(read_image(serialized))
+        if not cv2.imwrite(str(folder / f'{number:06d}{suffix}'), image):
+            raise SystemExit('OpenCV wrote no picture')
+    return time.perf_counter() - began
+
+
+def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
+    """Write as the subscriber does, until all are on the disk and in the manifest."""
+    settings = {parameter.name: parameter.default for parameter in PARAMETERS}
+    settings.update(output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
+    bridge = CvBridge()
+    _, recorder = open_recorder(settings, logging.getLogger(), lambda: None)
+    began = time.perf_counter()
+    for serialized in messages:
+        recorder.put(message_to_frame(bridge, read_image(serialized), TOPIC, time.time_ns()))
+    recorder.close()
+    seconds = time.perf_counter() - began
+    if recorder.account.written != len(messages):
+        raise SystemExit(f'not every frame was written: {recorder.account}')
+    return seconds
+
+
+def run(way: Way, messages: Sequence[bytes], suffix: str) -> tuple[float, float]:
+    """Write messages; the frames per second, and the bytes a frame."""
+    with folder_here() as folder:
+        seconds = way(messages, Path(folder), suffix)
+        size = file_bytes(Path(folder), suffix)
+    return len(messages) / seconds, size / len(messages)
+
+
+def race(messages: Sequence[bytes], suffix: str) -> Race:
+    """Write in both ways in turn, so that what disturbs one disturbs both."""
+    run(record, messages, suffix)
+    rate, _ = run(write_in_callback, messages, suffix)
+    many = list(islice(cycle(messages), max(len(messages), round(rate * RUN_SECONDS))))
+    theirs, ours = zip(*[(run(write_in_callback, many, suffix), run(record, many, suffix))
+                         for _ in range(ROUNDS)])
+    return Race(suffix, len(many), [rate for rate, _ in theirs], [rate for rate, _ in ours],
+                theirs[0][1], ours[0][1])
+
+
+class NodeProcess:
+    """A node in a process of its own, its console, and the CPU it takes."""
+
+    def __init__(self, name: str, folder: Path, **parameters: object) -> None:
+        """Start it with its console in a file."""
+        command = [sys.executable, '-m', f'opencv_tools.basic_image_{name}', '--ros-args',
+                   '-r', f'__ns:={NAMESPACE}']
+        for parameter, value in parameters.items():
+            command += ['-p', f'{parameter}:={value}']
+        self._name = name
+        self._console = folder / f'{name}.log'
+        self._start_cpu = self._cpu = 0.0
+        self._status: int | None = None
+        with self._console.open('w') as lines:
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=lines)
+
+    def start(self, phrase: str) -> None:
+        """Wait until it says that it is ready; the CPU up to there does not count."""
+        deadline = time.monotonic() + START_SECONDS
+        while phrase not in self._console.read_text():
+            if self._has_ended() or time.monotonic() > deadline:
+                raise SystemExit(f'the {self._name} did not start:\n{self._console.read_text()}')
+            time.sleep(POLL_SECONDS)
+        self._start_cpu = self._clock()
+
+    def cpu(self) -> float:
+        """Give the seconds of CPU, user and system, of all its threads since its start."""
+        return (self._cpu if self._has_ended() else self._clock()) - self._start_cpu
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for so long for it to end; whether it has."""
+        deadline = time.monotonic() + seconds
+        while not self._has_ended() and time.monotonic() < deadline:
+            time.sleep(POLL_SECONDS)
+        return self._has_ended()
+
+    def end(self) -> None:
+        """End it in any case."""
+        for number in (signal.SIGINT, signal.SIGKILL):
+            if not self._has_ended():
+                self._process.send_signal(number)
+                self.wait(START_SECONDS)
+
+    def account(self, summary: re.Pattern[str]) -> list[float]:
+        """Give the numbers of its summary."""
+        said = summary.search(self._console.read_text())
+        if self._status != 0 or not said or said[1] == '0':
+            raise SystemExit(f'the {self._name} ended with {self._status}:\n'
+                             f'{self._console.read_text()}')
+        return [float(number) if '.' in number else int(number) for number in said.groups()]
+
+    def _clock(self) -> float:
+        # The one that clock_getcpuclockid(3) gives.
+        return time.clock_gettime((~self._process.pid << 3) | 2)
+
+    def _has_ended(self) -> bool:
+        if self._status is None:
+            pid, status, usage = os.wait4(self._process.pid, os.WNOHANG)
+            if pid:
+                self._status = self._process.returncode = os.waitstatus_to_exitcode(status)
+                self._cpu = usage.ru_utime + usage.ru_stime
+        return self._status is not None
+
+
+def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
+    """Let our publisher play a video for so long, and our subscriber write it."""
+    frames = round(seconds * RATE)
+    nodes: list[NodeProcess] = []
+    with folder_here() as folder:
+        files = Path(folder) / 'frames'
+        try:
+            nodes.append(NodeProcess('subscriber', Path(folder), output_dir=files,
+                                     file_name=f'"{{seq:06d}}{suffix}"', png_compression=1))
+            nodes[0].start('Waiting for ')
+            nodes.append(NodeProcess('publisher', Path(folder), source=video, publish_rate=0.0,
+                                     loop=0, max_frames=frames, wait_for_subscribers=1))
+            subscriber, publisher = nodes
+            publisher.start(' opened: ')
+            publisher.wait(START_SECONDS + 2 * seconds)
+            cpu = subscriber.cpu()
+            time.sleep(1)  # what is on its way arrives
+        finally:
+            for node in reversed(nodes):
+                node.end()
+        sent, rate = publisher.account(_PUBLISHED)
+        received, _, kept, dropped, failed, lost = subscriber.account(_RECEIVED)
+        if failed or not kept:
+            raise SystemExit(f'{failed} frames failed, {kept} were kept')
+        percent, milliseconds = 100 * rate / sent, 1000
+        return Recording(
+            suffix, sent, rate, received, kept, dropped, lost,
+            Load(publisher.cpu() * percent, publisher.cpu() / sent * milliseconds),
+            Load(cpu * percent, subscriber.cpu() / kept * milliseconds),
+            file_bytes(files, suffix) / kept)
+
+
+def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, float]:
+    """Write JPEG messages on this thread; CPU and wall milliseconds per frame."""
+    bridge = CvBridge()
+    with folder_here() as folder:
+        files = PictureFiles(Folder(Path(folder)), FileNames('{seq:06d}.jpg'), Format('.jpg'),
+                             'continue', Limits())
+        began, cpu = time.perf_counter(), time.process_time()
+        for serialized in messages:
+            frame = message_to_frame(
+                bridge, read_compressed_image(serialized), TOPIC, time.time_ns())
+            frame = frame.decode() if encode else frame
+            files.commit(frame, files.prepare(frame))
+        cpu, wall = time.process_time() - cpu, time.perf_counter() - began
+        files.close()
+    return cpu / len(messages) * 1e3, wall / len(messages) * 1e3
+
+
+def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
+    """Compare writing JPEG messages as they came with decoding and encoding them."""
+    messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
+        0, 0, 'camera', 'bgr8; jpeg compressed bgr8', encode_picture(picture, '.jpg')))
+        for picture in pictures]
+    write_compressed(messages, False)
+    pairs = [(write_compressed(messages, False), write_compressed(messages, True))
+             for _ in range(ROUNDS)]
+    kept, encoded = np.median(pairs, axis=0).tolist()
+    return Passthrough(kept[0], encoded[0], kept[1], encoded[1],
+                       [other[0] / one[0] for one, other in pairs])
+
+
+def verdict(ratio: float, goal: float) -> str:
+    """Say whether a ratio is as high as it should be."""
+    return f'goal {goal:g} {"met" if ratio >= goal else "missed"}'
+
+
+def listed(ratios: Sequence[float]) -> str:
+    """Give the single ratios."""
+    return ' '.join(f'{ratio:.2f}' for ratio in ratios)
+
+
+def print_race(result: Race) -> None:
+    """Print a line of the first table."""
+    print(f'{result.suffix:6}{result.frames:8}{statistics.median(result.theirs):12.1f}'
+          f'{statistics.median(result.ours):10.1f}{result.their_size:12.0f}'
+          f'{result.our_size:10.0f}{result.ratio:8.2f}  {verdict(result.ratio, SPEEDUP)} '
+          f'({listed(result.ratios)})', flush=True)
+
+
+def print_recording(result: Recording) -> None:
+    """Print a line of the second table."""
+    print(f'{result.suffix:6}{result.sent:6}{result.rate:7.1f}{result.received:10}'
+          f'{result.kept:6}{result.dropped:9}{result.lost:6}'
+          + ''.join(f'{load.share:9.1f}{load.per_frame:10.2f}'
+                    for load in (result.publisher, result.subscriber))
+          + f'{result.size:13.0f}', flush=True)
+
+
+def print_passthrough(result: Passthrough) -> None:
+    """Print the third table."""
+    print(f'{"":20}{"CPU ms/frame":>13}{"wall ms/frame":>15}\n'
+          f'{"as they came":20}{result.kept_cpu:13.3f}{result.kept_wall:15.3f}\n'
+          f'{"decoded, encoded":20}{result.encoded_cpu:13.3f}{result.encoded_wall:15.3f}\n'
+          f'ratio of the CPU {result.ratio:.1f}, {verdict(result.ratio, SAVING)} '
+          f'({listed(result.ratios)})', flush=True)
+
+
+def measure(seconds: float) -> dict[str, Any]:
+    """Measure and print section after section; the figures."""
+    pictures = clip_pictures()
+    bridge = CvBridge()
+    messages = [bridge.cv2_to_cdr(picture, 'bgr8', Header(frame_id='camera'))
+                for picture in pictures]
+    cores = len(os.sched_getaffinity(0))
+    print(f'{cores} cores, OpenCV {cv2.__version__} with {cv2.getNumThreads()} threads, '
+          f'PyAV {av.__version__}, medians of {ROUNDS}\n')
+
+    print('1080p PNG and JPEG: frames per second against one cv2.imwrite per callback\n'
+          f'{"":14}{"frames per second":>22}{"bytes per frame":>22}\n'
+          f'{"":6}{"frames":>8}' + f'{"imwrite":>12}{"recorder":>10}' * 2 + f'{"ratio":>8}')
+    races = []
+    for suffix in ('.png', '.jpg'):
+        races.append(race(messages, suffix))
+        print_race(races[-1])
+
+    print(f'\n1080p{RATE} from our publisher for {seconds:g} s; CPU in % of a core and in ms, '
+          'without the start of the nodes\n'
+          f'{"":50}{"publisher, decodes":>19}{"subscriber":>19}\n'
+          f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
+          f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
+    recordings = []
+    with folder_here() as folder:
+        video = Path(folder) / 'video.mp4'
+        make_video(video)
+        for suffix in ('.png', '.jpg', '.mp4'):
+            recordings.append(record_publisher(video, suffix, seconds))
+            print_recording(recordings[-1])
+
+    print('\nCompressed passthrough against decode + encode, 1080p JPEG on one thread')
+    passthrough = pass_through(pictures)
+    print_passthrough(passthrough)
+    return {
+        'cores': cores, 'opencv': cv2.__version__, 'opencv_threads': cv2.getNumThreads(),
+        'pictures': [{**asdict(one), 'ratio': one.ratio, 'ratios': one.ratios, 'goal': SPEEDUP}
+                     for one in races],
+        'recordings': [asdict(one) for one in recordings],
+        'passthrough': {**asdict(passthrough), 'ratio': passthrough.ratio, 'goal': SAVING},
+        'met': (all(one.ratio >= SPEEDUP for one in races) and passthrough.ratio >= SAVING),
+    }
+
+
+def main() -> int:
+    """Print the figures; the exit status is 1 when a goal is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=20, help='to record each format for')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='to write the figures to')
+    options = parser.parse_args()
+    if options.seconds < 1:
+        parser.error('give a second or more')
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    os.environ.update(ENVIRONMENT)
+    figures = measure(options.seconds)
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=2) + '\n')
+    return 0 if figures['met'] else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
