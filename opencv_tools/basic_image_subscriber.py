@@ -67,7 +67,7 @@ class ImageSubscriber(Node):
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
         self.subscription = FrameSubscription(
             self, 'video_frames', settings['transport'], settings['on_overflow'] == 'block',
-            self.listener_callback, self._refuse)
+            self._log, self.listener_callback, self._refuse)
         self._timeout = settings['timeout']
         self._patience = self._start_timer(self._timeout, self._give_up)
         for name in unknown_parameters(self, PARAMETERS):

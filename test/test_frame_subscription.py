@@ -22,7 +22,7 @@ import time
 
 from conftest import DEADLINE, spin_until
 from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage
-from opencv_tools.ros import frame_subscription
+from opencv_tools.ros import frame_subscription, silence
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage, read_compressed_image
 from opencv_tools.ros.qos import following_qos, qos_mismatch
@@ -91,8 +91,8 @@ def subscribe(node: Node, received: Received) -> Iterator[Callable[..., FrameSub
         transport: str = 'auto', keep_all: bool = False, subscriber: Node = node,
     ) -> FrameSubscription:
         subscriptions.append(FrameSubscription(
-            subscriber, 'video_frames', transport, keep_all, received.take,
-            received.errors.append))
+            subscriber, 'video_frames', transport, keep_all, subscriber.get_logger(),
+            received.take, received.errors.append))
         return subscriptions[-1]
 
     yield _subscribe
@@ -336,7 +336,8 @@ def test_what_comes_while_the_old_subscription_is_emptied_does_not_hold_it_up(
         if len(numbers) < 1000:
             publisher.publish(image(len(numbers)))
 
-    subscription = FrameSubscription(node, TOPIC, 'raw', True, answer, pytest.fail)
+    subscription = FrameSubscription(
+        node, TOPIC, 'raw', True, node.get_logger(), answer, pytest.fail)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     publisher.publish(image(0))
     subscription._reception.drain()
@@ -565,7 +566,7 @@ def test_the_reason_is_said_once_and_again_when_it_changes(
         node: Node, camera: Node, domain: int, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.6)
+    monkeypatch.setattr(silence, '_LEAST_SECONDS', 0.6)
     console = ''
 
     def said(text: str) -> bool:
@@ -598,7 +599,7 @@ def test_a_slow_stream_and_a_single_latched_image_are_no_silence(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.5)
+    monkeypatch.setattr(silence, '_LEAST_SECONDS', 0.5)
     camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
     subscription = subscribe()
     spin_until(node, lambda: received.numbers() == [7])
@@ -606,7 +607,8 @@ def test_a_slow_stream_and_a_single_latched_image_are_no_silence(
     assert 'No frames' not in capfd.readouterr().err
     subscription.destroy()
     slow = camera.create_publisher(Image, '/slow', RELIABLE)
-    slowly = FrameSubscription(node, '/slow', 'raw', False, received.take, received.errors.append)
+    slowly = FrameSubscription(
+        node, '/slow', 'raw', False, node.get_logger(), received.take, received.errors.append)
     spin_until(node, lambda: slow.get_subscription_count() == 1)
     slow.publish(image(0))
     spin_for(node, 0.45)
@@ -621,7 +623,7 @@ def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(frame_subscription, '_SILENCE_SECONDS', 0.8)
+    monkeypatch.setattr(silence, '_LEAST_SECONDS', 0.8)
     subscribe()
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     publish_until(node, publisher, image, lambda: len(received.frames) > 3)

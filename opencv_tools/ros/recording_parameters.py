@@ -27,7 +27,7 @@ from opencv_tools.recording.recorder import QUEUE_SIZE, Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.trouble import Log
 from opencv_tools.recording.writers import Format
-from opencv_tools.ros.frame_subscription import TRANSPORTS
+from opencv_tools.ros.frame_sources import TRANSPORTS
 from opencv_tools.ros.parameters import Parameter, ParameterError
 
 MODES = ('continuous', 'on_request')

@@ -1,0 +1,187 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where frames are published: topics of images, raw and compressed, and who is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from opencv_tools.ros.messages import FrameMessage, read_compressed_image, read_image
+from opencv_tools.ros.qos import qos_mismatch
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CompressedImage, Image
+
+TRANSPORTS = ('auto', 'raw', 'compressed')
+
+_IMAGE = 'sensor_msgs/msg/Image'
+_COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+#: The class of each type of messages, and what reads one that was received raw.
+FRAME_TYPES: dict[str, tuple[Any, Callable[[bytes], FrameMessage]]] = {
+    _IMAGE: (Image, read_image),
+    _COMPRESSED_IMAGE: (CompressedImage, read_compressed_image),
+}
+
+_NAMED_TOPICS = 5
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """
+    Where frames may be.
+
+    :param name: of the topic, before it is remapped.
+    :param type_name: of its messages.
+    """
+
+    name: str
+    type_name: str
+
+
+class FrameSources:
+    """The sources that a topic may mean, and their publishers."""
+
+    def __init__(self, node: Node, topic: str, transport: str) -> None:
+        """
+        List them.
+
+        :param node: whose graph is looked at.
+        :param topic: of the images, before it is remapped.
+        :param transport: one of ``TRANSPORTS``.
+        """
+        self._node = node
+        self._topic = topic
+        self._known = _list_sources(topic, node.resolve_topic_name(topic))
+        allowed = {'raw': {_IMAGE}, 'compressed': {_COMPRESSED_IMAGE}}.get(
+            transport, FRAME_TYPES.keys())
+        #: Those that the transport allows, the best first.
+        self.allowed = [source for source in self._known if source.type_name in allowed]
+
+    def offers(self, source: FrameSource) -> list[TopicEndpointInfo]:
+        """Find the publishers of a source."""
+        return [info for info in self._node.get_publishers_info_by_topic(source.name)
+                if info.topic_type == source.type_name]
+
+    def best(self) -> FrameSource | None:
+        """Find the first source that has a publisher."""
+        return next(filter(self.offers, self.allowed), None)
+
+    def describe_silence(self, source: FrameSource, qos: QoSProfile) -> str:
+        """
+        Say in a sentence why no frame arrives, and what helps.
+
+        :param source: what is subscribed to.
+        :param qos: what with.
+        """
+        topic = self._resolved(source)
+        publishers = self._node.get_publishers_info_by_topic(source.name)
+        offers = [info for info in publishers if info.topic_type == source.type_name]
+        if offers:
+            return _describe_silent(topic, offers, qos)
+        for other in self._known:
+            found = self.offers(other)
+            if found:
+                return self._describe_other(source, other, found[0])
+        if publishers:
+            return (f'{topic} has a publisher of type {publishers[0].topic_type} '
+                    f'({_describe_node(publishers[0])}), not {source.type_name}; '
+                    f'{self._describe_images()}')
+        return f'no publisher on {topic}; {self._describe_images()}'
+
+    def _resolved(self, source: FrameSource) -> str:
+        name: str = self._node.resolve_topic_name(source.name)
+        return name
+
+    def _describe_other(
+        self, source: FrameSource, other: FrameSource, info: TopicEndpointInfo,
+    ) -> str:
+        """Say that there are frames, but not of the kind that was asked for."""
+        topic, name = self._resolved(source), self._resolved(other)
+        given = 'raw' if other.type_name == _IMAGE else 'compressed'
+        wanted = source.type_name
+        if name == topic:
+            fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
+                   f'not {wanted}'
+        else:
+            fact = f'no publisher of {wanted} on {topic}, but one of ' \
+                   f'{other.type_name} on {name} ({_describe_node(info)})'
+        return f'{fact}; set transport:={given} or transport:=auto'
+
+    def _find_images(self) -> dict[str, set[str]]:
+        """Find the topics where images are published, with their types, in order."""
+        found = {}
+        for name, types in sorted(self._node.get_topic_names_and_types()):
+            if not FRAME_TYPES.keys().isdisjoint(types):  # which subscriptions have as well
+                published = {
+                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
+                if published & FRAME_TYPES.keys():
+                    found[name] = published
+        return found
+
+    def _describe_images(self) -> str:
+        """Say which topics have frames, and how to receive one."""
+        topics = self._find_images()
+        domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
+        if not topics:
+            return f'nobody publishes images in {domain}; ' \
+                   'is a publisher running, with the same ROS_DOMAIN_ID?'
+        allowed = {source.type_name for source in self.allowed}
+        example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
+                       '')
+        remedy = f'-r {self._topic}:={example or next(iter(topics))}'
+        if not example:
+            remedy += ' -p transport:=auto'
+        return f'there are images on {_enumerate(list(topics))} in {domain}; ' \
+               f'receive one with {remedy}'
+
+
+def _list_sources(topic: str, resolved: str) -> Sequence[FrameSource]:
+    """List where the frames of a topic may be, the best first."""
+    image = FrameSource(topic, _IMAGE)
+    itself = FrameSource(topic, _COMPRESSED_IMAGE)
+    beside = FrameSource(f'{resolved}/compressed', _COMPRESSED_IMAGE)
+    if resolved.endswith('/compressed'):
+        return itself, image, beside
+    return image, beside, itself
+
+
+def _describe_silent(
+    topic: str, offers: Sequence[TopicEndpointInfo], request: QoSProfile,
+) -> str:
+    """Say why publishers of the right type are not heard."""
+    mismatches = [(info, qos_mismatch(info.qos_profile, request)) for info in offers]
+    if all(mismatch for _, mismatch in mismatches):
+        info, mismatch = mismatches[0]
+        return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the quality of '
+                f'service that is asked for: {mismatch}; change that of the publisher')
+    nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
+    return (f'{topic} has a publisher ({nodes}), which sends nothing that arrives; it may be '
+            'paused or its source may have no frames, and containers on one machine have to '
+            'share /dev/shm (--ipc=host)')
+
+
+def _describe_node(info: TopicEndpointInfo) -> str:
+    if info.node_name == _UNKNOWN_NODE:
+        return 'which is no node of ROS'
+    return f'node {info.node_namespace.rstrip("/")}/{info.node_name}'
+
+
+def _enumerate(names: Sequence[str]) -> str:
+    more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
+    return ', '.join(names[:_NAMED_TOPICS]) + more
