@@ -40,9 +40,8 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
 from opencv_tools.pictures import encode_picture
-from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.files import open_files
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.writers import Format
 from opencv_tools.ros.messages import read_compressed_image, read_image
@@ -357,8 +356,8 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
     """Write JPEG messages on this thread; CPU and wall milliseconds per frame."""
     bridge = CvBridge()
     with folder_here() as folder:
-        files = PictureFiles(Folder(Path(folder)), FileNames('{seq:06d}.jpg'), Format('.jpg'),
-                             'continue', Limits())
+        files = open_files(Path(folder), FileNames('{seq:06d}.jpg'), Format('.jpg'), 'continue',
+                           Limits(), sync=False)
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
             frame = message_to_frame(

@@ -98,6 +98,31 @@ def test_killed_at_any_moment_it_leaves_whole_files(
     assert len(lines) > 10 * KILLS
 
 
+@pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
+def test_a_killed_video_plays_and_has_its_line(
+        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    folder = tmp_path / 'out'
+    start('img_publisher', source='pattern:160x120@50', publish_rate=0)
+    recorder = start('img_subscriber', output_dir=folder, file_name=f'clip.{suffix}')
+    recorder.wait_for('Receiving video frame 1:')
+    recorder.wait_for(' Hz, 0 dropped')
+    time.sleep(1.5)
+    recorder.interrupt(signal.SIGKILL)
+    assert recorder.finish() == -signal.SIGKILL
+    received = int(re.findall(r'Receiving video frame (\d+)', recorder.output)[-1])
+    video = cv2.VideoCapture(str(folder / f'clip.{suffix}'))
+    played = 0
+    while video.read()[0]:
+        played += 1
+    assert played >= received - 60
+    last = start('img_subscriber', output_dir=folder, file_name=f'clip.{suffix}', max_frames=5)
+    assert last.finish() == 0, last.output
+    assert [(line['file'], line['seq'], line['frames']) for line in read_manifest(folder)] == [
+        (f'clip.{suffix}', 0, 0), (f'clip_1.{suffix}', 1, 5)]
+    assert not list(folder.glob('.*'))
+
+
 @pytest.fixture
 def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
     """Give a folder, and what to run a process within so that the folder is a disk of 1 MB."""

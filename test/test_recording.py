@@ -33,6 +33,7 @@ from opencv_tools.pictures import encode_picture
 from opencv_tools.recording.files import open_files
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
@@ -425,7 +426,7 @@ def leave_behind(folder: Path, kill_in: str) -> None:
         assert os.waitpid(child, 0)[1] >> 8 == 9
         return
     owner, name = {'link': (os, 'link'), 'unlink': (Path, 'unlink'),
-                   'append': (Folder, 'add_line')}[kill_in]
+                   'append': (Manifest, 'append')}[kill_in]
     setattr(owner, name, lambda *_: os._exit(9))
     files = picture_files(folder, '{seq}.png')
     frame = gray_frame(5)

@@ -93,7 +93,7 @@ def test_a_duration_begins_with_the_first_frame() -> None:
 
 
 def entry(name: str, size: int = 10, receive_ns: int = 0) -> Entry:
-    return Entry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '')
+    return Entry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
 
 
 def fill(budget: Budget, *entries: Entry) -> list[str]:

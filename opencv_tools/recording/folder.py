@@ -20,7 +20,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 import errno
 import fcntl
-import hashlib
 import itertools
 import os
 from pathlib import Path
@@ -28,7 +27,7 @@ import secrets
 from threading import Lock
 from typing import Any
 
-from opencv_tools.recording.manifest import Entry, Manifest, parse_line
+from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
 
 # Every run has a journal, and temporary files with its name before theirs.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
@@ -91,7 +90,7 @@ class Folder:
         try:
             return self._write(data)
         except FileNotFoundError:
-            self._make_again()
+            self.make_again()
             return self._write(data)
 
     def publish(self, temporary: Path, entry: Entry, replace: bool) -> Path:
@@ -106,25 +105,38 @@ class Folder:
         :raises OSError: it cannot be renamed, or has no line; then it is not there.
         """
         target = self.path / entry.name
-        os.pwrite(self._journal, entry.line(), 0)
+        self.announce(entry)
         if replace:
             temporary.replace(target)
         else:
             _move(temporary, target)
-        self.add_line(target, entry)
-        return target
-
-    def add_line(self, target: Path, entry: Entry) -> None:
-        """
-        Add the line of a file, or remove the file.
-
-        :raises OSError: there is no line.
-        """
         try:
             self.manifest.append(entry)
         except OSError:
             target.unlink(missing_ok=True)
             raise
+        return target
+
+    def make_again(self) -> None:
+        """
+        Make the folder again if it was removed, but not what it was in: that may be a mount.
+
+        :raises OSError: it cannot be made.
+        """
+        with self._making:
+            self.path.mkdir(exist_ok=True)
+            if not self._journal_path.exists():
+                os.close(self._journal)
+                self._open_journal()
+
+    def announce(self, entry: Entry) -> None:
+        """
+        Tell the journal of a file that has its name already and is being written.
+
+        :param entry: its line, as far as it is known; without a digest.
+        :raises OSError: the journal cannot be written to.
+        """
+        os.pwrite(self._journal, entry.line(), 0)
 
     def close(self) -> None:
         """Leave the folder as others expect it, without a journal."""
@@ -146,20 +158,16 @@ class Folder:
             raise
         return temporary
 
-    def _make_again(self) -> None:
-        """Make the folder again that was removed, but not what it was in: that may be a mount."""
-        with self._making:
-            self.path.mkdir(exist_ok=True)
-            if not self._journal_path.exists():
-                os.close(self._journal)
-                self._open_journal()
-
     def _open_journal(self) -> None:
-        self._prefix = f'{_PREFIX}{secrets.token_hex(4)}-'
-        self._journal_path = self.path / f'{self._prefix}{_JOURNAL}'
-        self._journal = os.open(
-            self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        _try_lock(self._journal)
+        while True:
+            self._prefix = f'{_PREFIX}{secrets.token_hex(4)}-'
+            self._journal_path = self.path / f'{self._prefix}{_JOURNAL}'
+            self._journal = os.open(
+                self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            _try_lock(self._journal)
+            if is_file(self._journal, self._journal_path):
+                return
+            os.close(self._journal)  # one that cleaned up was quicker than the lock
 
     def _recover(self) -> None:
         """Remove what recordings left that were killed, and add the line that one may lack."""
@@ -180,12 +188,16 @@ class Folder:
         """Add the last line of a recording that was killed before it could, if it was."""
         try:
             entry = parse_line(journal.partition(b'\n')[0])
-            content = (self.path / entry.name).read_bytes()
+            found = entry.measured(self.path)
         except (ValueError, FileNotFoundError):
             return  # it was killed before it gave a file its name
-        is_the_file = hashlib.sha256(content).hexdigest() == entry.sha256
-        if is_the_file and entry not in self.manifest.entries():
-            self.manifest.append(entry)
+        lines = self.manifest.entries()
+        if entry.sha256:
+            is_missing = found == entry and entry not in lines
+        else:
+            is_missing = entry.name not in {line.name for line in lines}
+        if is_missing:
+            self.manifest.append(found)
 
 
 def _write_all(file: int, data: Any) -> None:

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import errno
 import fcntl
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -31,6 +32,7 @@ FILE_NAME = 'manifest.jsonl'
 
 _NANO = 10**9
 _BLOCK = 4096
+_CHUNK = 1 << 20
 _TAIL = 1 << 20
 
 
@@ -50,7 +52,7 @@ class Entry:
     :param height: in pixels, 0 where nobody looked.
     :param size: bytes of the file.
     :param sha256: of its content, in hexadecimal digits.
-    :param frames: how many frames are in it.
+    :param frames: how many frames are in it; 0 of a video whose recording was killed.
     """
 
     seq: int
@@ -64,7 +66,7 @@ class Entry:
     height: int
     size: int
     sha256: str
-    frames: int = 1
+    frames: int
 
     def line(self) -> bytes:
         """Write the entry as it stands in the manifest."""
@@ -75,10 +77,23 @@ class Entry:
             'bytes': self.size, 'sha256': self.sha256, 'frames': self.frames}
         return json.dumps(fields).encode() + b'\n'
 
+    def measured(self, folder: Path) -> Entry:
+        """
+        Give the entry with the size and the digest that its file has.
+
+        :raises OSError: there is no such file, or it cannot be read.
+        """
+        digest, size = hashlib.sha256(), 0
+        with (folder / self.name).open('rb') as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+                size += len(chunk)
+        return replace(self, size=size, sha256=digest.hexdigest())
+
 
 def file_entry(
     seq: int, name: str, frame: ReceivedFrame, kept_as: str, picture_size: tuple[int, int],
-    size: int, sha256: str, frames: int = 1,
+    size: int = 0, sha256: str = '', frames: int = 0,
 ) -> Entry:
     """Make the entry of a file of a frame, or of a video that begins with it."""
     return Entry(seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
@@ -175,7 +190,7 @@ class Manifest:
             file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
             try:
                 _lock(file)
-                if _is_file(file, self._path):
+                if is_file(file, self._path):
                     yield file
                     return
             finally:
@@ -217,7 +232,7 @@ def _lock(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX)
 
 
-def _is_file(file: int, path: Path) -> bool:
+def is_file(file: int, path: Path) -> bool:
     """Tell whether an open file is still the one at a path."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())

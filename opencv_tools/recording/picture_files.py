@@ -108,7 +108,7 @@ class PictureFiles:
         path = self._numbering.claim(frame, lambda seq, name: self._publish(
             picture.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                picture.size, picture.sha256)))
+                picture.size, picture.sha256, frames=1)))
         if self._stale_lines > max(_MANY_LINES, self._budget.count):
             self._compact()
         return path

@@ -149,7 +149,8 @@ class Recorder(Generic[P]):
             self._threads.clear()
             try:
                 self._files.close()
-            except OSError as err:
+            except (OSError, ImageError) as err:
+                self.account.failed += 1
                 self._log.error(f'the recording was not finished: {_reason(err)}')
 
     def _write_all(self) -> None:

@@ -17,22 +17,19 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
-import hashlib
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
-from opencv_tools.recording.manifest import file_entry
+from opencv_tools.recording.manifest import Entry, file_entry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import FullError, Limits
 from opencv_tools.recording.video import VideoWriter
 from opencv_tools.recording.video_picture import video_picture, VideoError, VideoPicture
 from opencv_tools.recording.writers import able_formats, Format, UnwritableError
-
-_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -45,11 +42,9 @@ class PreparedVideoPicture(VideoPicture):
 
 @dataclass
 class _Video:
-    seq: int
     path: Path
-    first: ReceivedFrame
+    entry: Entry
     writer: VideoWriter
-    size: tuple[int, int]
 
 
 class VideoFiles:
@@ -135,11 +130,14 @@ class VideoFiles:
     def _begin(
         self, seq: int, name: str, frame: ReceivedFrame, picture: VideoPicture,
     ) -> _Video:
+        self._folder.make_again()
         path = self._folder.path / name
         if self._numbering.replaces:
             path.unlink(missing_ok=True)
         writer = VideoWriter(path, picture, frame.time_ns, self._wanted.crf)
-        return _Video(seq, path, frame, writer, picture.form[:2])
+        entry = file_entry(seq, name, frame, 'h264', picture.form[:2])
+        self._folder.announce(entry)
+        return _Video(path, entry, writer)
 
     def _end(self, video: _Video) -> None:
         """End a video and account for it."""
@@ -151,15 +149,9 @@ class VideoFiles:
                 self._add_line(video)
 
     def _add_line(self, video: _Video) -> None:
-        digest = hashlib.sha256()
-        with video.path.open('rb') as file:
-            while chunk := file.read(_CHUNK):
-                digest.update(chunk)
-        size = video.path.stat().st_size
-        self._bytes += size
-        self._folder.manifest.append(file_entry(
-            video.seq, video.path.name, video.first, 'h264', video.size, size,
-            digest.hexdigest(), video.writer.frames))
+        entry = replace(video.entry, frames=video.writer.frames).measured(self._folder.path)
+        self._bytes += entry.size
+        self._folder.manifest.append(entry)
 
 
 def _type_name(frame: RawFrame) -> str:
