@@ -211,7 +211,7 @@ def test_with_slow_writers_every_frame_is_accounted_for(
         start: Start, tmp_path: Path, writers: int) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', queue_size=3, writers=writers,
                      png_compression=9)
-    publisher = start('img_publisher', source='pattern:1280x720@60', publish_rate=0,
+    publisher = start('img_publisher', source='pattern:1920x1080@60', publish_rate=0,
                       wait_for_subscribers=1, max_frames=150)
     assert publisher.finish() == 0, publisher.output
     recorder.interrupt()
