@@ -45,6 +45,7 @@ bench:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/bridge.py
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
 	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/idle.py
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/recording.py
 
 soak:
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/soak.py
@@ -63,6 +64,7 @@ bench: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/startup.py
 	@$(call in_venv,.venv) python benchmarks/bridge.py
 	@$(call in_venv,.venv) python benchmarks/idle.py
+	@$(call in_venv,.venv) python benchmarks/recording.py
 
 soak: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/soak.py

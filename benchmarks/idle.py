@@ -18,16 +18,15 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from typing import Any
 
+from node_process import enter_domain, NAMESPACE, NodeProcess
 from opencv_tools.capture.source import open_source
 import rclpy
 from rclpy.qos import QoSProfile
@@ -44,11 +43,6 @@ SUBSCRIPTIONS: dict[str, tuple[str, ...]] = {
     '(d) both': tuple(TOPICS),
 }
 SETTLE_SECONDS = 1.0  # after each change of what is subscribed
-START_SECONDS = 30.0
-
-# Each test has a domain from 1 to 100; the namespace keeps one benchmark from another.
-ENVIRONMENT = {'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-NAMESPACE = f'/idle_{os.getpid()}'
 
 _SAID = re.compile(r'\[([0-9.]+)\] \[\S*image_publisher\]: Publishing video frame ([0-9]+):')
 
@@ -75,30 +69,8 @@ class Cost:
         return self.cpu / self.seconds / self.rate * 1e3
 
 
-class Publisher:
-    """A real img_publisher in a process of its own, and its console."""
-
-    def __init__(self, source: str, console: Path) -> None:
-        """Start it."""
-        command = [sys.executable, '-m', 'opencv_tools.basic_image_publisher', '--ros-args',
-                   '-r', f'__ns:={NAMESPACE}', '-p', f'source:={source}',
-                   '-p', 'publish_rate:=0.0', '-p', 'on_end:=loop']
-        self._console = console
-        with console.open('w') as lines:
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=lines)
-
-    def wait(self) -> None:
-        """Wait for its first frame."""
-        deadline = time.monotonic() + START_SECONDS
-        while not self._said():
-            if self._process.poll() is not None or time.monotonic() > deadline:
-                raise SystemExit(f'no frame was published:\n{self._console.read_text()}')
-            time.sleep(0.05)
-
-    def cpu(self) -> float:
-        """Give the seconds of CPU of all its threads so far, to the nanosecond."""
-        # The clock that clock_getcpuclockid(3) gives; /proc/PID/stat has the same in 10 ms steps.
-        return time.clock_gettime((~self._process.pid << 3) | 2)
+class Publisher(NodeProcess):
+    """An img_publisher, and how often it publishes."""
 
     def rate(self, seconds: float) -> float:
         """Give the frames per second of the last so many seconds, by the console's lines."""
@@ -106,22 +78,13 @@ class Publisher:
         recent = [line for line in said if line[0] >= said[-1][0] - seconds]
         (began, first), (ended, last) = recent[0], recent[-1]
         if ended == began:
-            raise SystemExit(f'no frame was published:\n{self._console.read_text()}')
+            raise SystemExit(f'no frame was published:\n{self.console()}')
         return (last - first) / (ended - began)
-
-    def end(self) -> None:
-        """End the process in any case."""
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
 
     def _said(self) -> list[tuple[float, int]]:
         """Give the times and numbers of the frames that the console tells of."""
         return [(float(line[1]), int(line[2])) for line in _SAID.finditer(
-            self._console.read_text())]
+            self.console())]
 
 
 class Audience:
@@ -185,9 +148,10 @@ def measure(source: str, seconds: float) -> dict[str, Cost]:
     """Measure one source, read alone and published: name of the row to its cost."""
     costs = {'reading the source alone': reading(source, seconds)}
     with tempfile.TemporaryDirectory() as folder:
-        publisher = Publisher(source, Path(folder) / 'console')
+        publisher = Publisher('publisher', Path(folder), source=source, publish_rate=0.0,
+                              on_end='loop')
         try:
-            publisher.wait()
+            publisher.wait_for('Publishing video frame')
             audience = Audience()
             try:
                 for name, topics in SUBSCRIPTIONS.items():
@@ -217,7 +181,7 @@ def main() -> int:
     if options.seconds < 3:
         parser.error('give 3 seconds or more: the console tells the rate once a second')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    os.environ.update(ENVIRONMENT)
+    enter_domain()
     for source in SOURCES:
         path = ROOT / source
         print_costs(source, measure(str(path) if path.exists() else source, options.seconds))

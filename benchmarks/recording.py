@@ -28,7 +28,6 @@ from pathlib import Path
 import re
 import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -36,6 +35,7 @@ from typing import Any
 
 import av
 import cv2
+from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
@@ -60,12 +60,7 @@ SAVING = 10.0
 
 ROUNDS = 5
 RUN_SECONDS = 3.0
-START_SECONDS = 30.0
 POLL_SECONDS = 0.02
-
-# Each test has a domain from 1 to 100, other benchmarks 101; the namespace keeps runs apart.
-ENVIRONMENT = {'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-NAMESPACE = f'/recording_{os.getpid()}'
 
 _PUBLISHED = re.compile(r'Published ([0-9]+) frames at ([0-9.]+) Hz')
 _RECEIVED = re.compile(
@@ -256,99 +251,78 @@ def race(messages: Sequence[bytes], suffix: str) -> Race:
                 theirs[0][1], ours[0][1])
 
 
-class NodeProcess:
-    """A node in a process of its own, its console, and the CPU it takes."""
-
-    def __init__(self, name: str, folder: Path, **parameters: object) -> None:
-        """Start it with its console in a file."""
-        command = [sys.executable, '-m', f'opencv_tools.basic_image_{name}', '--ros-args',
-                   '-r', f'__ns:={NAMESPACE}']
-        for parameter, value in parameters.items():
-            command += ['-p', f'{parameter}:={value}']
-        self._name = name
-        self._console = folder / f'{name}.log'
-        self._start_cpu = self._cpu = 0.0
-        self._status: int | None = None
-        with self._console.open('w') as lines:
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=lines)
+class CountedNode(NodeProcess):
+    """A node, the CPU it took until it ended, and the account that it gave."""
 
     def start(self, phrase: str) -> None:
         """Wait until it says that it is ready; the CPU up to there does not count."""
-        deadline = time.monotonic() + START_SECONDS
-        while phrase not in self._console.read_text():
-            if self._has_ended() or time.monotonic() > deadline:
-                raise SystemExit(f'the {self._name} did not start:\n{self._console.read_text()}')
-            time.sleep(POLL_SECONDS)
-        self._start_cpu = self._clock()
+        self.wait_for(phrase)
+        self._start_cpu, self._cpu = self.cpu(), 0.0
 
-    def cpu(self) -> float:
-        """Give the seconds of CPU, user and system, of all its threads since its start."""
-        return (self._cpu if self._has_ended() else self._clock()) - self._start_cpu
+    def cpu_since_start(self) -> float:
+        """Give the seconds of CPU since then, when it has ended those until it did."""
+        return (self._cpu if self._has_ended() else self.cpu()) - self._start_cpu
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for so long for it to end; whether it has."""
+    def wait(self, seconds: float) -> None:
+        """Wait for so long for it to end."""
         deadline = time.monotonic() + seconds
         while not self._has_ended() and time.monotonic() < deadline:
             time.sleep(POLL_SECONDS)
-        return self._has_ended()
 
-    def end(self) -> None:
-        """End it in any case."""
+    def finish(self) -> None:
+        """End it, when it does not by itself."""
         for number in (signal.SIGINT, signal.SIGKILL):
             if not self._has_ended():
-                self._process.send_signal(number)
+                self.process.send_signal(number)
                 self.wait(START_SECONDS)
 
     def account(self, summary: re.Pattern[str]) -> list[float]:
         """Give the numbers of its summary."""
-        said = summary.search(self._console.read_text())
-        if self._status != 0 or not said or said[1] == '0':
-            raise SystemExit(f'the {self._name} ended with {self._status}:\n'
-                             f'{self._console.read_text()}')
+        said = summary.search(self.console())
+        if self.process.returncode != 0 or not said or said[1] == '0':
+            raise SystemExit(f'the {self.name} ended with {self.process.returncode}:\n'
+                             f'{self.console()}')
         return [float(number) if '.' in number else int(number) for number in said.groups()]
 
-    def _clock(self) -> float:
-        # The one that clock_getcpuclockid(3) gives.
-        return time.clock_gettime((~self._process.pid << 3) | 2)
-
     def _has_ended(self) -> bool:
-        if self._status is None:
-            pid, status, usage = os.wait4(self._process.pid, os.WNOHANG)
+        if self.process.returncode is None:
+            pid, status, usage = os.wait4(self.process.pid, os.WNOHANG)
             if pid:
-                self._status = self._process.returncode = os.waitstatus_to_exitcode(status)
+                self.process.returncode = os.waitstatus_to_exitcode(status)
                 self._cpu = usage.ru_utime + usage.ru_stime
-        return self._status is not None
+        return self.process.returncode is not None
 
 
 def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
     """Let our publisher play a video for so long, and our subscriber write it."""
     frames = round(seconds * RATE)
-    nodes: list[NodeProcess] = []
+    nodes: list[CountedNode] = []
     with folder_here() as folder:
         files = Path(folder) / 'frames'
         try:
-            nodes.append(NodeProcess('subscriber', Path(folder), output_dir=files,
+            nodes.append(CountedNode('subscriber', Path(folder), output_dir=files,
                                      file_name=f'"{{seq:06d}}{suffix}"', png_compression=1))
             nodes[0].start('Waiting for ')
-            nodes.append(NodeProcess('publisher', Path(folder), source=video, publish_rate=0.0,
+            nodes.append(CountedNode('publisher', Path(folder), source=video, publish_rate=0.0,
                                      loop=0, max_frames=frames, wait_for_subscribers=1))
             subscriber, publisher = nodes
             publisher.start(' opened: ')
             publisher.wait(START_SECONDS + 2 * seconds)
-            cpu = subscriber.cpu()
+            cpu = subscriber.cpu_since_start()
             time.sleep(1)  # what is on its way arrives
         finally:
             for node in reversed(nodes):
-                node.end()
+                node.finish()
         sent, rate = publisher.account(_PUBLISHED)
         received, _, kept, dropped, failed, lost = subscriber.account(_RECEIVED)
         if failed or not kept:
             raise SystemExit(f'{failed} frames failed, {kept} were kept')
         percent, milliseconds = 100 * rate / sent, 1000
+        publishing, writing = publisher.cpu_since_start(), subscriber.cpu_since_start()
         return Recording(
             suffix, sent, rate, received, kept, dropped, lost,
-            Load(publisher.cpu() * percent, publisher.cpu() / sent * milliseconds),
-            Load(cpu * percent, subscriber.cpu() / kept * milliseconds),
+            Load(publishing * percent, publishing / sent * milliseconds),
+            Load(cpu * percent, writing / kept * milliseconds),
             file_bytes(files, suffix) / kept)
 
 
@@ -471,7 +445,7 @@ def main() -> int:
     if options.seconds < 1:
         parser.error('give a second or more')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    os.environ.update(ENVIRONMENT)
+    enter_domain()
     figures = measure(options.seconds)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + '\n')

@@ -25,12 +25,12 @@ from pathlib import Path
 import re
 import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 from typing import Any
 
+from node_process import enter_domain, NAMESPACE, NodeProcess, START_SECONDS
 import numpy as np
 import rclpy
 from rclpy.parameter import Parameter
@@ -43,12 +43,7 @@ from sensor_msgs.msg import CompressedImage
 
 RATE = 30
 SAMPLE_SECONDS = 2.0
-START_SECONDS = 30.0
 GROWTH_MB = 10.0
-
-# Each test has a domain from 1 to 100; the namespace keeps one soak from another.
-ENVIRONMENT = {'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-NAMESPACE = f'/soak_{os.getpid()}'
 
 PUBLISHED = re.compile(r'Published ([0-9]+) frames at .* Hz, ([0-9]+) dropped')
 RECEIVED = re.compile(r'Received ([0-9]+) frames at .* Hz: ([0-9]+) written to .*, '
@@ -67,32 +62,21 @@ class Held:
     threads: int
 
 
-class NodeProcess:
-    """A node in a process of its own, and what it held over the time."""
+class WatchedNode(NodeProcess):
+    """A node, and what it held over the time."""
 
     def __init__(self, name: str, folder: Path, **parameters: object) -> None:
-        """Start it with its console in a file."""
-        command = [sys.executable, '-m', f'opencv_tools.basic_image_{name}', '--ros-args',
-                   '-r', f'__ns:={NAMESPACE}']
-        for parameter, value in parameters.items():
-            command += ['-p', f'{parameter}:={value}']
-        self.name = name
+        """Start it."""
         self.held: list[Held] = []
         self.segments: set[tuple[Path, int]] = set()  # with the number of the file's inode
         self._others = {path.stat().st_ino for path in Path('/dev/shm').iterdir()}
-        self._console = folder / f'{name}.log'
-        with self._console.open('w') as lines:
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=lines)
-
-    def console(self) -> str:
-        """Give what it said so far."""
-        return self._console.read_text()
+        super().__init__(name, folder, **parameters)
 
     def look(self, at: float) -> Held:
         """Take note of what it holds now; the soak is over when it has ended."""
-        if self._process.poll() is not None:
+        if self.process.poll() is not None:
             raise SystemExit(f'soak: the {self.name} ended by itself: failed\n{self.console()}')
-        folder = Path('/proc', str(self._process.pid))
+        folder = Path('/proc', str(self.process.pid))
         status = dict(line.split(':', 1) for line in (folder / 'status').read_text().splitlines())
         maps = [line.split() for line in (folder / 'maps').read_text().splitlines()]
         self.segments.update((Path(words[-1]), int(words[4])) for words in maps
@@ -110,15 +94,6 @@ class NodeProcess:
         """Give the console's lines in which the number of dropped frames is another."""
         lines = list(PROGRESS.finditer(self.console()))
         return '\n'.join(line[0] for before, line in pairwise(lines) if before[1] != line[1])
-
-    def end(self) -> int:
-        """End it in any case; the exit status."""
-        self._process.send_signal(signal.SIGINT)
-        try:
-            return self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return self._process.wait()
 
 
 class Visitor:
@@ -176,7 +151,7 @@ def collect(folder: Path) -> list[int]:
     return numbers
 
 
-def watch(nodes: Sequence[NodeProcess], visitor: Visitor, seconds: float, files: Path
+def watch(nodes: Sequence[WatchedNode], visitor: Visitor, seconds: float, files: Path
           ) -> list[int]:
     """Look at the nodes, print a line a minute, and give the numbers of the files there were."""
     print(f'{"":15}{"publisher":>23}{"subscriber":>23}\n{"minute":>6}{"files":>9}'
@@ -202,7 +177,7 @@ def watch(nodes: Sequence[NodeProcess], visitor: Visitor, seconds: float, files:
     return numbers
 
 
-def growth(node: NodeProcess) -> tuple[str, list[str]]:
+def growth(node: WatchedNode) -> tuple[str, list[str]]:
     """Tell how much more a node held in the last quarter, and what of it is wrong."""
     end = node.held[-1].at
     times, memory = np.array([(one.at, one.memory) for one in node.held if one.at > end / 10]).T
@@ -240,12 +215,12 @@ def count(published: str, received: str, numbers: list[int], expected: float
 def soak(seconds: float, folder: Path) -> int:
     """Run both nodes, end them and say how it went; the exit status."""
     files = folder / 'frames'
-    nodes: list[NodeProcess] = []
+    nodes: list[WatchedNode] = []
     visitor = Visitor()
     try:
-        nodes.append(NodeProcess('subscriber', folder, output_dir=files,
+        nodes.append(WatchedNode('subscriber', folder, output_dir=files,
                                  file_name='"{seq:06d}.jpg"'))
-        nodes.append(NodeProcess('publisher', folder, source=f'pattern:640x480@{RATE}',
+        nodes.append(WatchedNode('publisher', folder, source=f'pattern:640x480@{RATE}',
                                  publish_rate=0.0, wait_for_subscribers=1))
         subscriber, publisher = nodes
         deadline = time.monotonic() + START_SECONDS
@@ -268,7 +243,8 @@ def soak(seconds: float, folder: Path) -> int:
         print(told)
         faults += found + sorted(set(TROUBLE.findall(node.console())))
         faults += [f'{len(node.left())} files left in /dev/shm'] if node.left() else []
-    faults += [f'left: {path.name}' for path in files.iterdir()]
+    faults += [f'left: {path.name}' for path in files.iterdir()
+               if path.name != 'manifest.jsonl']
     print(f'{len(visitor.received)} visits got {sum(visitor.received)} compressed frames')
     faults += ['a visit got no compressed frame'] if not all(visitor.received) else []
     if not all(answer.done() and all(result.successful for result in answer.result().results)
@@ -290,7 +266,7 @@ def main() -> int:
     if options.minutes < 0.5:
         parser.error('give half a minute or more')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    os.environ.update(ENVIRONMENT)
+    enter_domain()
     with tempfile.TemporaryDirectory() as folder:
         return soak(options.minutes * 60, Path(folder))
 

@@ -156,6 +156,16 @@ def node(domain: int) -> Iterator[Node]:
     rclpy.shutdown(context=context)
 
 
+@pytest.fixture
+def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
+    """Say on the console what a test has found, though it passed."""
+    def _tell(text: str) -> None:
+        with capsys.disabled():
+            print(f'\n{text}')
+
+    return _tell
+
+
 def spin_until(node: Node, condition: Callable[[], bool]) -> None:
     """Spin a node until a condition holds."""
     executor = SingleThreadedExecutor(context=node.context)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import cv2
 from images import ask_cv_bridge, random_image, recorded_outcomes
@@ -140,7 +140,7 @@ def sizes_of(encoding: str) -> list[tuple[int, int]]:
             if not width % columns and not height % rows]
 
 
-def test_every_conversion_equals_opencv(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_conversion_equals_opencv(tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
     names = [*dict.fromkeys(desired for _, desired in OUTCOMES)]
     pairs = [(source, desired) for source in SOURCES for desired in names
@@ -160,14 +160,13 @@ def test_every_conversion_equals_opencv(capsys: pytest.CaptureFixture[str]) -> N
                 if not same(converted, expected, within):
                     wrong.append((source, desired, height, width))
     unequal = {pair[:2] for pair in wrong}
-    with capsys.disabled():
-        print(f'\nconversions equal to OpenCV {cv2.__version__}: '
-              f'{len(pairs) - len(unequal)} of {len(pairs)} pairs, in {images} images')
+    tell(f'conversions equal to OpenCV {cv2.__version__}: '
+         f'{len(pairs) - len(unequal)} of {len(pairs)} pairs, in {images} images')
     assert not wrong
     assert len(pairs) > 600
 
 
-def test_every_refusal_has_the_text_of_cv_bridge(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_refusal_has_the_text_of_cv_bridge(tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
     refused = [(pair, text) for pair, text in OUTCOMES.items()
                if text is not None and not is_converted(*pair)]
@@ -178,15 +177,14 @@ def test_every_refusal_has_the_text_of_cv_bridge(capsys: pytest.CaptureFixture[s
             bridge.imgmsg_to_cv2(message, desired)
         if str(caught.value) != text:
             wrong.append((source, desired, str(caught.value)))
-    with capsys.disabled():
-        print(f'\nerror texts equal to those of cv_bridge: '
-              f'{len(refused) - len(wrong)} of {len(refused)}')
+    tell(f'error texts equal to those of cv_bridge: '
+         f'{len(refused) - len(wrong)} of {len(refused)}')
     assert not wrong
     assert len(refused) > 2000
 
 
 def test_everything_equals_the_cv_bridge_of_this_machine(
-        capsys: pytest.CaptureFixture[str]) -> None:
+        tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
     # Debian's is of ROS 1, whose tables lack these.
     unknown = {'uyvy', 'yuyv', 'yuv422_yuy2', 'nv21', 'nv24', '64UC1', '64UC3', '8FC1', '16FC3'}
@@ -210,9 +208,8 @@ def test_everything_equals_the_cv_bridge_of_this_machine(
             equal = not isinstance(answer, str) and same(converted, answer, within)
         if not equal:
             wrong.append((source, desired, image.shape))
-    with capsys.disabled():
-        print(f'\nanswers equal to those of python3-cv-bridge on OpenCV {version}: '
-              f'{len(jobs) - len(wrong)} of {len(jobs)}')
+    tell(f'answers equal to those of python3-cv-bridge on OpenCV {version}: '
+         f'{len(jobs) - len(wrong)} of {len(jobs)}')
     assert not wrong
 
 

@@ -100,6 +100,16 @@ def subscribe(node: Node, received: Received) -> Iterator[Callable[..., FrameSub
         subscription.destroy()
 
 
+def connect(
+    node: Node, camera: Node, subscribe: Callable[..., FrameSubscription],
+) -> tuple[FrameSubscription, Publisher]:
+    """Subscribe, and begin to publish what is received then."""
+    subscription = subscribe()
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    return subscription, publisher
+
+
 def image(number: int) -> Image:
     message = Image(height=1, width=1, encoding='mono8', step=1, data=[number % 256])
     message.header.stamp.sec = number
@@ -260,9 +270,7 @@ def test_what_comes_before_and_again_after_subscribing_anew_is_passed_on_once(
 def test_lost_frames_are_counted_also_across_a_new_subscription(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, publisher = connect(node, camera, subscribe)
     publisher.publish(image(0))
     spin_until(node, lambda: len(received.frames) == 1)
     for number in range(1, 31):
@@ -284,9 +292,7 @@ def test_lost_frames_are_counted_also_across_a_new_subscription(
 
 def test_messages_that_come_late_are_no_gap(
         node: Node, camera: Node, subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, _publisher = connect(node, camera, subscribe)
     spin_for(node, 0.2)
     for number, lost in ((11, 0), (12, 0), (3, 0), (13, 0), (15, 1)):
         subscription._take(subscription._reception, serialize_message(image(number)), {
@@ -298,9 +304,7 @@ def test_messages_that_come_late_are_no_gap(
 def test_what_the_old_subscription_has_received_comes_first(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, publisher = connect(node, camera, subscribe)
     for number in range(5):
         publisher.publish(image(number))
     subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
@@ -314,9 +318,7 @@ def test_what_the_old_subscription_has_received_comes_first(
 def test_what_was_received_from_a_publisher_that_left_is_not_forgotten(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, publisher = connect(node, camera, subscribe)
     for number in range(5):
         publisher.publish(image(number))
     camera.destroy_publisher(publisher)
@@ -400,9 +402,7 @@ def test_keep_all_keeps_what_comes_while_nobody_takes_it(
 def test_broken_messages_are_reported_and_the_next_frame_arrives(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, publisher = connect(node, camera, subscribe)
     whole = serialize_message(image(1))
     huge = whole[:-5] + b'\xff\xff\xff\xff' + whole[-1:]  # says that it holds 4 GB
     for data in (whole[:30], huge, b'\0\3' + b'\xff' * 60, whole):
@@ -419,9 +419,7 @@ def test_broken_messages_are_reported_and_the_next_frame_arrives(
 def test_frames_have_the_time_when_they_were_received_not_when_they_were_taken(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch) -> None:
-    subscription = subscribe()
-    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    subscription, publisher = connect(node, camera, subscribe)
     before = time.time_ns()
     publisher.publish(image(0))
     after = time.time_ns() + 50_000_000

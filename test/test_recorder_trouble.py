@@ -33,6 +33,7 @@ from opencv_tools.capture.pattern import draw_pattern
 import pytest
 
 Start = Callable[..., NodeProcess]
+Tell = Callable[[str], None]
 KILLS = 50
 # A root to whom the permissions of files mean what they say.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
@@ -59,7 +60,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 
 
 def test_killed_at_any_moment_it_leaves_whole_files(
-        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tell: Tell) -> None:
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')  # what is killed leaves no segments
     folder = tmp_path / 'out'
     start('img_publisher', source='pattern:80x60@100', publish_rate=0)
@@ -93,8 +94,8 @@ def test_killed_at_any_moment_it_leaves_whole_files(
     assert [f'f{number:06d}.png' for number in numbers] == [
         path.name for path in recorded_files(folder)]
     assert not list(folder.glob('.*'))
-    print(f'{KILLS} kills: {len(lines)} files, 0 partial, {len(lines)} lines; {temporaries} '
-          f'temporary files seen, {unlisted} lines added late, none left')
+    tell(f'{KILLS} kills: {len(lines)} files, 0 partial, {len(lines)} lines; {temporaries} '
+         f'temporary files seen, {unlisted} lines added late, none left')
     assert len(lines) > 10 * KILLS
 
 
@@ -137,7 +138,7 @@ def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
 
 
 def test_a_full_disk_and_then_room_again(
-        start: Start, small_disk: tuple[Path, list[str]]) -> None:
+        start: Start, small_disk: tuple[Path, list[str]], tell: Tell) -> None:
     folder, within = small_disk
     recorder = start('img_subscriber', within=within, output_dir=folder,
                      file_name='f{seq:04d}.png', png_compression=0)
@@ -164,11 +165,12 @@ def test_a_full_disk_and_then_room_again(
     assert account['failed'] > 10
     assert account['written'] == len(pictures) + 10
     assert len(temporaries) <= 4  # those being written at that moment
-    print(f'a disk of 1 MB, full twice: {account}, {len(pictures)} whole files on it, '
-          'of which ten were deleted in between')
+    tell(f'a disk of 1 MB, full twice: {account}, {len(pictures)} whole files on it, '
+         'of which ten were deleted in between')
 
 
-def test_a_folder_that_cannot_be_written_to_for_a_while(start: Start, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_to_for_a_while(
+        start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
     within = OBEDIENT_ROOT if os.getuid() == 0 else ()
     recorder = start('img_subscriber', within=within, output_dir=folder)
@@ -185,7 +187,7 @@ def test_a_folder_that_cannot_be_written_to_for_a_while(start: Start, tmp_path: 
     account = summary(recorder)
     assert account['failed'] >= 10
     assert len(read_manifest(folder)) == account['written']
-    print(f'a folder that was read-only for a while: {account}')
+    tell(f'a folder that was read-only for a while: {account}')
 
 
 def test_a_folder_that_is_removed_is_made_again(start: Start, tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def test_a_folder_that_is_removed_is_made_again(start: Start, tmp_path: Path) ->
 
 @pytest.mark.parametrize('writers', [1, 2])
 def test_with_slow_writers_every_frame_is_accounted_for(
-        start: Start, tmp_path: Path, writers: int) -> None:
+        start: Start, tmp_path: Path, writers: int, tell: Tell) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', queue_size=3, writers=writers,
                      png_compression=9)
     publisher = start('img_publisher', source='pattern:1920x1080@60', publish_rate=0,
@@ -225,10 +227,10 @@ def test_with_slow_writers_every_frame_is_accounted_for(
     assert stamps == sorted(stamps)
     warnings = recorder.output.count('they come faster than they are written')
     assert 1 <= warnings <= 2 + 150 / 60
-    print(f'{writers} slow writers: {account}')
+    tell(f'{writers} slow writers: {account}')
 
 
-def test_ten_thousand_frames_without_a_loss(start: Start, tmp_path: Path) -> None:
+def test_ten_thousand_frames_without_a_loss(start: Start, tmp_path: Path, tell: Tell) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq:05d}.png',
                      on_overflow='block', queue_size=8, max_frames=10_000, timeout=20)
     publisher = start('img_publisher', source='pattern:64x48@1000', publish_rate=0,
@@ -244,4 +246,4 @@ def test_ten_thousand_frames_without_a_loss(start: Start, tmp_path: Path) -> Non
         picture = cv2.imread(str(tmp_path / 'out' / f'f{number:05d}.png'))
         assert np.array_equal(picture, draw_pattern(number, 64, 48))
     shutil.rmtree(tmp_path / 'out')
-    print(f'10,000 frames with on_overflow:=block: {account}')
+    tell(f'10,000 frames with on_overflow:=block: {account}')

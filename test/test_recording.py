@@ -39,7 +39,9 @@ from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import encode_frame, Format, FORMATS, UnwritableError
+from opencv_tools.recording.writers import (
+    Content, encode_frame, Format, FORMATS, UnwritableError,
+)
 import pytest
 
 ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16',
@@ -307,6 +309,19 @@ def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
     assert console.lines == [
         'error: a frame was not written: a 32FC1 frame cannot be kept as .png; '
         'set the extension of file_name to .tif or .tiff or .npy']
+
+
+def test_an_error_that_nobody_expects_holds_nothing_up(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stumble(frame: RawFrame, wanted: Format) -> Content:
+        if frame.image[0, 0] % 3 == 0:
+            raise ZeroDivisionError('oops')
+        return encode_frame(frame, wanted)
+
+    monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
+    recorder = record(tmp_path, 12)
+    assert gray_numbers(tmp_path) == [1, 2, 4, 5, 7, 8, 10, 11]
+    assert (recorder.account.written, recorder.account.failed) == (8, 4)
 
 
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:

@@ -31,8 +31,6 @@ from opencv_tools.recording.trouble import Log, Throttle, Troubles
 
 QUEUE_SIZE = 64  # frames
 
-_FAILURES = (OSError, ImageError, MemoryError)
-
 Frame = RawFrame | CompressedFrame
 # Told where a frame is, or why it is nowhere.
 OnDone = Callable[[Path | str], object]
@@ -169,7 +167,7 @@ class Recorder(Generic[P]):
             return FullError('the recording is full')
         try:
             return self._files.prepare(frame)
-        except _FAILURES as err:
+        except Exception as err:  # noqa: B902 - the frames behind it wait for its turn
             return err
 
     def _finish(self, job: _Job, prepared: P | Exception) -> None:
@@ -180,7 +178,7 @@ class Recorder(Generic[P]):
             self.account.left_out += 1
             self._end(err)
             job.done(str(err))
-        except _FAILURES as err:
+        except Exception as err:  # noqa: B902 - as above
             self.account.failed += 1
             tell = self._troubles.outage if isinstance(err, OSError) else self._troubles.failed
             tell(f'a frame was not written: {_reason(err)}')
@@ -197,7 +195,7 @@ class Recorder(Generic[P]):
             if self.is_full:
                 raise FullError('the recording is full')
             return self._files.commit(frame, prepared)
-        except (FullError, *_FAILURES):
+        except Exception:  # noqa: B902 - it is raised again
             prepared.discard()
             raise
 

@@ -247,6 +247,7 @@ class FrameSubscription:
         # What was published before may come later, when it is asked for.
         self._last_number = max(number, self._last_number)
 
+
 class _Reception:
     """One subscription of the middleware."""
 
