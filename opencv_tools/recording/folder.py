@@ -176,7 +176,10 @@ class Folder:
             prefix = name.removesuffix(_JOURNAL)
             if prefix == name or prefix == self._prefix:
                 continue
-            journal = os.open(self.path / name, os.O_RDWR | os.O_CLOEXEC)
+            try:
+                journal = os.open(self.path / name, os.O_RDWR | os.O_CLOEXEC)
+            except FileNotFoundError:
+                continue  # another one that begins has cleaned up
             try:
                 if _try_lock(journal):
                     self._complete(os.pread(journal, os.fstat(journal).st_size, 0))
@@ -191,12 +194,10 @@ class Folder:
             found = entry.measured(self.path)
         except (ValueError, FileNotFoundError):
             return  # it was killed before it gave a file its name
-        lines = self.manifest.entries()
-        if entry.sha256:
-            is_missing = found == entry and entry not in lines
-        else:
-            is_missing = entry.name not in {line.name for line in lines}
-        if is_missing:
+        # The name may be that of another recording's file, even with the same frame in it.
+        has_line = any((line.name, line.sha256) == (entry.name, found.sha256)
+                       for line in self.manifest.entries())
+        if entry.sha256 in ('', found.sha256) and not has_line:
             self.manifest.append(found)
 
 
