@@ -55,6 +55,7 @@ class NodeProcess:
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
         self._log = log
+        self.left_behind: set[Path] = set()
         with log.open('w') as console:
             self._process = subprocess.Popen(
                 command, env=environment, stdin=subprocess.DEVNULL, stdout=console,
@@ -87,13 +88,13 @@ class NodeProcess:
 
     def interrupt(self, number: int = signal.SIGINT) -> None:
         """Send a signal."""
+        if number == signal.SIGKILL:
+            self.left_behind = self.segments()
         self._process.send_signal(number)
 
     def segments(self) -> set[Path]:
         """Give the files of Fast DDS in shared memory that the process uses."""
-        maps = Path(f'/proc/{self._process.pid}/maps').read_text()
-        files = {Path(line.split()[-1]) for line in maps.splitlines() if '/dev/shm/' in line}
-        return {file for file in files if 'fastrtps' in file.name}
+        return mapped_segments(self._process.pid)
 
     def kill(self) -> None:
         """End the process in any case; a clean end leaves no shared memory behind."""
@@ -104,6 +105,16 @@ class NodeProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+
+
+def mapped_segments(pid: int) -> set[Path]:
+    """Give the files of Fast DDS in shared memory that a process uses, if it is there."""
+    try:
+        maps = Path(f'/proc/{pid}/maps').read_text()
+    except OSError:
+        return set()
+    files = {Path(line.split()[-1]) for line in maps.splitlines() if '/dev/shm/' in line}
+    return {file for file in files if 'fastrtps' in file.name}
 
 
 def executable(name: str) -> str:
@@ -143,6 +154,13 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     yield _start
     for process in processes:
         process.kill()
+    left_behind = set[Path]().union(*(process.left_behind for process in processes))
+    if left_behind:
+        used = set[Path]().union(*(mapped_segments(int(folder.name)) for folder in
+                                   Path('/proc').glob('[0-9]*')))
+        for path in left_behind - used:
+            for name in (path.name, f'{path.name}_el', f'sem.{path.name}_mutex'):
+                path.with_name(name).unlink(missing_ok=True)
 
 
 @pytest.fixture

@@ -61,8 +61,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 
 
 def test_killed_at_any_moment_it_leaves_whole_files(
-        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tell: Tell) -> None:
-    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')  # what is killed leaves no segments
+        start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
     start('img_publisher', source='pattern:80x60@100', publish_rate=0)
     parameters = {'output_dir': folder, 'file_name': 'f{seq:06d}.png', 'writers': 2}
@@ -100,8 +99,7 @@ def test_killed_at_any_moment_it_leaves_whole_files(
 
 @pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
 def test_a_killed_video_plays_and_has_its_line(
-        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
-    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+        start: Start, tmp_path: Path, suffix: str) -> None:
     folder = tmp_path / 'out'
     start('img_publisher', source='pattern:160x120@50', publish_rate=0)
     recorder = start('img_subscriber', output_dir=folder, file_name=f'clip.{suffix}')
