@@ -429,9 +429,9 @@ def test_a_machine_without_the_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
     def find_nothing(*args: object) -> None:
         raise ValueError('libx264')
 
-    monkeypatch.setattr(av.codec, 'Codec', find_nothing)
+    monkeypatch.setattr('av.codec.codec.Codec', find_nothing)
     with pytest.raises(VideoError, match=r'libx264.*pip install'):
         check_video()
-    monkeypatch.setitem(sys.modules, 'av', None)
+    monkeypatch.setitem(sys.modules, 'av.codec.codec', None)
     with pytest.raises(VideoError, match=r'PyAV.*apt install python3-av.*pip install av'):
         check_video()

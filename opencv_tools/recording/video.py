@@ -77,8 +77,8 @@ def check_video() -> None:
     :raises VideoError: PyAV or its H.264 encoder is missing; the message says how to get it.
     """
     try:
-        import av
-        av.codec.Codec('libx264', 'w')
+        from av.codec.codec import Codec
+        Codec('libx264', 'w')
     except ImportError as err:
         raise VideoError(f'a video needs PyAV, which cannot be used ({err}); get it with '
                          "'sudo apt install python3-av' or 'pip install av'") from err
