@@ -60,8 +60,8 @@ class ImageSubscriber(Node):
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
         self._troubles = Troubles(self._log)
-        self._limits = limits(settings)
-        self._selection = Selection(settings['every_n'], settings['max_rate'], self._limits)
+        self._selection = Selection(
+            settings['every_n'], settings['max_rate'], limits(settings))
         self._folder, self._recorder = open_recorder(
             settings, self._log, lambda: self._end(DONE))
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
@@ -91,8 +91,6 @@ class ImageSubscriber(Node):
         except CvBridgeError as err:
             self._refuse(err)
         else:
-            if not self._progress.count:
-                self._begin()
             self._record(frame)
             self._progress.tick(describe_message(message), self._dropped())
 
@@ -117,14 +115,12 @@ class ImageSubscriber(Node):
             return FAILED
         return self.done.result() if self.done.done() else DONE
 
-    def _begin(self) -> None:
-        """Take note of the first frame, from which on a duration is counted."""
-        if not self._limits.ring:
-            self._start_timer(self._limits.max_seconds, lambda: self._end(DONE))
-
     def _record(self, frame: RawFrame | CompressedFrame) -> None:
         """Have a frame written, if it is wanted."""
+        if not self._selection.has_begun:
+            self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
         if self._selection.is_late(frame.receive_ns):
+            self._left_out += 1
             self._end(DONE)
             return
         requests = self._requests.take() if self._requests else []

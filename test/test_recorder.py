@@ -234,9 +234,11 @@ def _wait_until_received(recorder: NodeProcess, folder: Path, last: int) -> None
 def test_a_duration_ends_the_recording_though_no_frame_comes(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', max_duration=1.0)
-    send(node, publisher, stamped(np.zeros((4, 4), np.uint8), 'mono8', 1))
+    broken, whole = (stamped(np.zeros((4, 4), np.uint8), 'mono8', 1) for _ in range(2))
+    broken.encoding = 'none'
+    send(node, publisher, broken, whole)
     began = time.monotonic()
-    assert recorder.finish() == 0, recorder.output
+    assert recorder.finish() == 1, recorder.output
     assert time.monotonic() - began < 2.5
     assert len(read_manifest(tmp_path / 'out')) == 1
 
@@ -291,10 +293,11 @@ def test_a_minute_of_video_has_the_times_of_its_stamps(
          f'{max(away) * 1e6:.0f} us')
 
 
+@pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])
 def test_a_video_of_another_size_is_another_file(
-        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path, on_exists: str) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mkv',
-                     on_overflow='block', max_frames=30)
+                     on_overflow='block', max_frames=30, on_exists=on_exists)
     sizes = [(48, 64)] * 10 + [(60, 80)] * 10 + [(48, 64)] * 10
     send(node, publisher, *(stamped(np.zeros((*size, 3), np.uint8), 'bgr8', NANO + n * NANO // 10)
                             for n, size in enumerate(sizes)))

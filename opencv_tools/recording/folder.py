@@ -131,9 +131,9 @@ class Folder:
 
     def announce(self, entry: Entry) -> None:
         """
-        Tell the journal of a file that has its name already and is being written.
+        Tell the journal of a file that gets its name now.
 
-        :param entry: its line, as far as it is known; without a digest.
+        :param entry: its line, without a digest when its content is yet to come.
         :raises OSError: the journal cannot be written to.
         """
         os.pwrite(self._journal, entry.line(), 0)

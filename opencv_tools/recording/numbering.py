@@ -80,7 +80,7 @@ class Numbering:
     def _candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
         """Give a number and a name, and others as long as they turn out to be taken."""
         name = self._names.name(self._seq, labels)
-        if self.replaces or self._only_free:
+        if self._only_free:
             yield self._seq, name
         elif self._names.is_numbered:
             while True:

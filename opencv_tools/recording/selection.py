@@ -73,6 +73,16 @@ class Selection:
         self._due_ns = 0
 
     @property
+    def has_begun(self) -> bool:
+        """Tell whether a frame has come."""
+        return self._first_ns > 0
+
+    @property
+    def max_seconds(self) -> float:
+        """Give the seconds after which it is over; 0.0 for never."""
+        return self._limits.max_seconds
+
+    @property
     def is_over(self) -> bool:
         """Tell whether so many frames were taken as are wanted."""
         return 0 < self._limits.max_frames <= self._taken

@@ -67,6 +67,7 @@ class VideoFiles:
         self._bytes = 0
         self._numbering = numbering
         self._video: _Video | None = None
+        self._paths: set[Path] = set()
 
     def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedVideoPicture:
         """
@@ -132,11 +133,12 @@ class VideoFiles:
     ) -> _Video:
         self._folder.make_again()
         path = self._folder.path / name
-        if self._numbering.replaces:
+        if self._numbering.replaces and path not in self._paths:
             path.unlink(missing_ok=True)
         writer = VideoWriter(path, picture, frame.time_ns, self._wanted.crf)
         entry = file_entry(seq, name, frame, 'h264', picture.form[:2])
         self._folder.announce(entry)
+        self._paths.add(path)
         return _Video(path, entry, writer)
 
     def _end(self, video: _Video) -> None:

@@ -31,7 +31,7 @@ import subprocess
 import time
 
 from conftest import (
-    call_service, DEADLINE, executable, NodeProcess, set_parameters, spin_until,
+    call_service, DEADLINE, executable, NodeProcess, recorded_files, set_parameters, spin_until,
 )
 import numpy as np
 from opencv_tools.capture.frame import CaptureError
@@ -173,7 +173,7 @@ def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> No
     assert publisher.finish() == 0, publisher.output
     assert 'opened: YUYV' in publisher.output
     reference = np.fromfile(expected, np.uint8).reshape(480, 640, 2)
-    files = sorted((tmp_path / 'out').iterdir())
+    files = recorded_files(tmp_path / 'out')
     assert len(files) == 10
     assert all(np.array_equal(np.load(file), reference) for file in files)
     tell('raw YUYV', f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
