@@ -21,7 +21,6 @@ import json
 import os
 from pathlib import Path
 import threading
-import time
 from typing import Any
 
 from conftest import read_manifest, recorded_files
@@ -250,16 +249,18 @@ def picture_files(
 class SlowFiles(PictureFiles):
     """Write nothing before it may."""
 
-    may_write = threading.Event()
+    def __init__(self, *args: object) -> None:
+        super().__init__(*args)
+        self.has_begun, self.may_write = threading.Event(), threading.Event()
 
     def prepare(self, frame: RawFrame | CompressedFrame) -> object:
+        self.has_begun.set()
         assert self.may_write.wait(10)
         return super().prepare(frame)
 
 
 @pytest.fixture
 def slow_files(tmp_path: Path) -> SlowFiles:
-    SlowFiles.may_write = threading.Event()
     return picture_files(tmp_path, '{seq:03d}.png', SlowFiles)
 
 
@@ -267,8 +268,7 @@ def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) ->
     console = Console()
     recorder = Recorder(slow_files, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
-    while recorder.is_waiting:
-        time.sleep(0.01)
+    assert slow_files.has_begun.wait(10)
     made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
     slow_files.may_write.set()
     recorder.close()

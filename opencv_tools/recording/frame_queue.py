@@ -40,10 +40,6 @@ class FrameQueue(Generic[T]):
         self._closed = False
         self._changed = Condition()
 
-    def __len__(self) -> int:
-        """Count what waits."""
-        return len(self._waiting)
-
     def put(self, item: T) -> T | None:
         """
         Add an item.

@@ -27,10 +27,10 @@ import os
 from pathlib import Path
 
 from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.naming import NANO
 
 FILE_NAME = 'manifest.jsonl'
 
-_NANO = 10**9
 _BLOCK = 4096
 _CHUNK = 1 << 20
 _TAIL = 1 << 20
@@ -199,12 +199,12 @@ class Manifest:
 
 def _time(nanoseconds: int) -> dict[str, int]:
     """Write a time as ROS does, for a number of JSON may lose its last digits."""
-    sec, nanosec = divmod(nanoseconds, _NANO)
+    sec, nanosec = divmod(nanoseconds, NANO)
     return {'sec': sec, 'nanosec': nanosec}
 
 
 def _nanoseconds(time: dict[str, int]) -> int:
-    return int(time['sec']) * _NANO + int(time['nanosec'])
+    return int(time['sec']) * NANO + int(time['nanosec'])
 
 
 def _parse(content: bytes) -> Iterable[Entry]:

@@ -23,7 +23,7 @@ import re
 from string import Formatter
 from typing import Any
 
-_NANO = 10**9
+NANO = 10**9  # nanoseconds in a second
 _COPY = re.compile(r'_[0-9]+(\.[^.]*)$')
 _MAX_TEXT = 64  # of a name of 255 bytes
 
@@ -57,15 +57,15 @@ class Labels:
 
     def values(self, seq: int) -> dict[str, Any]:
         """Give the value of each field, texts without what a path or a shell could mean by it."""
-        sec, nanosec = divmod(self.stamp_ns, _NANO)
-        return {'seq': seq, 'stamp': Decimal(self.stamp_ns) / _NANO, 'sec': sec,
+        sec, nanosec = divmod(self.stamp_ns, NANO)
+        return {'seq': seq, 'stamp': Decimal(self.stamp_ns) / NANO, 'sec': sec,
                 'nanosec': nanosec, 'frame_id': _harmless(self.frame_id),
                 'encoding': _harmless(self.encoding), 'topic': _harmless(self.topic)}
 
 
 # Longer than any width that a template is likely to ask for.
 _SAMPLE = 1234567890
-_SAMPLE_LABELS = Labels(_SAMPLE * _NANO, 'camera', 'bgr8', '/video_frames')
+_SAMPLE_LABELS = Labels(_SAMPLE * NANO, 'camera', 'bgr8', '/video_frames')
 
 
 class FileNames:

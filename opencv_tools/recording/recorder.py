@@ -113,11 +113,6 @@ class Recorder(Generic[P]):
         for thread in self._threads:
             thread.start()
 
-    @property
-    def is_waiting(self) -> bool:
-        """Tell whether a frame is in the queue."""
-        return len(self._queue) > 0
-
     def put(self, frame: Frame, on_done: OnDone | None = None) -> bool:
         """
         Hand a frame over to be written.

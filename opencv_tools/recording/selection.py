@@ -20,8 +20,7 @@ from dataclasses import dataclass
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import Entry
-
-_NANO = 10**9
+from opencv_tools.recording.naming import NANO
 
 # Frames that come a little early by this much of the period are not early: stamps tremble.
 _SLACK = 0.25
@@ -50,7 +49,7 @@ class Limits:
     @property
     def max_ns(self) -> int:
         """Give the seconds as nanoseconds."""
-        return int(self.max_seconds * _NANO)
+        return int(self.max_seconds * NANO)
 
 
 class Selection:
@@ -65,7 +64,7 @@ class Selection:
         :param limits: when to end, unless they are those of a ring.
         """
         self._every_n = every_n
-        self._period_ns = int(_NANO / max_rate) if max_rate else 0
+        self._period_ns = int(NANO / max_rate) if max_rate else 0
         self._limits = Limits() if limits.ring else limits
         self._seen = 0
         self._taken = 0

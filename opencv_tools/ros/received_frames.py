@@ -19,10 +19,10 @@ from __future__ import annotations
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
 from sensor_msgs.msg import CompressedImage
 
-_NANO = 10**9
 _MAX_TEXT = 40  # of what a message says of itself, on the console
 
 
@@ -43,7 +43,7 @@ def message_to_frame(
         stamp, frame_id = message, message.frame_id
     else:
         stamp, frame_id = message.header.stamp, message.header.frame_id
-    stamp_ns = stamp.sec * _NANO + stamp.nanosec
+    stamp_ns = stamp.sec * NANO + stamp.nanosec
     if isinstance(message, (WireCompressedImage, CompressedImage)):
         return CompressedFrame(
             stamp_ns, frame_id, message.format, topic, receive_ns, message.data)
