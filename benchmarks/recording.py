@@ -46,7 +46,7 @@ from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.writers import Format
 from opencv_tools.ros.messages import read_compressed_image, read_image
 from opencv_tools.ros.received_frames import message_to_frame
-from opencv_tools.ros.recording_parameters import open_recorder, PARAMETERS
+from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
 from std_msgs.msg import Header
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
@@ -221,7 +221,7 @@ def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     settings = {parameter.name: parameter.default for parameter in PARAMETERS}
     settings.update(output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
     bridge = CvBridge()
-    _, recorder = open_recorder(settings, logging.getLogger(), lambda: None)
+    _, recorder = open_recorder(settings, limits(settings), logging.getLogger(), lambda: None)
     began = time.perf_counter()
     for serialized in messages:
         recorder.put(message_to_frame(bridge, read_image(serialized), TOPIC, time.time_ns()))

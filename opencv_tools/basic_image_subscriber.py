@@ -23,7 +23,7 @@ import sys
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import Frame
 from opencv_tools.recording.selection import Selection
 from opencv_tools.recording.trouble import Troubles
 from opencv_tools.ros.frame_subscription import FrameSubscription
@@ -36,7 +36,7 @@ from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.save_requests import SaveRequests
-from rclpy.clock import Clock, ClockType
+from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.timer import Timer
@@ -60,10 +60,10 @@ class ImageSubscriber(Node):
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
         self._troubles = Troubles(self._log)
-        self._selection = Selection(
-            settings['every_n'], settings['max_rate'], limits(settings))
+        bounds = limits(settings)
+        self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
         self._folder, self._recorder = open_recorder(
-            settings, self._log, lambda: self._end(DONE))
+            settings, bounds, self._log, lambda: self._end(DONE))
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
         self.subscription = FrameSubscription(
             self, 'video_frames', settings['transport'], settings['on_overflow'] == 'block',
@@ -115,7 +115,7 @@ class ImageSubscriber(Node):
             return FAILED
         return self.done.result() if self.done.done() else DONE
 
-    def _record(self, frame: RawFrame | CompressedFrame) -> None:
+    def _record(self, frame: Frame) -> None:
         """Have a frame written, if it is wanted."""
         if not self._selection.has_begun:
             self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
@@ -145,8 +145,7 @@ class ImageSubscriber(Node):
 
     def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
         """Have something called after a time; 0 for never."""
-        return self.create_timer(
-            seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME)) if seconds else None
+        return create_steady_timer(self, seconds, call) if seconds else None
 
     def _give_up(self) -> None:
         """End because no frame came."""

@@ -72,7 +72,8 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 # As they stand in OpenCV's names of conversions.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
-_JPEG_BEGINS, _SCAN_BEGINS, _JPEG_ENDS = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
+JPEG_BEGINS = b'\xff\xd8'
+_SCAN_BEGINS, _JPEG_ENDS = b'\xff\xda', b'\xff\xd9'
 
 
 def encode_picture(
@@ -131,7 +132,7 @@ def decode_picture(data: Any, upright: bool = False) -> NDArray[Any]:
     """
     content = np.frombuffer(data, np.uint8)
     described = f'{content.size} bytes'
-    is_jpeg = content[:2].tobytes() == _JPEG_BEGINS
+    is_jpeg = content[:2].tobytes() == JPEG_BEGINS
     if is_jpeg and is_cut_off(content.tobytes()):
         raise PictureError(f'{described} of a JPEG picture whose end is missing')  # 4.6 fills in
     # OpenCV turns what it reads only where it may change the channels, too, which JPEG has not.

@@ -31,7 +31,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import encode_picture
 from opencv_tools.recording.files import open_files
 from opencv_tools.recording.folder import Folder, RecordingError
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
@@ -253,7 +253,7 @@ class SlowFiles(PictureFiles):
         super().__init__(*args)
         self.has_begun, self.may_write = threading.Event(), threading.Event()
 
-    def prepare(self, frame: RawFrame | CompressedFrame) -> object:
+    def prepare(self, frame: Frame) -> object:
         self.has_begun.set()
         assert self.may_write.wait(10)
         return super().prepare(frame)

@@ -77,3 +77,7 @@ class CompressedFrame(ReceivedFrame):
         encoding = stored_encoding(image, self.encoding)
         return RawFrame(self.stamp_ns, self.frame_id, encoding.name, self.topic, self.receive_ns,
                         image)
+
+
+#: What is recorded.
+Frame = RawFrame | CompressedFrame

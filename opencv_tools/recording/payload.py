@@ -20,10 +20,9 @@ from dataclasses import dataclass
 import struct
 from typing import Any
 
-from opencv_tools.pictures import is_cut_off, PictureError
+from opencv_tools.pictures import is_cut_off, JPEG_BEGINS, PictureError
 
 _PNG_BEGINS, _PNG_ENDS = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
-_JPEG_BEGINS = b'\xff\xd8'
 # Of the markers of a JPEG, those that begin a frame; three in their row mean something else.
 _FRAME_MARKERS = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
 _STANDALONE_MARKERS = frozenset((0x01, *range(0xd0, 0xd8)))
@@ -57,11 +56,11 @@ def read_payload(data: Any) -> Payload:
     try:
         if content.startswith(_PNG_BEGINS) and content.endswith(_PNG_ENDS):
             return Payload(('.png',), *struct.unpack_from('>II', content, 16))
-        if content.startswith(_JPEG_BEGINS) and not is_cut_off(content):
+        if content.startswith(JPEG_BEGINS) and not is_cut_off(content):
             return Payload(('.jpg', '.jpeg'), *_jpeg_size(content))
     except struct.error as err:
         raise PictureError(f'{len(content)} bytes of a picture without a size') from err
-    if content.startswith((_PNG_BEGINS, _JPEG_BEGINS)):
+    if content.startswith((_PNG_BEGINS, JPEG_BEGINS)):
         raise PictureError(f'{len(content)} bytes of a picture whose end is missing')
     return Payload(())
 
@@ -72,7 +71,7 @@ def _jpeg_size(jpeg: bytes) -> tuple[int, int]:
 
     :raises struct.error: it has none.
     """
-    position = len(_JPEG_BEGINS)
+    position = len(JPEG_BEGINS)
     for _ in range(_MAX_SEGMENTS):
         fill, marker, length = struct.unpack_from('>BBH', jpeg, position)
         if fill != 0xff:

@@ -22,7 +22,7 @@ import hashlib
 from pathlib import Path
 
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import Frame
 from opencv_tools.recording.manifest import Entry, file_entry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Budget, Limits
@@ -79,7 +79,7 @@ class PictureFiles:
         self._budget = Budget(limits, [
             entry for entry in earlier if numbering.matches(entry.name)])
 
-    def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedPicture:
+    def prepare(self, frame: Frame) -> PreparedPicture:
         """
         Write a frame under a temporary name; more than one thread may.
 
@@ -94,7 +94,7 @@ class PictureFiles:
         temporary = self._folder.write(data)
         return PreparedPicture(temporary, replace(content, data=b''), data.nbytes, digest)
 
-    def commit(self, frame: RawFrame | CompressedFrame, picture: PreparedPicture) -> Path:
+    def commit(self, frame: Frame, picture: PreparedPicture) -> Path:
         """
         Give a file its name; one thread at a time may, in the order of the frames.
 

@@ -25,13 +25,12 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.frame_queue import FrameQueue
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import Frame
 from opencv_tools.recording.selection import FullError
 from opencv_tools.recording.trouble import Log, Throttle, Troubles
 
 QUEUE_SIZE = 64  # frames
 
-Frame = RawFrame | CompressedFrame
 # Told where a frame is, or why it is nowhere.
 OnDone = Callable[[Path | str], object]
 

@@ -32,6 +32,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.video_picture import VideoError, VideoPicture
 
 # PyAV is imported where it is used: it takes a while, and most recordings are no videos.
@@ -66,7 +67,7 @@ _OPTIONS = {
 _NOMINAL_RATE = 30  # frames a second, for the players of formats that must tell one
 _KEY_SECONDS = 1
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
-_CLOCK_JUMP_NS = 10 ** 9
+_CLOCK_JUMP_NS = NANO
 _BUFFER_SIZE = 2 ** 20  # bytes: a second of video at once, so that a kill seldom comes in between
 
 
@@ -170,7 +171,7 @@ class VideoWriter:
         """
         step = time_ns - self._last_ns
         return (picture.form == self._form
-                and -_CLOCK_JUMP_NS <= step <= self._format.longest * 10 ** 9)
+                and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
     def write(self, picture: VideoPicture, time_ns: int) -> None:
         """
@@ -183,7 +184,7 @@ class VideoWriter:
         """
         self._file.check(self._whole)
         ticks = self._format.ticks
-        since = ((time_ns - self._start_ns) * ticks + 5 * 10 ** 8) // 10 ** 9
+        since = ((time_ns - self._start_ns) * ticks + NANO // 2) // NANO
         pts = max(since, self._last + 1)
         is_key = pts >= self._next_key
         frame = picture.frame
@@ -222,7 +223,7 @@ class VideoWriter:
         self._container = av.open(
             self._file, 'w', format=self._format.name, buffer_size=_BUFFER_SIZE,
             container_options={**self._format.options, 'flush_packets': '1'})
-        seconds, rest = divmod(self._start_ns, 10 ** 9)
+        seconds, rest = divmod(self._start_ns, NANO)
         self._container.metadata['comment'] = f'begins at {seconds}.{rest:09d}'
         self._stream = self._container.add_stream(
             'libx264', rate=_NOMINAL_RATE, options={**_OPTIONS, 'crf': str(crf)})

@@ -23,7 +23,7 @@ from pathlib import Path
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.frames import Frame, RawFrame, ReceivedFrame
 from opencv_tools.recording.manifest import Entry, file_entry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import FullError, Limits
@@ -69,7 +69,7 @@ class VideoFiles:
         self._video: _Video | None = None
         self._paths: set[Path] = set()
 
-    def prepare(self, frame: RawFrame | CompressedFrame) -> PreparedVideoPicture:
+    def prepare(self, frame: Frame) -> PreparedVideoPicture:
         """
         Convert a frame to what the encoder takes; more than one thread may.
 
@@ -86,7 +86,7 @@ class VideoFiles:
                                   f'{able_formats(_type_name(raw))}') from err
         return PreparedVideoPicture(picture.frame)
 
-    def commit(self, frame: RawFrame | CompressedFrame, picture: PreparedVideoPicture) -> Path:
+    def commit(self, frame: Frame, picture: PreparedVideoPicture) -> Path:
         """
         Encode a frame; one thread at a time may, in the order of the frames.
 

@@ -27,7 +27,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import (
     convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
 )
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.payload import read_payload
 
 
@@ -94,7 +94,7 @@ def able_formats(type_name: str) -> str:
     return ' or '.join([*able, _ANYTHING])
 
 
-def encode_frame(frame: RawFrame | CompressedFrame, wanted: Format) -> Content:
+def encode_frame(frame: Frame, wanted: Format) -> Content:
     """
     Make the content of a file of a frame.
 

@@ -22,7 +22,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
+from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 
 _PERIOD = 1.0
@@ -68,7 +68,7 @@ class Diagnostics:
         self._since = time.monotonic()
         self._lost_before = 0
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_steady_timer(node, _PERIOD, self._report)
 
     def count(self, age: float = 0.0) -> None:
         """

@@ -26,7 +26,7 @@ from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource, FrameSource
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.silence import Silence
-from rclpy.clock import Clock, ClockType
+from opencv_tools.ros.timers import create_steady_timer
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -101,8 +101,7 @@ class FrameSubscription:
         source = self._sources.best() or self._sources.allowed[0]
         self._reception = self._receive_from(source, self._best_qos(self._sources.offers(source)))
         self._looked_at = time.monotonic()
-        self._timer = node.create_timer(
-            _LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = create_steady_timer(node, _LOOK_SECONDS, self._look)
 
     @property
     def topic_name(self) -> str:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
-from opencv_tools.recording.frames import CompressedFrame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
 from sensor_msgs.msg import CompressedImage
@@ -28,7 +28,7 @@ _MAX_TEXT = 40  # of what a message says of itself, on the console
 
 def message_to_frame(
     bridge: CvBridge, message: FrameMessage, topic: str, receive_ns: int,
-) -> RawFrame | CompressedFrame:
+) -> Frame:
     """
     Make a frame of a message, without a copy of its data.
 

@@ -98,12 +98,13 @@ def limits(values: Mapping[str, Any]) -> Limits:
 
 
 def open_recorder(
-    values: Mapping[str, Any], log: Log, on_full: Callable[[], object],
+    values: Mapping[str, Any], bounds: Limits, log: Log, on_full: Callable[[], object],
 ) -> tuple[Path, Recorder[Any]]:
     """
     Make ready what records as the parameters say.
 
     :param values: of the parameters.
+    :param bounds: what ``limits`` gathered from them.
     :param log: where trouble is told.
     :param on_full: told, on any thread, that the files are as large as they may get.
     :returns: the folder, and the recorder.
@@ -113,6 +114,6 @@ def open_recorder(
     names = FileNames(values['file_name'])
     wanted = Format(names.suffix, values['convert'] == 'auto', values['jpeg_quality'],
                     values['png_compression'], values['crf'])
-    files = open_files(folder, names, wanted, values['on_exists'], limits(values), values['sync'])
+    files = open_files(folder, names, wanted, values['on_exists'], bounds, values['sync'])
     return folder, Recorder(files, log, values['queue_size'], values['writers'],
                             values['on_overflow'] == 'block', on_full)

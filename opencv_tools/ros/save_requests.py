@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from opencv_tools.ros.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -63,9 +63,8 @@ class SaveRequests:
     ) -> Trigger.Response:
         request = Future()
         self._waiting.append(request)
-        patience = self._node.create_timer(
-            _PATIENCE_SECONDS, lambda: self._give_up(request),
-            clock=Clock(clock_type=ClockType.STEADY_TIME))
+        patience = create_steady_timer(
+            self._node, _PATIENCE_SECONDS, lambda: self._give_up(request))
         outcome = await request
         self._node.destroy_timer(patience)
         response.success = isinstance(outcome, Path)
