@@ -2,7 +2,7 @@
 # make test          build the package with colcon and run its tests
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
 # make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
-# make bench         what the package is measured by
+# make bench         what the package is measured by, as a table in benchmarks.md
 # make soak          ten minutes of both nodes: nothing lost, nothing left behind
 # make clean         remove all that these have made
 #
@@ -41,11 +41,8 @@ demo:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 examples/demo.py
 
 bench:
-	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/startup.py
-	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/bridge.py
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
-	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/idle.py
-	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/recording.py
+	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 benchmarks/all.py
 
 soak:
 	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" python3 benchmarks/soak.py
@@ -61,10 +58,7 @@ demo: .venv/installed
 	@$(call in_venv,.venv) python examples/demo.py
 
 bench: .venv/installed
-	@$(call in_venv,.venv) python benchmarks/startup.py
-	@$(call in_venv,.venv) python benchmarks/bridge.py
-	@$(call in_venv,.venv) python benchmarks/idle.py
-	@$(call in_venv,.venv) python benchmarks/recording.py
+	@$(call in_venv,.venv) python benchmarks/all.py
 
 soak: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/soak.py
@@ -112,4 +106,4 @@ test-camera: .venv/installed
 
 clean:
 	rm -rf .venv .venv-oldest .camera build install log demo *.egg-info .hypothesis .mypy_cache \
-	  .pytest_cache .ruff_cache
+	  .pytest_cache .ruff_cache benchmarks.md

@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 import cv2
+from figures import add_json_option, Figure, write_figures
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import cdr_to_image
@@ -159,26 +160,31 @@ def main() -> int:
     """Print each comparison with its goal."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rounds', type=int, default=31, help='runs to take the median of')
+    add_json_option(parser)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     random = np.random.default_rng(1)
     print(f'{HD[1]}x{HD[0]}, one thread, medians of {options.rounds}, '
           f'numpy {np.__version__}, OpenCV {cv2.__version__}')
     print(f'{"":32}{"ms":>8}  {"against":20}{"ms":>8}{"ratio":>8}{"goal":>7}')
-    missed = False
+    figures = []
     for comparison in (*copies(random), *conversions(random)):
         if comparison.other is None:
             (seconds,) = median_seconds([comparison.work], options.rounds)
-            other, reached = '', seconds * 1e6
+            name, unit, other, reached = comparison.name, 'us', '', seconds * 1e6
         else:
             seconds, floor = median_seconds([comparison.work, comparison.other], options.rounds)
+            name, unit = f'{comparison.name} against {comparison.against}', 'x'
             other, reached = f'{floor * 1e3:.3f}', seconds / floor
-        missed = missed or reached > comparison.goal
-        verdict = '' if reached <= comparison.goal else '  over'
+        met = reached <= comparison.goal
+        figures.append(Figure('bridge', name, reached, unit, f'at most {comparison.goal:g}', met))
+        verdict = '' if met else '  over'
         print(f'{comparison.name:32}{seconds * 1e3:8.3f}  {comparison.against:20}{other:>8}'
               f'{reached:8.2f}{comparison.goal:7g}{verdict}')
-    if missed:
+    if not all(figure.met for figure in figures):
         print(BOUND.rstrip())
+    if options.json:
+        write_figures(options.json, figures)
     return 0
 
 

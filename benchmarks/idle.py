@@ -20,12 +20,12 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 import re
-import signal
 import sys
 import tempfile
 import time
 from typing import Any
 
+from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NAMESPACE, NodeProcess
 from opencv_tools.capture.source import open_source
 import rclpy
@@ -177,15 +177,21 @@ def main() -> int:
     """Print what each subscription costs, for each source."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=10, help='to measure each row for')
+    add_json_option(parser)
     options = parser.parse_args()
     if options.seconds < 3:
         parser.error('give 3 seconds or more: the console tells the rate once a second')
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     enter_domain()
+    figures = []
     for source in SOURCES:
         path = ROOT / source
-        print_costs(source, measure(str(path) if path.exists() else source, options.seconds))
+        costs = measure(str(path) if path.exists() else source, options.seconds)
+        print_costs(source, costs)
+        figures += [Figure('idle', f'CPU, {path.name}, {name}', cost.per_frame, 'ms/frame')
+                    for name, cost in costs.items()]
     print('(a) reads every frame, for a file plays in its own time, and makes nothing of it.')
+    if options.json:
+        write_figures(options.json, figures)
     return 0
 
 

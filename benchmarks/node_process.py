@@ -32,7 +32,8 @@ NAMESPACE = f'/benchmark_{os.getpid()}'
 
 
 def enter_domain() -> None:
-    """Let this process and those that it starts find each other, and nobody else."""
+    """Let this process and its nodes find nobody else, and end them on SIGTERM as on Ctrl-C."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     os.environ.update(_DOMAIN)
 
 

@@ -18,10 +18,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import cycle, islice
-import json
 import logging
 import os
 from pathlib import Path
@@ -31,10 +30,10 @@ import statistics
 import sys
 import tempfile
 import time
-from typing import Any
 
 import av
 import cv2
+from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
@@ -392,64 +391,74 @@ def print_passthrough(result: Passthrough) -> None:
           f'({listed(result.ratios)})', flush=True)
 
 
-def measure(seconds: float) -> dict[str, Any]:
+def ratio_figure(name: str, ratio: float, goal: float) -> Figure:
+    """Give a ratio with its goal."""
+    return Figure('recording', name, ratio, 'x', f'at least {goal:g}', ratio >= goal)
+
+
+def recording_figures(result: Recording) -> list[Figure]:
+    """Give what became of the frames, and the loads."""
+    kind = f'1080p{RATE} to {result.suffix}'
+    return [Figure('recording', f'{kind}, frames kept', result.kept / result.sent * 100, '%'),
+            Figure('recording', f'{kind}, CPU of the publisher', result.publisher.per_frame,
+                   'ms/frame'),
+            Figure('recording', f'{kind}, CPU of the subscriber', result.subscriber.per_frame,
+                   'ms/frame')]
+
+
+def measure(seconds: float) -> list[Figure]:
     """Measure and print section after section; the figures."""
     pictures = clip_pictures()
     bridge = CvBridge()
     messages = [bridge.cv2_to_cdr(picture, 'bgr8', Header(frame_id='camera'))
                 for picture in pictures]
-    cores = len(os.sched_getaffinity(0))
-    print(f'{cores} cores, OpenCV {cv2.__version__} with {cv2.getNumThreads()} threads, '
-          f'PyAV {av.__version__}, medians of {ROUNDS}\n')
+    print(f'{len(os.sched_getaffinity(0))} cores, OpenCV {cv2.__version__} with '
+          f'{cv2.getNumThreads()} threads, PyAV {av.__version__}, medians of {ROUNDS}\n')
 
     print('1080p PNG and JPEG: frames per second against one cv2.imwrite per callback\n'
           f'{"":14}{"frames per second":>22}{"bytes per frame":>22}\n'
           f'{"":6}{"frames":>8}' + f'{"imwrite":>12}{"recorder":>10}' * 2 + f'{"ratio":>8}')
-    races = []
+    figures = []
     for suffix in ('.png', '.jpg'):
-        races.append(race(messages, suffix))
-        print_race(races[-1])
+        raced = race(messages, suffix)
+        print_race(raced)
+        figures.append(ratio_figure(f'1080p to {suffix} against cv2.imwrite', raced.ratio,
+                                    SPEEDUP))
 
     print(f'\n1080p{RATE} from our publisher for {seconds:g} s; CPU in % of a core and in ms, '
           'without the start of the nodes\n'
           f'{"":50}{"publisher, decodes":>19}{"subscriber":>19}\n'
           f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
           f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
-    recordings = []
     with folder_here() as folder:
         video = Path(folder) / 'video.mp4'
         make_video(video)
         for suffix in ('.png', '.jpg', '.mp4'):
-            recordings.append(record_publisher(video, suffix, seconds))
-            print_recording(recordings[-1])
+            recording = record_publisher(video, suffix, seconds)
+            print_recording(recording)
+            figures += recording_figures(recording)
 
     print('\nCompressed passthrough against decode + encode, 1080p JPEG on one thread')
     passthrough = pass_through(pictures)
     print_passthrough(passthrough)
-    return {
-        'cores': cores, 'opencv': cv2.__version__, 'opencv_threads': cv2.getNumThreads(),
-        'pictures': [{**asdict(one), 'ratio': one.ratio, 'ratios': one.ratios, 'goal': SPEEDUP}
-                     for one in races],
-        'recordings': [asdict(one) for one in recordings],
-        'passthrough': {**asdict(passthrough), 'ratio': passthrough.ratio, 'goal': SAVING},
-        'met': (all(one.ratio >= SPEEDUP for one in races) and passthrough.ratio >= SAVING),
-    }
+    figures.append(ratio_figure('CPU of decode + encode against passthrough, 1080p JPEG',
+                                passthrough.ratio, SAVING))
+    return figures
 
 
 def main() -> int:
     """Print the figures; the exit status is 1 when a goal is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=20, help='to record each format for')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='to write the figures to')
+    add_json_option(parser)
     options = parser.parse_args()
     if options.seconds < 1:
         parser.error('give a second or more')
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     enter_domain()
     figures = measure(options.seconds)
     if options.json:
-        options.json.write_text(json.dumps(figures, indent=2) + '\n')
-    return 0 if figures['met'] else 1
+        write_figures(options.json, figures)
+    return 1 if any(figure.met is False for figure in figures) else 0
 
 
 if __name__ == '__main__':

@@ -23,7 +23,6 @@ from itertools import pairwise
 import os
 from pathlib import Path
 import re
-import signal
 import statistics
 import sys
 import tempfile
@@ -265,7 +264,6 @@ def main() -> int:
     options = parser.parse_args()
     if options.minutes < 0.5:
         parser.error('give half a minute or more')
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     enter_domain()
     with tempfile.TemporaryDirectory() as folder:
         return soak(options.minutes * 60, Path(folder))

@@ -24,6 +24,8 @@ import subprocess
 import sys
 import time
 
+from figures import add_json_option, Figure, write_figures
+
 
 def seconds_to_first_frame(source: str) -> float:
     """Start the publisher, wait for its first frame and end it."""
@@ -43,11 +45,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--source', default='pattern', help='source of the frames')
     parser.add_argument('--runs', type=int, default=5, help='starts to take the median of')
+    add_json_option(parser)
     options = parser.parse_args()
     seconds_to_first_frame(options.source)
     times = sorted(seconds_to_first_frame(options.source) for _ in range(options.runs))
-    print(f'{options.source}: first frame after {statistics.median(times):.2f} s '
+    median = statistics.median(times)
+    print(f'{options.source}: first frame after {median:.2f} s '
           f'(median of {options.runs}, {times[0]:.2f} to {times[-1]:.2f})')
+    if options.json:
+        write_figures(options.json, [
+            Figure('startup', f'to the first frame, {options.source}', median, 's')])
     return 0
 
 
