@@ -197,13 +197,29 @@ class CvBridge:
         :raises TypeError: ``cvim`` is not an array.
         :raises CvBridgeError: the encoding is not known or does not fit the array.
         """
+        return image_to_cdr(self.cv2_to_wire(cvim, encoding, header))
+
+    @_raises_bridge_errors
+    def cv2_to_wire(
+        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
+    ) -> WireImage:
+        """
+        Tell an array as the fields of an image message, without a copy; upstream has no such way.
+
+        :param cvim: as for ``cv2_to_imgmsg``; copied only when its rows are not tight.
+        :param encoding: what the array holds; ``'passthrough'`` names its type (``8UC3``).
+        :param header: stamp and frame of the message.
+        :returns: the fields, the data a view of the array.
+        :raises TypeError: ``cvim`` is not an array.
+        :raises CvBridgeError: the encoding is not known or does not fit the array.
+        """
         declared = _declared(cvim, encoding)
         rows, width = cvim.shape[:2]
         header = header or Header()
-        return image_to_cdr(WireImage(
+        return WireImage(
             header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
             width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
-            pack_pixels(cvim)))
+            pack_pixels(cvim))
 
     @_raises_bridge_errors
     def compressed_imgmsg_to_cv2(

@@ -21,11 +21,13 @@ import threading
 import time
 
 from conftest import DEADLINE, spin_until
+import numpy as np
 from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage
 from opencv_tools.ros import frame_subscription, silence
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage, read_compressed_image
 from opencv_tools.ros.qos import following_qos, qos_mismatch
+from opencv_tools.ros.rcl import MessageInfo
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -290,14 +292,32 @@ def test_lost_frames_are_counted_also_across_a_new_subscription(
     assert subscription.lost == 40
 
 
+def test_lost_frames_are_counted_for_each_publisher(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription]) -> None:
+    subscription, publisher = connect(node, camera, subscribe)
+    other = camera.create_publisher(Image, TOPIC, RELIABLE)
+    spin_until(node, lambda: other.get_subscription_count() == 1)
+    for sender, number in ((other, 101), (publisher, 0), (other, 102)):
+        sender.publish(image(number))
+        spin_until(node, lambda count=number: received.numbers()[-1:] == [count])
+    for number in range(1, 31):
+        publisher.publish(image(number))
+    spin_until(node, lambda: received.numbers()[-1:] == [30])
+    other.publish(image(103))
+    spin_until(node, lambda: received.numbers()[-1:] == [103])
+    assert subscription.lost == 20
+
+
 def test_messages_that_come_late_are_no_gap(
         node: Node, camera: Node, subscribe: Callable[..., FrameSubscription]) -> None:
     subscription, _publisher = connect(node, camera, subscribe)
     spin_for(node, 0.2)
     for number, lost in ((11, 0), (12, 0), (3, 0), (13, 0), (15, 1)):
-        subscription._take(subscription._reception, serialize_message(image(number)), {
-            'publication_sequence_number': number, 'source_timestamp': number,
-            'received_timestamp': number})
+        subscription._take(
+            subscription._reception, np.frombuffer(serialize_message(image(number)), np.uint8),
+            MessageInfo(publication_sequence_number=number, source_timestamp=number,
+                        received_timestamp=number))
         assert subscription.lost == lost
 
 
@@ -427,7 +447,9 @@ def test_frames_have_the_time_when_they_were_received_not_when_they_were_taken(
     spin_until(node, lambda: bool(received.frames))
     assert before <= received.times[0] <= after
     monkeypatch.setattr(time, 'time_ns', lambda: 5)
-    subscription._take(subscription._reception, serialize_message(image(1)), {})
+    subscription._take(
+        subscription._reception, np.frombuffer(serialize_message(image(1)), np.uint8),
+        MessageInfo())
     assert received.times[1] == 5  # of a middleware that does not tell
 
 

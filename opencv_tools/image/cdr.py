@@ -155,6 +155,19 @@ def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
         reader.number('i'), reader.number('I'), reader.string(), reader.string(), reader.rest())
 
 
+def encode_text(text: str) -> bytes:
+    """
+    Encode a string of a message.
+
+    :returns: UTF-8 without the NUL at its end.
+    :raises CdrError: it has a NUL within.
+    """
+    encoded = text.encode()
+    if b'\0' in encoded:
+        raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
+    return encoded
+
+
 def _header(header: WireHeader) -> bytes:
     """Serialise what every message with a header begins with."""
     stamp = _pack(_STAMP, header.sec, header.nanosec)
@@ -169,9 +182,7 @@ def _pack(layout: struct.Struct, *numbers: int) -> bytes:
 
 
 def _string(text: str) -> bytes:
-    encoded = text.encode()
-    if b'\0' in encoded:
-        raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
+    encoded = encode_text(text)
     return _pack(_SIZE, len(encoded) + 1) + encoded + b'\0'
 
 

@@ -32,7 +32,7 @@ TRANSPORTS = ('auto', 'raw', 'compressed')
 _IMAGE = 'sensor_msgs/msg/Image'
 _COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 #: The class of each type of messages, and what reads one that was received raw.
-FRAME_TYPES: dict[str, tuple[Any, Callable[[bytes], FrameMessage]]] = {
+FRAME_TYPES: dict[str, tuple[Any, Callable[[Any], FrameMessage]]] = {
     _IMAGE: (Image, read_image),
     _COMPRESSED_IMAGE: (CompressedImage, read_compressed_image),
 }

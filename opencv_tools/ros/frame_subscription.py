@@ -18,16 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 import time
-from typing import TypedDict
 
+import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.image.cdr import CdrError
 from opencv_tools.recording.trouble import Log
 from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource, FrameSources
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
+from opencv_tools.ros.rcl import MessageInfo
+from opencv_tools.ros.reception import Reception
 from opencv_tools.ros.silence import Silence
 from opencv_tools.ros.timers import create_steady_timer
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -39,14 +41,6 @@ _LOOK_SECONDS = 0.5
 _OVERLAP_SECONDS = 1.0
 # As many messages as Fast DDS keeps for a subscription at most.
 _REMEMBERED = 5000
-
-
-class MessageInfo(TypedDict):
-    """What rclpy tells of a message, as far as it is used here; a middleware may lack any."""
-
-    source_timestamp: int | None
-    received_timestamp: int | None
-    publication_sequence_number: int | None
 
 
 class FrameSubscription:
@@ -92,11 +86,11 @@ class FrameSubscription:
         self._candidate: FrameSource | None = None
         self._has_frames = False  # since a publisher is there
         self._lost = 0
-        self._last_number = 0
+        self._last_numbers: dict[bytes, int] = {}  # of each publisher
         self._publishers: frozenset[bytes] = frozenset()
         self._heard: set[tuple[int, int]] = set()
         self._heard_before: set[tuple[int, int]] = set()
-        self._previous: _Reception | None = None
+        self._previous: Reception | None = None
         self._retire_at = 0.0
         source = self._sources.best() or self._sources.allowed[0]
         self._reception = self._receive_from(source, self._best_qos(self._sources.offers(source)))
@@ -110,11 +104,7 @@ class FrameSubscription:
 
     @property
     def lost(self) -> int:
-        """
-        Count the messages that were published but did not arrive.
-
-        Known only while the topic has one publisher: each counts its messages for itself.
-        """
+        """Count the messages that were published but did not arrive."""
         return self._lost
 
     def describe_silence(self) -> str:
@@ -176,17 +166,16 @@ class FrameSubscription:
             self._subscribe_again(reception.source, qos)
 
     def _notice(self, offers: Iterable[TopicEndpointInfo]) -> None:
-        """Begin to count anew, and to wait for a frame, when the publishers are others."""
+        """Begin to wait for a frame when the publishers are others."""
         publishers = _identify(offers)
         if publishers != self._publishers:
             self._publishers = publishers
-            self._last_number = 0
             self._silence.begin()
 
     # Subscriptions
 
-    def _receive_from(self, source: FrameSource, qos: QoSProfile) -> _Reception:
-        return _Reception(self._node, source, qos, self._take, self._follow)
+    def _receive_from(self, source: FrameSource, qos: QoSProfile) -> Reception:
+        return Reception(self._node, source, qos, self._take, self._follow)
 
     def _subscribe_again(self, source: FrameSource, qos: QoSProfile) -> None:
         old = self._reception
@@ -207,21 +196,20 @@ class FrameSubscription:
             self._previous.destroy()
             self._previous = None
 
-    def _take(self, reception: _Reception, data: bytes, info: MessageInfo) -> None:
+    def _take(self, reception: Reception, data: NDArray[np.uint8], info: MessageInfo) -> None:
         """Pass a message on, unless it was before."""
-        number = info.get('publication_sequence_number') or 0
         if self._previous and reception is not self._previous:
             self._previous.drain()  # first what came first
-        if self._is_repeated((info.get('source_timestamp') or 0, number)):
+        if self._is_repeated((info.source_timestamp, info.number)):
             return
         self._has_frames = True
-        self._count_lost(reception, number)
+        self._count_lost(info)
         try:
             message = reception.read(data)
         except CdrError as err:
             self._on_broken(err)
         else:
-            self._on_frame(message, info.get('received_timestamp') or time.time_ns())
+            self._on_frame(message, info.received_timestamp or time.time_ns())
         self._silence.end(self.topic_name)
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:
@@ -233,64 +221,13 @@ class FrameSubscription:
             self._heard_before, self._heard = self._heard, set()
         return False
 
-    def _count_lost(self, reception: _Reception, number: int) -> None:
-        """Count the messages that were published since the last one but did not arrive."""
-        if not number or reception.publisher_count() != 1:
-            self._last_number = 0
-            return
-        if self._last_number and number > self._last_number + 1:
-            # Seldom, so there is time to see whether it is the same publisher still.
-            self._notice(self._sources.offers(reception.source))
-        if self._last_number:
-            self._lost += max(0, number - self._last_number - 1)
+    def _count_lost(self, info: MessageInfo) -> None:
+        """Count what a message's publisher has sent since its last one but did not arrive."""
+        publisher = bytes(info.publisher)
+        last = self._last_numbers.get(publisher, info.number)
+        self._lost += max(0, info.number - last - 1)
         # What was published before may come later, when it is asked for.
-        self._last_number = max(number, self._last_number)
-
-
-class _Reception:
-    """One subscription of the middleware."""
-
-    def __init__(
-        self, node: Node, source: FrameSource, qos: QoSProfile,
-        take: Callable[[_Reception, bytes, MessageInfo], None],
-        on_publishers: Callable[[object], None],
-    ) -> None:
-        self.source = source
-        self.qos = qos
-        self._node = node
-        self._take = take
-        message_type, self.read = FRAME_TYPES[source.type_name]
-        self._subscription = node.create_subscription(
-            message_type, source.name, self._receive, qos, raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=on_publishers, matched=on_publishers,
-                use_default_callbacks=False))
-        self.topic_name: str = self._subscription.topic_name
-
-    def publisher_count(self) -> int:
-        """Count the publishers that it receives from."""
-        count: int = self._subscription.get_publisher_count()
-        return count
-
-    def drain(self) -> None:
-        """Take what it has received until now."""
-        now = time.time_ns()
-        received = 0
-        handle = self._subscription.handle
-        while received < now:
-            with handle:
-                taken = handle.take_message(self._subscription.msg_type, self._subscription.raw)
-            if taken is None:
-                return
-            self._receive(*taken)
-            received = taken[1].get('received_timestamp') or 0
-
-    def destroy(self) -> None:
-        """Receive no more."""
-        self._node.destroy_subscription(self._subscription)
-
-    def _receive(self, data: bytes, info: MessageInfo) -> None:
-        self._take(self, data, info)
+        self._last_numbers[publisher] = max(info.number, last)
 
 
 def _identify(offers: Iterable[TopicEndpointInfo]) -> frozenset[bytes]:

@@ -26,6 +26,7 @@ from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
+from opencv_tools.ros.rcl import publish_image
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -98,8 +99,8 @@ class FrameTopics:
         if _count(self._infos):
             self._infos.publish(self.calibration.message(header, *rendition.size))
         if _count(self.images):
-            self.images.publish(
-                self._bridge.cv2_to_cdr(rendition.image, rendition.encoding, header))
+            publish_image(self.images.handle, self._bridge.cv2_to_wire(
+                rendition.image, rendition.encoding, header))
         if failure:
             raise failure
 

@@ -29,11 +29,11 @@ from sensor_msgs.msg import CompressedImage, Image
 FrameMessage = WireImage | Image | WireCompressedImage | CompressedImage
 
 
-def read_image(serialized: bytes) -> WireImage | Image:
+def read_image(serialized: Any) -> WireImage | Image:
     """
     Read an image message that was received raw.
 
-    :param serialized: the message in the format of the wire.
+    :param serialized: a buffer of the message in the format of the wire.
     :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
         it.
     :raises CdrError: it is no image message.
@@ -41,11 +41,11 @@ def read_image(serialized: bytes) -> WireImage | Image:
     return _read(serialized, cdr_to_image, Image)
 
 
-def read_compressed_image(serialized: bytes) -> WireCompressedImage | CompressedImage:
+def read_compressed_image(serialized: Any) -> WireCompressedImage | CompressedImage:
     """
     Read a compressed image message that was received raw.
 
-    :param serialized: the message in the format of the wire.
+    :param serialized: a buffer of the message in the format of the wire.
     :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
         it.
     :raises CdrError: it is no compressed image message.
@@ -53,11 +53,11 @@ def read_compressed_image(serialized: bytes) -> WireCompressedImage | Compressed
     return _read(serialized, cdr_to_compressed_image, CompressedImage)
 
 
-def _read(serialized: bytes, read: Callable[[bytes], Any], message_type: Any) -> Any:
+def _read(serialized: Any, read: Callable[[Any], Any], message_type: Any) -> Any:
     try:
         return read(serialized)
     except EncapsulationError:
         try:
-            return deserialize_message(serialized, message_type)
+            return deserialize_message(bytes(serialized), message_type)
         except RuntimeError as err:  # rclpy's RMWError is private
             raise CdrError(f'the middleware cannot read the message: {err}') from err

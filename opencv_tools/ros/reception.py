@@ -1,0 +1,136 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One subscription to frames, which takes them as they come over the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource
+from opencv_tools.ros.rcl import MessageInfo, take_serialized
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.waitable import NumberOfEntities, Waitable
+
+Taken = tuple[NDArray[np.uint8], MessageInfo]
+
+
+class Reception:
+    """A subscription of the middleware, and who takes what it receives."""
+
+    def __init__(
+        self, node: Node, source: FrameSource, qos: QoSProfile,
+        take: Callable[[Reception, NDArray[np.uint8], MessageInfo], None],
+        on_publishers: Callable[[object], None],
+    ) -> None:
+        """
+        Subscribe.
+
+        :param node: the node that receives, in its default callback group.
+        :param source: what to receive.
+        :param qos: what to ask for.
+        :param take: takes a message's bytes, (n,) uint8, and what is known of it.
+        :param on_publishers: told when publishers come, leave or do not fit.
+        """
+        self.source = source
+        self.qos = qos
+        self._node = node
+        self._take = take
+        message_type, self.read = FRAME_TYPES[source.type_name]
+        self._subscription = node.create_subscription(
+            message_type, source.name, _leave_alone, qos, raw=True,
+            callback_group=_EventsOnly(),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=on_publishers, matched=on_publishers,
+                use_default_callbacks=False))
+        self.topic_name: str = self._subscription.topic_name
+        self._arrival = _Arrival(node, self._subscription, self._receive)
+        node.add_waitable(self._arrival)
+
+    def publisher_count(self) -> int:
+        """Count the publishers that it receives from."""
+        count: int = self._subscription.get_publisher_count()
+        return count
+
+    def drain(self) -> None:
+        """Take what it has received until now."""
+        now = time.time_ns()
+        received = 0
+        while received < now:
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                return
+            self._receive(taken)
+            received = taken[1].received_timestamp
+
+    def destroy(self) -> None:
+        """Receive no more."""
+        if self._node.destroy_subscription(self._subscription):
+            self._node.remove_waitable(self._arrival)
+
+    def _receive(self, taken: Taken) -> None:
+        self._take(self, *taken)
+
+
+class _Arrival(Waitable):
+    """What the executor waits for in place of the subscription, to take without rclpy's copy."""
+
+    def __init__(
+        self, node: Node, subscription: Subscription, receive: Callable[[Taken], None],
+    ) -> None:
+        super().__init__(node.default_callback_group)
+        self._handle = subscription.handle
+        self._receive = receive
+        self._index = 0
+
+    def __enter__(self) -> None:
+        self._handle.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self._handle.__exit__(*error)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities(num_subs=1)
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        self._index = wait_set.add_subscription(self._handle)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        return bool(wait_set.is_ready('subscription', self._index))
+
+    def take_data(self) -> Taken | None:
+        return take_serialized(self._handle)
+
+    async def execute(self, taken_data: Taken | None) -> None:
+        if taken_data is not None:
+            self._receive(taken_data)
+
+
+class _EventsOnly(ReentrantCallbackGroup):
+    """Keeps the executor from taking the messages of a subscription, but not its events."""
+
+    def can_execute(self, entity: object) -> bool:
+        return not isinstance(entity, Subscription)
+
+
+def _leave_alone(_: bytes) -> None:
+    """Take no message: the executor never calls it."""
