@@ -30,7 +30,9 @@ import cv2
 from figures import Figure, read_figures, table
 import numpy as np
 
-BENCHMARKS = ('startup', 'bridge', 'idle', 'recording', 'transport')
+BENCHMARKS = (
+    'startup', 'bridge', 'idle', 'recording', 'transport', 'transport --qos best_effort --runs 3',
+    'transport --rate 60 --runs 3', 'transport --size 3840x2160 --runs 3')
 
 
 def cpu_model() -> str:
@@ -50,11 +52,12 @@ def heading() -> str:
             f'OpenCV {cv2.__version__}')
 
 
-def run(name: str, figures: Path) -> int:
+def run(benchmark: str, figures: Path) -> int:
     """Run a benchmark, which writes its figures to a file; its exit status."""
+    name, *options = benchmark.split()
     script = Path(__file__).resolve().with_name(f'{name}.py')
     # In a session of its own it is ended by one signal, not by that of the terminal as well.
-    process = subprocess.Popen([sys.executable, str(script), '--json', str(figures)],
+    process = subprocess.Popen([sys.executable, str(script), *options, '--json', str(figures)],
                                start_new_session=True)
     try:
         return process.wait()
@@ -74,14 +77,14 @@ def main() -> int:
     figures: list[Figure] = []
     failures: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
-        for name in BENCHMARKS:
-            print(f'--- {name}', flush=True)
-            path = Path(folder) / f'{name}.json'
-            status = run(name, path)
+        for number, benchmark in enumerate(BENCHMARKS):
+            print(f'--- {benchmark}', flush=True)
+            path = Path(folder) / f'{number}.json'
+            status = run(benchmark, path)
             if path.exists():
                 figures += read_figures(path)
             if status not in (0, 1) or not path.exists():  # 1 when it missed a goal, too
-                failures.append(f'{name} did not run: exit status {status}')
+                failures.append(f'{benchmark} did not run: exit status {status}')
             print(flush=True)
     text = '\n\n'.join([heading(), table(figures), *failures])
     print(text)

@@ -38,12 +38,13 @@ from opencv_tools.ros.capture_parameters import (
 )
 from opencv_tools.ros.controls import CameraControls
 from opencv_tools.ros.diagnostics import Condition, Diagnostics
+from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.frame_topics import FrameTopics
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.stamps import Stamper
-from opencv_tools.ros.transport import transport_for_frames
+from opencv_tools.ros.transport import Transport, UNTOUCHED
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo
@@ -57,10 +58,11 @@ _RELEASE_SECONDS = 5
 class ImagePublisher(Node):
     """Publish the frames of a source to ``video_frames``, on a thread of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, transport: Transport = UNTOUCHED) -> None:
         """
         Begin to open the source and to publish.
 
+        :param transport: how frames go to subscribers on this machine.
         :raises ParameterError: a parameter's value cannot be used.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
@@ -70,7 +72,7 @@ class ImagePublisher(Node):
         self._left_out = ''
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
-        self._topics = FrameTopics(self, 'video_frames', self._calibrate(),
+        self._topics = FrameTopics(self, 'video_frames', self._calibrate(), transport,
                                    self._settings['wait_for_subscribers'])
         self.publisher_ = self._topics.images
         self._grabber = Grabber(self._open_source, playback(self._settings), self, self._topics)
@@ -148,21 +150,26 @@ class ImagePublisher(Node):
 
     def _publish(self, frame: Frame | None) -> None:
         """Publish one frame, None if nobody sees it."""
-        if frame is None or not self._topics.is_looking():
-            self._progress.tick('nobody subscribes', self._dropped)
-            self._diagnostics.count()
+        if frame is None:
+            self._note_no_subscriber()
             return
         rendition = Rendition(frame, look(self._settings))
         stamp = self._stamper.stamp(
             frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
         try:
-            self._topics.publish(rendition, stamp, self._settings['frame_id'])
+            if not self._topics.publish(rendition, stamp, self._settings['frame_id']):
+                self._note_no_subscriber()
+                return
             width, height = rendition.size
         except ImageError as err:
             self._leave_out(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(f'{width}x{height} {rendition.encoding}', self._dropped)
+
+    def _note_no_subscriber(self) -> None:
+        self._progress.tick('nobody subscribes', self._dropped)
+        self._diagnostics.count()
 
     def _leave_out(self, err: Exception) -> None:
         """Take note of a frame that cannot be published."""
@@ -257,13 +264,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 when it ended as asked, 1 when the source failed, 2 for bad parameters.
     """
     program = Program(
-        'img_publisher', 'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS)
-    return run(program, _make_publisher, args, failures=())
-
-
-def _make_publisher() -> ImagePublisher:
-    with transport_for_frames():
-        return ImagePublisher()
+        'img_publisher', 'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS,
+        expected_frame_bytes)
+    return run(program, ImagePublisher, args, failures=())
 
 
 if __name__ == '__main__':

@@ -167,7 +167,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     program = Program(
         'img_subscriber', 'Write the frames on video_frames to files.', PARAMETERS)
-    return run(program, ImageSubscriber, args, failures=(RecordingError,))
+    return run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
 
 
 if __name__ == '__main__':

@@ -24,7 +24,7 @@ import stat
 
 import cv2
 from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
-from opencv_tools.capture.modes import CameraRequest, NO_WISHES
+from opencv_tools.capture.modes import CameraRequest, NO_WISHES, USUAL_SIZE
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.stream import StreamSource
@@ -80,6 +80,31 @@ def open_source(
     if '://' in text:
         return _open_url(text, timeout)
     return _open_path(Path(text).expanduser())
+
+
+def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, int] | None:
+    """
+    Tell how large the frames of a source will be, before it is opened to be shown.
+
+    :param text: as for :func:`open_source`.
+    :param request: what is wanted of a camera, which may give something else.
+    :returns: width and height; None for a stream.
+    :raises CaptureError: a file cannot be read.
+    :raises ValueError: see :func:`check_source`.
+    """
+    if _is_pattern(text):
+        spec = parse_pattern(text)
+        return spec.width, spec.height
+    if is_camera(text):
+        return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
+    if '://' in text:
+        return None
+    source = open_source(text)
+    try:
+        frame = None if source.live else source.read()
+    finally:
+        source.close()
+    return (frame.image.shape[1], frame.image.shape[0]) if frame else None
 
 
 def _is_pattern(text: str) -> bool:

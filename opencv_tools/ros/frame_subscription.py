@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import CdrError
 from opencv_tools.recording.trouble import Log
-from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource, FrameSources
+from opencv_tools.ros.frame_sources import FrameSource, FrameSources
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.rcl import MessageInfo

@@ -27,6 +27,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.rcl import publish_image
+from opencv_tools.ros.transport import Transport
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -44,17 +45,24 @@ class FrameTopics:
     The topics beside that of the images are where image_transport has them.
     """
 
-    def __init__(self, node: Node, topic: str, calibration: Calibration, subscribers: int) -> None:
+    def __init__(
+        self, node: Node, topic: str, calibration: Calibration, transport: Transport,
+        subscribers: int,
+    ) -> None:
         """
         Create the publishers.
 
         :param node: the node that publishes.
         :param topic: of the images.
         :param calibration: of the camera.
+        :param transport: how frames go to subscribers on this machine.
         :param subscribers: how many are awaited before the first frame.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration
+        self._transport = transport
+        self._log = node.get_logger()
+        self._largest = 0  # bytes of a frame
         self._bridge = CvBridge()
         base = node.resolve_topic_name(topic)
         self.images = create_frame_publisher(node, Image, topic)
@@ -80,29 +88,34 @@ class FrameTopics:
         """Tell whether anybody subscribes."""
         return any(_count(publisher) for publisher in self._publishers())
 
-    def publish(self, rendition: Rendition, stamp: Time, frame_id: str) -> None:
+    def publish(self, rendition: Rendition, stamp: Time, frame_id: str) -> bool:
         """
-        Publish a frame wherever somebody subscribes.
+        Publish a frame wherever somebody subscribes, the pixels first, for they are quick.
 
         :param rendition: the frame.
         :param stamp: its time.
         :param frame_id: the coordinate frame of the camera.
+        :returns: whether anybody subscribes.
         :raises ImageError: the frame is no picture, or cannot be what is wanted.
         """
         header = Header(stamp=stamp, frame_id=frame_id)
         failure: ImageError | None = None
-        if _count(self._compressed):
-            try:
-                self._compressed.publish(_compressed_cdr(rendition, header))
-            except ImageError as err:
-                failure = err  # of a frame that is no picture for a JPEG the pixels may still go
-        if _count(self._infos):
-            self._infos.publish(self.calibration.message(header, *rendition.size))
-        if _count(self.images):
-            publish_image(self.images.handle, self._bridge.cv2_to_wire(
-                rendition.image, rendition.encoding, header))
+        to_images, to_compressed, to_infos = (
+            _count(publisher) > 0 for publisher in self._publishers())
+        try:
+            if to_images:
+                self._check_room(rendition.image.nbytes)
+                publish_image(self.images.handle, self._bridge.cv2_to_wire(
+                    rendition.image, rendition.encoding, header))
+            if to_infos:
+                self._infos.publish(self.calibration.message(header, *rendition.size))
+        except ImageError as err:
+            failure = err  # what cannot be read may still go as its camera has compressed it
+        if to_compressed:
+            self._compressed.publish(_compressed_cdr(rendition, header))
         if failure:
             raise failure
+        return to_images or to_compressed or to_infos
 
     def flush(self, seconds: float) -> bool:
         """
@@ -114,6 +127,14 @@ class FrameTopics:
         confirmed = [publisher.wait_for_all_acked(Duration(seconds=seconds))
                      for publisher in self._publishers()]
         return all(confirmed)
+
+    def _check_room(self, frame_bytes: int) -> None:
+        """Say it when frames have become too large for the shared memory."""
+        if frame_bytes > self._largest:
+            self._largest = frame_bytes
+            misfit = self._transport.misfit(frame_bytes)
+            if misfit:
+                self._log.warning(misfit)
 
     def _publishers(self) -> tuple[Publisher, ...]:
         return self.images, self._compressed, self._infos

@@ -27,6 +27,7 @@ from types import FrameType
 from typing import Protocol
 
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
+from opencv_tools.ros.transport import HELP, Transport, transport_for_frames
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -47,11 +48,19 @@ _PATIENCE_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Program:
-    """What ``--help`` says of an executable: its name, what it does, its parameters."""
+    """
+    What ``--help`` says of an executable, and what is known of it before its node is there.
+
+    :param name: of the executable.
+    :param description: what it does.
+    :param parameters: of its node.
+    :param frame_bytes: tells from the command line how large the frames are that it will publish.
+    """
 
     name: str
     description: str
     parameters: Sequence[Parameter]
+    frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
 
 
 class Runnable(Protocol):
@@ -72,14 +81,14 @@ class Runnable(Protocol):
 
 
 def run(
-    program: Program, make_node: Callable[[], Runnable], args: Sequence[str] | None,
+    program: Program, make_node: Callable[[Transport], Runnable], args: Sequence[str] | None,
     failures: tuple[type[Exception], ...],
 ) -> int:
     """
     Run a node until it is done, Ctrl-C or SIGTERM.
 
     :param program: the executable.
-    :param make_node: makes the node, once ROS is up.
+    :param make_node: makes the node, once ROS is up, and is told how frames go.
     :param args: command line with the program's name first; None for the process's own.
     :param failures: what making the node raises, with a sentence for the user, when it cannot do
         its job.
@@ -90,8 +99,11 @@ def run(
     signals = _Signals()
     try:
         _parse_arguments(remove_ros_args(args), program)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        return _run(make_node, signals)
+        with transport_for_frames(program.frame_bytes(args)) as transport:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            logger.debug(transport.remark)
+            node = make_node(transport)
+        return _run(node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
         return BAD_USAGE
@@ -141,12 +153,11 @@ def _parse_arguments(args: list[str], program: Program) -> None:
         prog=program.name, description=program.description,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{program.name} [--ros-args -p NAME:=VALUE ...]',
-        epilog=f'parameters [default]:\n{describe_parameters(program.parameters)}')
+        epilog=f'parameters [default]:\n{describe_parameters(program.parameters)}\n\n{HELP}')
     parser.parse_args(args[1:])
 
 
-def _run(make_node: Callable[[], Runnable], signals: _Signals) -> int:
-    node = make_node()
+def _run(node: Runnable, signals: _Signals) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.done.add_done_callback(lambda _: executor.wake())

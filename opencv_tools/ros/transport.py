@@ -12,38 +12,68 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fast DDS set up for frames: room for whole ones in shared memory, and quick heartbeats."""
+"""Fast DDS and malloc set up for frames, unless the user has set them up otherwise."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import ctypes
+from dataclasses import dataclass
 import os
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
-_SHARED_MEMORY = Path('/dev/shm')
-_SEGMENT_BYTES = 64 << 20
-_LEAST_SEGMENT_BYTES = 16 << 20
+from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments, SHARED_MEMORY
+
+#: What ``--help`` says of it.
+HELP = ('environment:\n'
+        '  OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc as they are, and lose frames')
+
+_MB = 1 << 20
+# Frames that lie in shared memory at the same time, and those without which some are lost.
+_FRAMES = 8
+_LEAST_FRAMES = 3
+_LEAST_SEGMENT = 16 * _MB
+_LARGEST_SEGMENT = 256 * _MB
 
 # How often subscribers are asked what they miss. Fast DDS's own 3 s is how long a lost frame, or
 # the confirmation of the last one, may take.
 _HEARTBEAT_NANOSECONDS = 100_000_000
 
+# Parameters of mallopt(3), and what keeps glibc from giving the memory of a frame back to the
+# kernel, which gives it out again page by page.
+_M_TRIM_THRESHOLD = -1
+_M_TOP_PAD = -2
+_M_MMAP_THRESHOLD = -3
+_KEPT_BYTES = 256 * _MB
+_PADDING_BYTES = 64 * _MB
+
 # What a user may have set; then nothing is touched.
-_PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 _USER_VARIABLES = (
-    _PROFILE_VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+    'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS')
 _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">{participant}
+  <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
+    <times>
+      <heartbeatPeriod>
+        <sec>0</sec>
+        <nanosec>{heartbeat}</nanosec>
+      </heartbeatPeriod>
+    </times>
+  </data_writer>
+</profiles>
+"""
+_PARTICIPANT = """
   <transport_descriptors>
     <transport_descriptor>
       <transport_id>shared_memory</transport_id>
       <type>SHM</type>
       <segment_size>{segment}</segment_size>
-      <maxMessageSize>{message}</maxMessageSize>
+      <maxMessageSize>{segment}</maxMessageSize>
     </transport_descriptor>
     <transport_descriptor>
       <transport_id>udp</transport_id>
@@ -58,58 +88,122 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
       </userTransports>
       <useBuiltinTransports>false</useBuiltinTransports>
     </rtps>
-  </participant>
-  <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
-    <times>
-      <heartbeatPeriod>
-        <sec>0</sec>
-        <nanosec>{heartbeat}</nanosec>
-      </heartbeatPeriod>
-    </times>
-  </data_writer>
-</profiles>
-"""
+  </participant>"""
+
+
+@dataclass(frozen=True)
+class Transport:
+    """
+    How frames go to the subscribers on this machine.
+
+    :param remark: what was set up and why, in a sentence.
+    :param segment: bytes of shared memory for frames; None where it is the user's choice.
+    :param room: bytes of shared memory that were free.
+    """
+
+    remark: str
+    segment: int | None = None
+    room: int = 0
+
+    def misfit(self, frame_bytes: int) -> str:
+        """
+        Say why frames will be late or lost, and what helps.
+
+        :param frame_bytes: of each frame.
+        :returns: a sentence, '' where they fit.
+        """
+        if self.segment is None or self.segment >= _LEAST_FRAMES * frame_bytes:
+            return ''
+        wanted = _wanted_segment(frame_bytes)
+        if self.room >= 2 * wanted:
+            return (f'the shared memory of {_in_mb(self.segment)} that was reserved at the start '
+                    f'is small for frames of {_in_mb(frame_bytes)}, which may come late or not at '
+                    'all: start the node with the size that it publishes')
+        return (f'{SHARED_MEMORY} had {_in_mb(self.room)} free, which is little for frames of '
+                f'{_in_mb(frame_bytes)}: they may come late or not at all; give it '
+                f'{_in_mb(2 * wanted)}, in Docker with --shm-size={2 * wanted // _MB}m or '
+                '--ipc=host')
+
+
+UNTOUCHED = Transport('nothing was set up')
 
 
 @contextmanager
-def transport_for_frames() -> Iterator[None]:
+def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     """
-    Give a publisher a shared-memory segment that holds several frames, and quick heartbeats.
+    Give a process shared memory that holds several frames, quick heartbeats, and kept memory.
 
     Fast DDS's own segment of 512 KB is smaller than one frame, so that frames are cut into pieces
     that do not fit, and are lost or late. The profile counts for a process's first node, which has
     to be made inside the block.
     Nothing is touched when the user has configured Fast DDS, uses another middleware or has set
-    ``OPENCV_TOOLS_TRANSPORT=default``, nor when /dev/shm is too small.
+    ``OPENCV_TOOLS_TRANSPORT=default``.
+
+    :param frame_bytes: of each frame that will be published, as far as it is known; 0 for none.
+    :returns: what was set up.
     """
-    segment = 0 if _is_configured() else _affordable_segment()
-    if not segment:
-        yield
+    reason = _user_choice()
+    if reason:
+        yield Transport(f'Fast DDS and malloc are left as they are: {reason}')
         return
-    with NamedTemporaryFile('w', dir=_SHARED_MEMORY, suffix='.xml') as profile:
-        profile.write(_PROFILE.format(
-            segment=segment, message=segment // 2, heartbeat=_HEARTBEAT_NANOSECONDS))
-        profile.flush()
-        os.environ[_PROFILE_VARIABLE] = profile.name
+    _keep_memory()
+    removed = remove_dead_segments()
+    room = free_bytes()
+    segment = _affordable_segment(frame_bytes, room)
+    remark = (f'{_in_mb(segment)} of shared memory for frames of {_in_mb(frame_bytes)}, as '
+              f'{_in_mb(room)} of {SHARED_MEMORY} are free; {removed} dead segments removed')
+    participant = _PARTICIPANT.format(segment=segment) if segment else ''
+    with _profile(_PROFILE.format(participant=participant, heartbeat=_HEARTBEAT_NANOSECONDS)):
+        yield Transport(remark, segment, room)
+
+
+def _user_choice() -> str:
+    """Say why the transport is not ours to choose, '' when it is."""
+    if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
+        return 'OPENCV_TOOLS_TRANSPORT is default'
+    middleware = os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
+    if middleware != 'rmw_fastrtps_cpp':
+        return f'RMW_IMPLEMENTATION is {middleware}'
+    for variable in _USER_VARIABLES:
+        if os.environ.get(variable):
+            return f'{variable} is set'
+    return next((f'there is {name}' for name in _USER_FILES if Path(name).exists()), '')
+
+
+def _wanted_segment(frame_bytes: int) -> int:
+    usual = min(max(_FRAMES * frame_bytes, _LEAST_SEGMENT), _LARGEST_SEGMENT)
+    return max(usual, _LEAST_FRAMES * frame_bytes)
+
+
+def _affordable_segment(frame_bytes: int, room: int) -> int:
+    """Give the segment's size: at most half of what is free, 0 when too few frames would fit."""
+    segment = min(_wanted_segment(frame_bytes), room // 2) if frame_bytes else 0
+    return segment if segment >= _LEAST_FRAMES * frame_bytes else 0
+
+
+@contextmanager
+def _profile(text: str) -> Iterator[None]:
+    """Let Fast DDS read a profile, from a file that is gone then."""
+    variable = _USER_VARIABLES[0]
+    folder = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
+    with NamedTemporaryFile('w', dir=folder, prefix='opencv_tools_', suffix='.xml') as file:
+        file.write(text)
+        file.flush()
+        os.environ[variable] = file.name
         try:
             yield
         finally:
-            del os.environ[_PROFILE_VARIABLE]
+            del os.environ[variable]
 
 
-def _is_configured() -> bool:
-    """Tell whether the transport is not ours to choose."""
-    return (
-        os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default'
-        or os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp') != 'rmw_fastrtps_cpp'
-        or any(os.environ.get(variable) for variable in _USER_VARIABLES)
-        or any(Path(name).exists() for name in _USER_FILES))
+def _keep_memory() -> None:
+    """Let malloc keep what is freed; where there is no glibc, malloc has its own way."""
+    mallopt = getattr(ctypes.CDLL(None), 'mallopt', None)
+    if mallopt:
+        mallopt(_M_MMAP_THRESHOLD, _KEPT_BYTES)
+        mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
+        mallopt(_M_TOP_PAD, _PADDING_BYTES)
 
 
-def _affordable_segment() -> int:
-    """Give the segment's size in bytes: at most half of what is free, 0 when that is little."""
-    if not os.access(_SHARED_MEMORY, os.W_OK):
-        return 0
-    status = os.statvfs(_SHARED_MEMORY)
-    segment = min(_SEGMENT_BYTES, status.f_bavail * status.f_frsize // 2)
-    return segment if segment >= _LEAST_SEGMENT_BYTES else 0
+def _in_mb(size: int) -> str:
+    return f'{size / _MB:.3g} MB'

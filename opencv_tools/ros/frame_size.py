@@ -1,0 +1,75 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How large frames will be, by a command line, before there is a node to ask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.source import expected_size
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.ros.capture_parameters import camera_request, PARAMETERS
+import yaml
+
+_UNKNOWN_SIZE = (1920, 1080)
+_COLOUR = 'bgr8'
+
+
+def expected_frame_bytes(args: Sequence[str]) -> int:
+    """
+    Guess the bytes of the frames that ``img_publisher`` will publish.
+
+    A pattern's and a camera's size is told, of a file the first frame is read; of a stream, or
+    where anything is wrong, which the node will say, it is that of 1920x1080 in colour.
+
+    :param args: the command line.
+    :returns: bytes of a frame, more than 0.
+    """
+    try:
+        values = {parameter.name: parameter.default for parameter in PARAMETERS}
+        values.update(_given_parameters(args))
+        size = expected_size(str(values['source']), camera_request(values, ()))
+        width, height = size or _UNKNOWN_SIZE
+        pixel_bytes = find_encoding(str(values['encoding']) or _COLOUR).pixel_bytes
+        return max(1, int(width * height * pixel_bytes))
+    except (CaptureError, ImageError, OSError, TypeError, ValueError, yaml.YAMLError):
+        return _UNKNOWN_SIZE[0] * _UNKNOWN_SIZE[1] * find_encoding(_COLOUR).pixel_bytes
+
+
+def _given_parameters(args: Sequence[str]) -> dict[str, Any]:
+    """Gather the parameters of a command line and of its files, whatever node they are for."""
+    values: dict[str, Any] = {}
+    for option, value in pairwise(args):
+        if option in ('-p', '--param'):
+            name, _, text = value.partition(':=')
+            values[name.rpartition(':')[2]] = yaml.safe_load(text)
+        elif option == '--params-file':
+            for parameters in _sections(yaml.safe_load(Path(value).read_text())):
+                values.update(parameters)
+    return values
+
+
+def _sections(content: Any) -> Iterator[dict[str, Any]]:
+    """Find what a parameter file has for nodes, at any depth."""
+    for name, value in content.items() if isinstance(content, dict) else ():
+        if name == 'ros__parameters':
+            yield value
+        else:
+            yield from _sections(value)
