@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
 from dataclasses import dataclass
+import math
 import os
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -36,6 +37,10 @@ _FRAMES = 8
 _LEAST_FRAMES = 3
 _LEAST_SEGMENT = 16 * _MB
 _LARGEST_SEGMENT = 256 * _MB
+_USUAL_SEGMENT = _MB // 2  # what Fast DDS takes for small messages
+
+# Asked of the kernel for each socket; it gives what net.core.rmem_max and wmem_max allow.
+_SOCKET_BYTES = 4 * _MB
 
 # How often subscribers are asked what they miss. Fast DDS's own 3 s is how long a lost frame, or
 # the confirmation of the last one, may take.
@@ -56,7 +61,23 @@ _USER_VARIABLES = (
 _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">{participant}
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors>{shared_memory}
+    <transport_descriptor>
+      <transport_id>udp</transport_id>
+      <type>UDPv4</type>
+      <sendBufferSize>{socket}</sendBufferSize>
+      <receiveBufferSize>{socket}</receiveBufferSize>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="opencv_tools" is_default_profile="true">
+    <rtps>
+      <userTransports>{transports}
+        <transport_id>udp</transport_id>
+      </userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>
   <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
     <times>
       <heartbeatPeriod>
@@ -67,28 +88,14 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
   </data_writer>
 </profiles>
 """
-_PARTICIPANT = """
-  <transport_descriptors>
+_SHARED_MEMORY = """
     <transport_descriptor>
       <transport_id>shared_memory</transport_id>
       <type>SHM</type>
       <segment_size>{segment}</segment_size>
-      <maxMessageSize>{segment}</maxMessageSize>
-    </transport_descriptor>
-    <transport_descriptor>
-      <transport_id>udp</transport_id>
-      <type>UDPv4</type>
-    </transport_descriptor>
-  </transport_descriptors>
-  <participant profile_name="opencv_tools" is_default_profile="true">
-    <rtps>
-      <userTransports>
-        <transport_id>shared_memory</transport_id>
-        <transport_id>udp</transport_id>
-      </userTransports>
-      <useBuiltinTransports>false</useBuiltinTransports>
-    </rtps>
-  </participant>"""
+    </transport_descriptor>"""
+_TRANSPORT = """
+        <transport_id>shared_memory</transport_id>"""
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,8 @@ class Transport:
     How frames go to the subscribers on this machine.
 
     :param remark: what was set up and why, in a sentence.
-    :param segment: bytes of shared memory for frames; None where it is the user's choice.
+    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that is
+        the user's choice.
     :param room: bytes of shared memory that were free.
     """
 
@@ -114,14 +122,14 @@ class Transport:
         """
         if self.segment is None or self.segment >= _LEAST_FRAMES * frame_bytes:
             return ''
-        wanted = _wanted_segment(frame_bytes)
-        if self.room >= 2 * wanted:
+        wanted = 2 * _wanted_segment(frame_bytes)
+        if self.room >= wanted:
             return (f'the shared memory of {_in_mb(self.segment)} that was reserved at the start '
                     f'is small for frames of {_in_mb(frame_bytes)}, which may come late or not at '
                     'all: start the node with the size that it publishes')
         return (f'{SHARED_MEMORY} had {_in_mb(self.room)} free, which is little for frames of '
                 f'{_in_mb(frame_bytes)}: they may come late or not at all; give it '
-                f'{_in_mb(2 * wanted)}, in Docker with --shm-size={2 * wanted // _MB}m or '
+                f'{_in_mb(wanted)}, in Docker with --shm-size={math.ceil(wanted / _MB)}m or '
                 '--ipc=host')
 
 
@@ -131,11 +139,11 @@ UNTOUCHED = Transport('nothing was set up')
 @contextmanager
 def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     """
-    Give a process shared memory that holds several frames, quick heartbeats, and kept memory.
+    Give a process a transport that holds several frames, quick heartbeats, and kept memory.
 
-    Fast DDS's own segment of 512 KB is smaller than one frame, so that frames are cut into pieces
-    that do not fit, and are lost or late. The profile counts for a process's first node, which has
-    to be made inside the block.
+    Fast DDS's own segment of 512 KB is smaller than one frame, so that its pieces do not fit, and
+    frames are lost or late; so are its sockets. The profile counts for a process's first node,
+    which has to be made inside the block.
     Nothing is touched when the user has configured Fast DDS, uses another middleware or has set
     ``OPENCV_TOOLS_TRANSPORT=default``.
 
@@ -150,11 +158,11 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     removed = remove_dead_segments()
     room = free_bytes()
     segment = _affordable_segment(frame_bytes, room)
-    remark = (f'{_in_mb(segment)} of shared memory for frames of {_in_mb(frame_bytes)}, as '
-              f'{_in_mb(room)} of {SHARED_MEMORY} are free; {removed} dead segments removed')
-    participant = _PARTICIPANT.format(segment=segment) if segment else ''
-    with _profile(_PROFILE.format(participant=participant, heartbeat=_HEARTBEAT_NANOSECONDS)):
-        yield Transport(remark, segment, room)
+    with _profile(_describe_profile(segment)):
+        yield Transport(
+            f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
+            f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
+            'malloc keeps the memory of frames', segment, room)
 
 
 def _user_choice() -> str:
@@ -171,14 +179,24 @@ def _user_choice() -> str:
 
 
 def _wanted_segment(frame_bytes: int) -> int:
-    usual = min(max(_FRAMES * frame_bytes, _LEAST_SEGMENT), _LARGEST_SEGMENT)
-    return max(usual, _LEAST_FRAMES * frame_bytes)
+    if not frame_bytes:
+        return _USUAL_SEGMENT
+    return max(min(max(_FRAMES * frame_bytes, _LEAST_SEGMENT), _LARGEST_SEGMENT),
+               _LEAST_FRAMES * frame_bytes)
 
 
 def _affordable_segment(frame_bytes: int, room: int) -> int:
-    """Give the segment's size: at most half of what is free, 0 when too few frames would fit."""
-    segment = min(_wanted_segment(frame_bytes), room // 2) if frame_bytes else 0
-    return segment if segment >= _LEAST_FRAMES * frame_bytes else 0
+    """Give the segment's size: at most half of what is free, 0 when too little would fit."""
+    segment = min(_wanted_segment(frame_bytes), room // 2)
+    return segment if segment >= max(_LEAST_FRAMES * frame_bytes, _USUAL_SEGMENT) else 0
+
+
+def _describe_profile(segment: int) -> str:
+    """Write the profile; a segment that is too small for frames is slower than UDP alone."""
+    return _PROFILE.format(
+        shared_memory=_SHARED_MEMORY.format(segment=segment) if segment else '',
+        transports=_TRANSPORT if segment else '', socket=_SOCKET_BYTES,
+        heartbeat=_HEARTBEAT_NANOSECONDS)
 
 
 @contextmanager
