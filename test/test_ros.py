@@ -12,16 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters, transport and progress: the rooms between the nodes and ROS."""
+"""Parameters and progress: the rooms between the nodes and ROS."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 import re
-import xml.etree.ElementTree as ElementTree
 
-from opencv_tools.ros import transport
 from opencv_tools.ros.parameters import (
     declare_parameters, Parameter, ParameterError, watch_parameters,
 )
@@ -112,63 +108,6 @@ def test_changes_that_go_together_are_taken_together_or_not_at_all(described: No
 def test_values_that_are_refused(index: int, value: object) -> None:
     with pytest.raises(ParameterError, match=f'parameter {TABLE[index].name} is '):
         TABLE[index].accept(value)
-
-
-@pytest.fixture
-def untouched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Take away what a user may have configured."""
-    for variable in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
-                     'FASTDDS_BUILTIN_TRANSPORTS', 'RMW_IMPLEMENTATION', 'OPENCV_TOOLS_TRANSPORT'):
-        monkeypatch.delenv(variable, raising=False)
-    monkeypatch.chdir(tmp_path)
-
-
-def segment_in_use() -> int | None:
-    """Read the segment's size from the profile in force, None when there is none."""
-    path = os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE')
-    if path is None:
-        return None
-    namespace = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
-    return int(ElementTree.parse(path).find(f'.//{namespace}segment_size').text)
-
-
-@pytest.mark.usefixtures('untouched')
-def test_the_segment_holds_several_frames_and_the_profile_goes_away() -> None:
-    with transport.transport_for_frames():
-        path = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'])
-        assert segment_in_use() == 64 << 20
-    assert not path.exists()
-    assert segment_in_use() is None
-
-
-@pytest.mark.usefixtures('untouched')
-@pytest.mark.parametrize(('variable', 'value'), [
-    ('OPENCV_TOOLS_TRANSPORT', 'default'), ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp'),
-    ('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4'), ('FASTDDS_DEFAULT_PROFILES_FILE', '/mine.xml')])
-def test_what_the_user_configured_is_left_alone(
-        monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
-    monkeypatch.setenv(variable, value)
-    with transport.transport_for_frames():
-        assert segment_in_use() is None
-
-
-@pytest.mark.usefixtures('untouched')
-def test_a_profile_in_the_folder_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
-    with transport.transport_for_frames():
-        assert segment_in_use() is None
-
-
-@pytest.mark.usefixtures('untouched')
-@pytest.mark.parametrize(('free', 'segment'), [
-    (64 << 20, 32 << 20), (40 << 20, 20 << 20), (8 << 20, None)])
-def test_a_small_dev_shm_is_not_filled(
-        monkeypatch: pytest.MonkeyPatch, free: int, segment: int | None) -> None:
-    values = list(os.statvfs('/'))
-    values[1], values[4] = 4096, free // 4096  # f_frsize, f_bavail
-    monkeypatch.setattr(os, 'statvfs', lambda path: os.statvfs_result(values))
-    with transport.transport_for_frames():
-        assert segment_in_use() == segment
 
 
 def test_progress_is_said_at_most_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,10 +76,9 @@ def open_source(
     if is_camera(text):
         device = Path(f'/dev/video{int(text)}' if text.isdecimal() else text).expanduser()
         return CameraSource(device, request)
-    text = text[len('file://'):] if text.startswith('file://') else text
-    if '://' in text:
+    if _is_url(text):
         return _open_url(text, timeout)
-    return _open_path(Path(text).expanduser())
+    return _open_path(Path(text.removeprefix('file://')).expanduser())
 
 
 def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, int] | None:
@@ -97,7 +96,7 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
         return spec.width, spec.height
     if is_camera(text):
         return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
-    if '://' in text:
+    if _is_url(text):
         return None
     source = open_source(text)
     try:
@@ -109,6 +108,10 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
 
 def _is_pattern(text: str) -> bool:
     return text == 'pattern' or text.startswith('pattern:')
+
+
+def _is_url(text: str) -> bool:
+    return '://' in text.removeprefix('file://')
 
 
 def _open_url(url: str, timeout: float) -> Source:

@@ -160,9 +160,12 @@ def encode_text(text: str) -> bytes:
     Encode a string of a message.
 
     :returns: UTF-8 without the NUL at its end.
-    :raises CdrError: it has a NUL within.
+    :raises CdrError: it has a NUL within, or what is no character.
     """
-    encoded = text.encode()
+    try:
+        encoded = text.encode()
+    except UnicodeEncodeError as err:
+        raise CdrError(f'{text[:80]!r} cannot be encoded: {err.reason}') from err
     if b'\0' in encoded:
         raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
     return encoded

@@ -46,11 +46,16 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
         values = {parameter.name: parameter.default for parameter in PARAMETERS}
         values.update(_given_parameters(args))
         size = expected_size(str(values['source']), camera_request(values, ()))
-        width, height = size or _UNKNOWN_SIZE
-        pixel_bytes = find_encoding(str(values['encoding']) or _COLOUR).pixel_bytes
-        return max(1, int(width * height * pixel_bytes))
-    except (CaptureError, ImageError, OSError, TypeError, ValueError, yaml.YAMLError):
-        return _UNKNOWN_SIZE[0] * _UNKNOWN_SIZE[1] * find_encoding(_COLOUR).pixel_bytes
+        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, str(values['encoding']) or _COLOUR))
+    except (CaptureError, ImageError, OSError, OverflowError, RecursionError, TypeError,
+            ValueError, yaml.YAMLError):
+        return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
+
+
+def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
+    width, height = size
+    found = find_encoding(encoding)
+    return int(found.rows(height) * width * found.pixel_bytes)
 
 
 def _given_parameters(args: Sequence[str]) -> dict[str, Any]:

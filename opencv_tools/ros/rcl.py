@@ -25,11 +25,13 @@ sensor_msgs/Image.
 from __future__ import annotations
 
 import ctypes
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import encode_text, WireImage
+# Imported first, it loads the libraries below from where they are.
+from rclpy.impl.implementation_singleton import rclpy_implementation
 
 _OK = 0
 _NOTHING_TAKEN = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
@@ -41,18 +43,6 @@ _rcutils = ctypes.CDLL('librcutils.so')
 _free = ctypes.CDLL(None).free
 _free.argtypes = [ctypes.c_void_p]
 _free.restype = None
-
-
-class Handle(Protocol):
-    """The handle of an rclpy publisher or subscription, in use within its context."""
-
-    pointer: int
-
-    def __enter__(self) -> Any:
-        """Keep it from being destroyed."""
-
-    def __exit__(self, *_: object) -> None:
-        """Let it be destroyed."""
 
 
 class _String(ctypes.Structure):
@@ -131,12 +121,13 @@ _rcutils.rcutils_get_default_allocator.restype = _Allocator
 _rcutils.rcutils_get_error_string.restype = _ErrorText
 
 
-def publish_image(publisher: Handle, image: WireImage) -> None:
+def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -> None:
     """
     Publish an image message; the middleware copies its data once, to keep them.
 
-    :param publisher: of sensor_msgs/Image.
-    :param image: the message; its data are contiguous and are not written to meanwhile.
+    :param publisher: the handle of a publisher of sensor_msgs/Image.
+    :param image: the message; its numbers fit their fields, its data are contiguous and are not
+        written to meanwhile.
     :raises CdrError: a string that the message cannot hold.
     :raises RuntimeError: the middleware could not publish it.
     """
@@ -149,11 +140,13 @@ def publish_image(publisher: Handle, image: WireImage) -> None:
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
 
-def take_serialized(subscription: Handle) -> tuple[NDArray[np.uint8], MessageInfo] | None:
+def take_serialized(
+    subscription: rclpy_implementation.Subscription,
+) -> tuple[NDArray[np.uint8], MessageInfo] | None:
     """
     Take a message as it came over the wire.
 
-    :param subscription: of any type.
+    :param subscription: the handle of a subscription of any type.
     :returns: its bytes, (n,) uint8 and read-only, and what is known of it; None if there is none.
     :raises RuntimeError: the middleware could not give it.
     """

@@ -39,7 +39,8 @@ _LEAST_SEGMENT = 16 * _MB
 _LARGEST_SEGMENT = 256 * _MB
 _USUAL_SEGMENT = _MB // 2  # what Fast DDS takes for small messages
 
-# Asked of the kernel for each socket; it gives what net.core.rmem_max and wmem_max allow.
+# Asked of the kernel for what comes over UDP; it gives what net.core.rmem_max allows. As much to
+# send from would let a slow link choke on what is sent again.
 _SOCKET_BYTES = 4 * _MB
 
 # How often subscribers are asked what they miss. Fast DDS's own 3 s is how long a lost frame, or
@@ -61,23 +62,7 @@ _USER_VARIABLES = (
 _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <transport_descriptors>{shared_memory}
-    <transport_descriptor>
-      <transport_id>udp</transport_id>
-      <type>UDPv4</type>
-      <sendBufferSize>{socket}</sendBufferSize>
-      <receiveBufferSize>{socket}</receiveBufferSize>
-    </transport_descriptor>
-  </transport_descriptors>
-  <participant profile_name="opencv_tools" is_default_profile="true">
-    <rtps>
-      <userTransports>{transports}
-        <transport_id>udp</transport_id>
-      </userTransports>
-      <useBuiltinTransports>false</useBuiltinTransports>
-    </rtps>
-  </participant>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">{participant}
   <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
     <times>
       <heartbeatPeriod>
@@ -88,14 +73,24 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
   </data_writer>
 </profiles>
 """
-_SHARED_MEMORY = """
+_PARTICIPANT = """
+  <transport_descriptors>{descriptors}
+  </transport_descriptors>
+  <participant profile_name="opencv_tools" is_default_profile="true">
+    <rtps>
+      <userTransports>{names}
+      </userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>"""
+_NAME = """
+        <transport_id>{name}</transport_id>"""
+_DESCRIPTOR = """
     <transport_descriptor>
-      <transport_id>shared_memory</transport_id>
-      <type>SHM</type>
-      <segment_size>{segment}</segment_size>
+      <transport_id>{name}</transport_id>
+      <type>{name}</type>
+      <{option}>{value}</{option}>
     </transport_descriptor>"""
-_TRANSPORT = """
-        <transport_id>shared_memory</transport_id>"""
 
 
 @dataclass(frozen=True)
@@ -193,10 +188,22 @@ def _affordable_segment(frame_bytes: int, room: int) -> int:
 
 def _describe_profile(segment: int) -> str:
     """Write the profile; a segment that is too small for frames is slower than UDP alone."""
+    transports = []
+    if segment:
+        transports.append({'name': 'SHM', 'option': 'segment_size', 'value': segment})
+    if not _is_local():
+        transports.append({'name': 'UDPv4', 'option': 'receiveBufferSize', 'value': _SOCKET_BYTES})
+    participant = _PARTICIPANT.format(
+        descriptors=''.join(_DESCRIPTOR.format(**transport) for transport in transports),
+        names=''.join(_NAME.format(**transport) for transport in transports))
     return _PROFILE.format(
-        shared_memory=_SHARED_MEMORY.format(segment=segment) if segment else '',
-        transports=_TRANSPORT if segment else '', socket=_SOCKET_BYTES,
-        heartbeat=_HEARTBEAT_NANOSECONDS)
+        participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS)
+
+
+def _is_local() -> bool:
+    """Tell whether rmw_fastrtps adds a UDP transport of its own; a second would send all twice."""
+    return (os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
+            or os.environ.get('ROS_LOCALHOST_ONLY') == '1')
 
 
 @contextmanager

@@ -1,0 +1,118 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Receive frames until SIGINT or SIGTERM, then print the checksums of each node's as JSON."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import json
+import signal
+from threading import Event, Thread
+import time
+from typing import Any
+import zlib
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image
+
+TOPIC = 'video_frames'
+QUIET_SECONDS = 0.3  # after the last frame; then no more are on their way
+DRAIN_SECONDS = 3.0  # at most
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+Subscribe = Callable[[Node, Callable[[Any], None]], object]
+
+
+class Receiver(Thread):
+    """A node with a context of its own, so that to the middleware it is another process."""
+
+    def __init__(self, subscribe: Subscribe, ended: Event) -> None:
+        super().__init__()
+        self.checksums: list[int] = []
+        self._ended = ended
+        self._quiet_at = 0.0
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self._node = Node('frame_counter', context=self._context)
+        self._subscription = subscribe(self._node, self._take)
+
+    def run(self) -> None:
+        """Receive until the end, and what is on its way then."""
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        while not self._ended.is_set():
+            executor.spin_once(timeout_sec=0.1)
+        ends_at = time.monotonic() + DRAIN_SECONDS
+        while time.monotonic() < min(self._quiet_at, ends_at):
+            executor.spin_once(timeout_sec=0.1)
+        executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def _take(self, message: Any) -> None:
+        self.checksums.append(zlib.crc32(message.data))
+        self._quiet_at = time.monotonic() + QUIET_SECONDS
+
+
+@contextmanager
+def plain(best_effort: bool) -> Iterator[Subscribe]:
+    """Subscribe as the tutorials of ROS do, with nothing of the package."""
+    qos = QoSProfile(depth=10)
+    if best_effort:
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    yield lambda node, take: node.create_subscription(Image, TOPIC, take, qos)
+
+
+@contextmanager
+def ours(_: bool) -> Iterator[Subscribe]:
+    """Subscribe as img_subscriber does."""
+    # Not at the top, so that a plain process has nothing of the package.
+    from opencv_tools.ros.frame_subscription import FrameSubscription
+    from opencv_tools.ros.transport import transport_for_frames
+
+    def _refuse(err: Exception) -> None:
+        raise err
+
+    with transport_for_frames(0):
+        yield lambda node, take: FrameSubscription(
+            node, TOPIC, 'raw', False, node.get_logger(), lambda frame, _: take(frame), _refuse)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('kind', choices=('plain', 'ours'))
+    parser.add_argument('--nodes', type=int, default=1)
+    parser.add_argument('--best-effort', action='store_true')
+    arguments = parser.parse_args()
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    ended = Event()
+    with {'plain': plain, 'ours': ours}[arguments.kind](arguments.best_effort) as subscribe:
+        receivers = [Receiver(subscribe, ended) for _ in range(arguments.nodes)]
+    for receiver in receivers:
+        receiver.start()
+    signal.sigwait(SIGNALS)
+    ended.set()
+    for receiver in receivers:
+        receiver.join()
+    print(json.dumps([receiver.checksums for receiver in receivers]))
+
+
+if __name__ == '__main__':
+    main()

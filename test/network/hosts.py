@@ -1,0 +1,139 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hosts on this machine: each has a network and a /dev/shm of its own, and a cable joins two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+from pathlib import Path
+import subprocess
+
+INTERFACE = 'eth0'
+TIMEOUT = 10.0  # seconds that a command may last
+
+# A host lasts as long as a process in it. This one ends with its input: with us at the latest.
+_KEEPER = """
+mount -t tmpfs -o size="$1" tmpfs /dev/shm && ip link set lo up && echo ready && exec cat
+"""
+
+# What netem would do, which not every kernel has. One of a thousand is lost as it comes in, of
+# datagrams or of the packets that a large one travels in.
+LOSSES = {
+    'datagrams': 'table inet faults { counter lost { }; chain in { type filter hook input '
+                 f'priority 0; iifname {INTERFACE} numgen random mod 1000 0 '
+                 'counter name lost drop; }; }',
+    'packets': 'table inet faults { counter lost { }; chain in { type filter hook ingress '
+               f'device {INTERFACE} priority 0; numgen random mod 1000 0 '
+               'counter name lost drop; }; }',
+}
+
+
+class Host:
+    """What runs in it sees a machine of its own, but for the files and the processes."""
+
+    def __init__(self, address: str = '127.0.0.1', shared_memory: str = '256m') -> None:
+        """
+        Begin with no network but ``lo``.
+
+        :param address: what the host will have on a cable.
+        :param shared_memory: the size of /dev/shm, as ``mount`` reads it.
+        """
+        self.address = address
+        self._keeper = subprocess.Popen(
+            ['unshare', '--net', '--mount', '--propagation', 'private',
+             'sh', '-c', _KEEPER, 'sh', shared_memory],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._keeper.stdout is not None
+        assert self._keeper.stdout.readline() == b'ready\n', 'the host did not start'
+
+    @property
+    def pid(self) -> int:
+        return self._keeper.pid
+
+    @property
+    def within(self) -> tuple[str, ...]:
+        """Give what stands before a command that runs there."""
+        return 'nsenter', '--target', str(self.pid), '--net', '--mount'
+
+    @property
+    def shared_memory(self) -> Path:
+        """Give its /dev/shm, seen from here."""
+        return Path(f'/proc/{self.pid}/root/dev/shm')
+
+    def run(self, *command: str, text: str = '') -> str:
+        """Run a command there, with a text as its input; what it prints."""
+        return subprocess.run(
+            [*self.within, *command], input=text, check=True, text=True, stdout=subprocess.PIPE,
+            timeout=TIMEOUT).stdout
+
+    def apply_rules(self, rules: str) -> None:
+        """Drop packets as rules of nftables say."""
+        self.run('nft', '-f', '-', text=rules)
+
+    def connect(self) -> None:
+        """Take the cable into use, after it was out of use too; it is the only way out."""
+        self.run('ip', 'link', 'set', INTERFACE, 'up')
+        self.run('ip', 'route', 'replace', 'default', 'dev', INTERFACE)
+
+    def disconnect(self) -> None:
+        """Take the cable out of use."""
+        self.run('ip', 'link', 'set', INTERFACE, 'down')
+
+    def sent_bytes(self) -> int:
+        """Count what went into the cable."""
+        shown, = json.loads(self.run(
+            'ip', '-json', '-statistics', 'link', 'show', 'dev', INTERFACE))
+        return int(shown['stats64']['tx']['bytes'])
+
+    def lost(self) -> int:
+        """Count what came out of the cable and was dropped by ``LOSSES``."""
+        listed = json.loads(self.run('nft', '--json', 'list', 'counter', 'inet', 'faults', 'lost'))
+        return sum(entry['counter']['packets'] for entry in listed['nftables']
+                   if 'counter' in entry)
+
+    def close(self) -> None:
+        """Let go of it: it ends with the last process in it."""
+        self._keeper.communicate(timeout=TIMEOUT)
+
+
+@contextmanager
+def new_host(address: str = '127.0.0.1', shared_memory: str = '256m') -> Iterator[Host]:
+    """Give a host for as long as the block lasts."""
+    host = Host(address, shared_memory)
+    try:
+        yield host
+    finally:
+        host.close()
+
+
+@contextmanager
+def two_hosts(loss: str) -> Iterator[tuple[Host, Host]]:
+    """
+    Give two hosts at the ends of a cable of 100 Mbit/s that loses one in a thousand.
+
+    :param loss: of what, in ``LOSSES``.
+    """
+    with new_host('10.77.0.1') as near, new_host('10.77.0.2') as far:
+        near.run('ip', 'link', 'add', INTERFACE, 'type', 'veth',
+                 'peer', 'name', INTERFACE, 'netns', str(far.pid))
+        for host in (near, far):
+            host.run('ip', 'address', 'add', f'{host.address}/24', 'dev', INTERFACE)
+            host.connect()
+            host.run('tc', 'qdisc', 'add', 'dev', INTERFACE, 'root',
+                     'tbf', 'rate', '100mbit', 'burst', '128kb', 'latency', '100ms')
+            host.apply_rules(LOSSES[loss])
+        yield near, far

@@ -1,0 +1,58 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Run the tests of networks: python run.py [arguments for pytest].
+
+They make hosts of namespaces on this machine, which only root may, and cables with the tools of
+Debian's iproute2 and nftables.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+import sys
+
+import pytest
+
+TOOLS = {'ip': 'iproute2', 'tc': 'iproute2', 'nft': 'nftables', 'nsenter': 'util-linux',
+         'unshare': 'util-linux'}
+
+
+def describe_missing() -> str:
+    """Say in a sentence what is missing here and how to get it, or ''."""
+    if os.geteuid() != 0:
+        return 'the tests make network namespaces, which only root may: sudo make test-network'
+    missing = [name for name in TOOLS if shutil.which(name) is None]
+    if not missing:
+        return ''
+    verb = 'is' if len(missing) == 1 else 'are'
+    packages = ' '.join(dict.fromkeys(TOOLS[name] for name in missing))
+    return f'{", ".join(missing)} {verb} missing: sudo apt install {packages}'
+
+
+def main() -> int:
+    os.environ['PATH'] += ':/usr/sbin:/sbin'  # where Debian keeps the tools
+    sentence = describe_missing()
+    if sentence:
+        print(sentence, file=sys.stderr)
+        return 1
+    os.environ['OPENCV_TOOLS_NETWORK'] = '1'
+    return pytest.main(['-q', str(Path(__file__).parent), *sys.argv[1:]])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

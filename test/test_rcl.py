@@ -1,0 +1,189 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages given to rcl and taken from it without rclpy's copies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+import time
+
+from conftest import DEADLINE, spin_until
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import cdr_to_image, CdrError, WireImage
+from opencv_tools.ros.rcl import MessageInfo, publish_image, take_serialized
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+MB = 1 << 20
+PIXEL = WireImage(1, 2, 'camera', 1, 1, 'mono8', False, 1, b'\x07')
+
+
+def large_image(value: int) -> WireImage:
+    """Make an image of 6 MB."""
+    return WireImage(value, 0, '', 1024, 2048, 'bgr8', False, 3 * 2048,
+                     np.full(6 * MB, value % 256, np.uint8))
+
+
+@pytest.fixture
+def publisher(node: Node) -> Publisher:
+    return node.create_publisher(Image, 'images', 10)
+
+
+@pytest.fixture
+def subscription(node: Node, publisher: Publisher) -> Subscription:
+    """Give a subscription that the publisher knows, and that no executor takes from."""
+    made = node.create_subscription(Image, 'images', lambda _: None, 10, raw=True)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    return made
+
+
+def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
+    """Take a message, which may be on its way."""
+    deadline = time.monotonic() + DEADLINE
+    while (taken := take_serialized(subscription.handle)) is None:
+        assert time.monotonic() < deadline, 'no message came'
+        time.sleep(0.001)
+    return taken
+
+
+def resident_bytes() -> int:
+    """Tell how much memory this process has."""
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * 4096
+
+
+@pytest.mark.parametrize('image', [
+    PIXEL, large_image(200),
+    replace(PIXEL, sec=-1, nanosec=999_999_999, frame_id='Kamera für 深度', is_bigendian=True),
+    replace(PIXEL, frame_id='', encoding=''), replace(PIXEL, step=2**32 - 1, data=b'')])
+def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
+        node: Node, publisher: Publisher, image: WireImage) -> None:
+    received: list[Image] = []
+    node.create_subscription(Image, 'images', received.append, 10)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publish_image(publisher.handle, image)
+    spin_until(node, lambda: len(received) == 1)
+    expected = Image(height=image.height, width=image.width, encoding=image.encoding,
+                     is_bigendian=int(image.is_bigendian), step=image.step,
+                     data=bytes(image.data))
+    expected.header.stamp.sec, expected.header.stamp.nanosec = image.sec, image.nanosec
+    expected.header.frame_id = image.frame_id
+    assert received == [expected]
+
+
+def test_an_array_with_gaps_arrives_without_them(
+        publisher: Publisher, subscription: Subscription) -> None:
+    whole = np.arange(60 * 40 * 3, dtype=np.uint8).reshape(60, 40, 3)
+    array = whole[::2, 5:25, ::-1]
+    publish_image(publisher.handle, CvBridge().cv2_to_wire(array, 'bgr8', Header()))
+    message = cdr_to_image(take(subscription)[0])
+    assert (message.height, message.width, message.step) == (30, 20, 60)
+    assert bytes(message.data) == array.tobytes()
+
+
+@pytest.mark.parametrize('name', ['frame_id', 'encoding'])
+def test_a_nul_is_refused_and_nothing_is_published(
+        publisher: Publisher, subscription: Subscription, name: str) -> None:
+    with pytest.raises(CdrError, match='has a NUL'):
+        publish_image(publisher.handle, replace(PIXEL, **{name: 'a\0b'}))
+    publish_image(publisher.handle, PIXEL)
+    assert cdr_to_image(take(subscription)[0]) == PIXEL
+    assert take_serialized(subscription.handle) is None
+
+
+def test_what_was_destroyed_neither_publishes_nor_takes(
+        node: Node, publisher: Publisher, subscription: Subscription) -> None:
+    of_publisher, of_subscription = publisher.handle, subscription.handle
+    node.destroy_publisher(publisher)
+    node.destroy_subscription(subscription)
+    with pytest.raises(RuntimeError, match=r'\w+ \w+'):
+        publish_image(of_publisher, PIXEL)
+    with pytest.raises(RuntimeError, match=r'\w+ \w+'):
+        take_serialized(of_subscription)
+
+
+def test_nothing_is_published_once_ros_is_shut_down(domain: int) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node('short', context=context)
+    publisher = node.create_publisher(Image, 'images', 10)
+    rclpy.shutdown(context=context)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match=r'\w+ \w+'):
+            publish_image(publisher.handle, PIXEL)
+    node.destroy_node()
+
+
+def test_where_there_is_no_message_none_is_taken(subscription: Subscription) -> None:
+    assert [take_serialized(subscription.handle) for _ in range(3)] == [None] * 3
+
+
+def test_messages_are_told_by_number_and_time(
+        publisher: Publisher, subscription: Subscription) -> None:
+    began = time.time_ns()
+    for _ in range(3):
+        publish_image(publisher.handle, PIXEL)
+    infos = [take(subscription)[1] for _ in range(3)]
+    assert [info.number for info in infos] == [1, 2, 3]
+    assert len({bytes(info.publisher) for info in infos}) == 1
+    assert all(began <= info.source_timestamp <= info.received_timestamp <= time.time_ns()
+               for info in infos)
+
+
+@pytest.mark.parametrize(('given', 'number'), [(0, 0), (1, 1), (2**64 - 2, 2**64 - 2),
+                                               (2**64 - 1, 0)])
+def test_a_number_that_is_not_known_is_0(given: int, number: int) -> None:
+    assert MessageInfo(publication_sequence_number=given).number == number
+
+
+def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
+        node: Node, publisher: Publisher, subscription: Subscription) -> None:
+    images = [large_image(value) for value in range(3)]
+    for image in images:
+        publish_image(publisher.handle, image)
+    taken = [take(subscription)[0] for _ in images]
+    node.destroy_subscription(subscription)
+    messages = [cdr_to_image(data) for data in taken]
+    del taken
+    for message, image in zip(messages, images):
+        assert message.sec == image.sec
+        assert np.array_equal(np.frombuffer(message.data, np.uint8), image.data)
+        assert message.data.readonly
+        with pytest.raises(ValueError, match='read-only'):
+            np.frombuffer(message.data, np.uint8)[0] = 1
+
+
+def test_memory_does_not_grow_with_what_was_taken(
+        publisher: Publisher, subscription: Subscription, tell: Callable[[str], None]) -> None:
+    sizes = []
+    for value in range(320):
+        publish_image(publisher.handle, large_image(value))
+        data, _ = take(subscription)
+        assert data.nbytes > 6 * MB
+        assert data[-1] == value % 256
+        if value >= 20:
+            sizes.append(resident_bytes())
+    tell(f'{(sizes[-1] - sizes[0]) / MB:.1f} MB more after 300 images of 6 MB')
+    assert sizes[-1] - sizes[0] < 30 * MB

@@ -1,0 +1,326 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is set up for frames, for how large ones, what is left alone and what is cleared away."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+from conftest import CLIP, NodeProcess
+import cv2
+import numpy as np
+from opencv_tools.ros import shared_memory, transport
+from opencv_tools.ros.frame_size import expected_frame_bytes
+from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments
+from opencv_tools.ros.transport import Transport, transport_for_frames, UNTOUCHED
+import pytest
+
+Start = Callable[..., NodeProcess]
+
+MB = 1 << 20
+VGA, FULL_HD, UHD_4K, UHD_8K = (
+    width * height * 3 for width, height in ((640, 480), (1920, 1080), (3840, 2160), (7680, 4320)))
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+CHOICES = (PROFILE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS',
+           'RMW_IMPLEMENTATION', 'OPENCV_TOOLS_TRANSPORT')
+LARGEST_OF_FAST_DDS = 600_000  # bytes of the segment that it makes by itself
+
+HOLD_LOCK = """
+import fcntl, sys
+with open(sys.argv[1]) as file:
+    fcntl.flock(file, fcntl.LOCK_EX)
+    print('locked', flush=True)
+    sys.stdin.read()
+"""
+COUNT_PAGE_FAULTS = """
+import resource
+import numpy as np
+from opencv_tools.ros.transport import transport_for_frames
+
+def use_two_frames():
+    frames = [np.empty(6_000_000, np.uint8) for _ in range(2)]
+    for frame in frames:
+        frame.fill(1)
+
+with transport_for_frames(0):
+    use_two_frames()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(20):
+    use_two_frames()
+print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / 40)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _no_choices(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Take away what a user may have configured."""
+    for variable in CHOICES:
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Give an empty folder in place of the shared memory."""
+    monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', tmp_path)
+    return tmp_path
+
+
+def profile_in_force(name: str) -> int | None:
+    """Read a number from the profile in force; None where it has none, or there is none."""
+    path = os.environ.get(PROFILE)
+    found = path and ElementTree.parse(path).find(
+        f'.//{{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}}{name}')
+    return None if found in (None, '') else int(found.text)
+
+
+def make_segment(folder: Path, number: int) -> Path:
+    """Make what a process leaves behind in a folder; the segment."""
+    segment = folder / f'fastrtps_{number:016x}'
+    segment.write_bytes(bytes(1000))
+    segment.with_name(f'{segment.name}_el').touch()
+    return segment
+
+
+# What is set up
+
+@pytest.mark.parametrize(('room', 'frame_bytes', 'segment'), [
+    (2048 * MB, VGA, 16 * MB), (2048 * MB, FULL_HD, 8 * FULL_HD), (2048 * MB, UHD_4K, 8 * UHD_4K),
+    (2048 * MB, 2 * UHD_4K, 256 * MB), (2048 * MB, UHD_8K, 3 * UHD_8K),
+    (2048 * MB, 0, MB // 2),
+    (64 * MB, VGA, 16 * MB), (64 * MB, FULL_HD, 32 * MB), (64 * MB, UHD_4K, None),
+    (8 * MB, VGA, 4 * MB), (8 * MB, FULL_HD, None), (8 * MB, 0, MB // 2),
+    (0, VGA, None), (0, 0, None)])
+def test_the_segment_holds_several_frames_as_far_as_there_is_room(
+        monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int,
+        segment: int | None) -> None:
+    monkeypatch.setattr(transport, 'free_bytes', lambda: room)
+    with transport_for_frames(frame_bytes) as made:
+        path = Path(os.environ[PROFILE])
+        assert profile_in_force('segment_size') == segment
+        assert profile_in_force('nanosec') == 100_000_000
+    assert (made.segment, made.room) == (segment or 0, room)
+    assert PROFILE not in os.environ
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(('variable', 'value', 'buffer'), [
+    ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET', 4 * MB),
+    ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', None), ('ROS_LOCALHOST_ONLY', '1', None)])
+@pytest.mark.parametrize('frame_bytes', [0, VGA])
+def test_what_comes_over_udp_has_room_where_the_middleware_adds_no_udp_of_its_own(
+        monkeypatch: pytest.MonkeyPatch, variable: str, value: str, buffer: int | None,
+        frame_bytes: int) -> None:
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
+    monkeypatch.setenv(variable, value)
+    with transport_for_frames(frame_bytes):
+        assert profile_in_force('receiveBufferSize') == buffer
+        assert profile_in_force('sendBufferSize') is None
+
+
+def test_the_profile_goes_away_when_making_the_node_fails() -> None:
+    paths = []
+    with pytest.raises(ValueError, match='no node'), transport_for_frames(VGA):
+        paths.append(Path(os.environ[PROFILE]))
+        raise ValueError('no node')
+    assert PROFILE not in os.environ
+    assert not paths[0].exists()
+
+
+@pytest.mark.parametrize(('made', 'frame_bytes', 'words'), [
+    (Transport('', 0, 8 * MB), FULL_HD, (
+        '/dev/shm had 8 MB free', 'frames of 5.93 MB', 'give it 94.9 MB', '--shm-size=95m',
+        '--ipc=host')),
+    (Transport('', 32 * MB, 64 * MB), UHD_4K, (
+        '/dev/shm had 64 MB free', 'frames of 23.7 MB', '--shm-size=380m')),
+    (Transport('', 16 * MB, 2048 * MB), FULL_HD, (
+        '16 MB that was reserved at the start', 'frames of 5.93 MB',
+        'start the node with the size that it publishes'))])
+def test_frames_that_do_not_fit_are_told_with_what_helps(
+        made: Transport, frame_bytes: int, words: tuple[str, ...]) -> None:
+    sentence = made.misfit(frame_bytes)
+    assert [word for word in words if word not in sentence] == []
+
+
+@pytest.mark.parametrize('made', [
+    Transport('', 3 * FULL_HD, 8 * MB), Transport('', 256 * MB, 2048 * MB), Transport('left'),
+    UNTOUCHED])
+def test_nothing_is_told_of_frames_that_fit_or_where_the_user_has_chosen(
+        made: Transport) -> None:
+    assert made.misfit(FULL_HD) == ''
+
+
+def test_memory_of_frames_is_kept(tell: Callable[[str], None]) -> None:
+    def faults(choice: str) -> float:
+        finished = subprocess.run(
+            [sys.executable, '-c', COUNT_PAGE_FAULTS], check=True, capture_output=True, text=True,
+            timeout=30, env={**os.environ, 'OPENCV_TOOLS_TRANSPORT': choice,
+                             'NUMPY_MADVISE_HUGEPAGE': '0'})
+        return float(finished.stdout)
+
+    kept, given_back = faults(''), faults('default')
+    tell(f'page faults a frame of 6 MB: {kept:g} with memory kept, {given_back:g} without')
+    assert given_back > 1000
+    assert kept < given_back / 100
+
+
+# What is left alone
+
+@pytest.mark.parametrize(('variable', 'value', 'reason'), [
+    ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
+    ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', 'RMW_IMPLEMENTATION is rmw_cyclonedds_cpp'),
+    ('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4', 'FASTDDS_BUILTIN_TRANSPORTS is set'),
+    (PROFILE, '/mine.xml', f'{PROFILE} is set'),
+    ('FASTDDS_DEFAULT_PROFILES_FILE', '/mine.xml', 'FASTDDS_DEFAULT_PROFILES_FILE is set')])
+def test_what_the_user_configured_is_left_alone(
+        monkeypatch: pytest.MonkeyPatch, folder: Path, variable: str, value: str,
+        reason: str) -> None:
+    monkeypatch.setenv(variable, value)
+    segment = make_segment(folder, 1)
+    before = dict(os.environ)
+    with transport_for_frames(UHD_4K) as made:
+        assert dict(os.environ) == before
+    assert made == Transport(f'Fast DDS and malloc are left as they are: {reason}')
+    assert segment.exists()
+
+
+@pytest.mark.parametrize('name', [
+    'DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml'])
+def test_a_profile_in_the_folder_is_left_alone(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    with transport_for_frames(UHD_4K) as made:
+        assert PROFILE not in os.environ
+    assert made == Transport(f'Fast DDS and malloc are left as they are: there is {name}')
+
+
+@pytest.mark.parametrize(('choice', 'remark', 'is_large'), [
+    ('', '16 MB of shared memory', True),
+    ('default', 'left as they are: OPENCV_TOOLS_TRANSPORT is default', False)])
+def test_the_publisher_says_once_what_was_set_up(
+        start: Start, monkeypatch: pytest.MonkeyPatch, choice: str, remark: str,
+        is_large: bool) -> None:
+    monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', choice)
+    publisher = start('img_publisher', '--ros-args', '--log-level', 'img_publisher:=debug', '--',
+                      source='pattern')
+    publisher.wait_for('Publishing video frame 1:')
+    sizes = [path.stat().st_size for path in publisher.segments()]
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    lines = [line for line in publisher.output.splitlines() if '[DEBUG]' in line]
+    assert len(lines) == 1, lines
+    assert remark in lines[0]
+    assert (max(sizes) > 16 * MB) is is_large
+    assert is_large or max(sizes) < LARGEST_OF_FAST_DDS
+
+
+@pytest.mark.parametrize('name', ['img_publisher', 'img_subscriber'])
+def test_help_says_how_to_leave_it_alone(start: Start, name: str) -> None:
+    program = start(name, '--help')
+    assert program.finish() == 0
+    assert 'OPENCV_TOOLS_TRANSPORT=default' in program.output
+
+
+# What is cleared away
+
+def test_dead_segments_go_and_everything_else_stays(folder: Path) -> None:
+    dead = [make_segment(folder, number) for number in (1, 0xfedcba9876543210)]
+    living = make_segment(folder, 2)
+    others = [folder / name for name in (
+        'fastrtps_port7411', 'fastrtps_port7411_el', 'sem.fastrtps_port7411_mutex',
+        'fastrtps_0123456789abcdeg_el', 'fastrtps_0123456789abcdef0_el', 'fastrtps_0_el',
+        'fastrtps_00000000000000aa', 'other_0000000000000001_el', 'opencv_tools_a.xml')]
+    for path in others:
+        path.touch()
+    lock = living.with_name(f'{living.name}_el')
+    with subprocess.Popen([sys.executable, '-c', HOLD_LOCK, str(lock)], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE) as owner:
+        assert owner.stdout.readline() == b'locked\n'
+        assert remove_dead_segments() == len(dead)
+        assert set(folder.iterdir()) == {living, lock, *others}
+        assert remove_dead_segments() == 0
+        owner.kill()
+    assert remove_dead_segments() == 1
+    assert set(folder.iterdir()) == set(others)
+
+
+def test_a_segment_that_may_not_be_removed_is_no_error(folder: Path) -> None:
+    immovable, dead = make_segment(folder, 1), make_segment(folder, 2)
+    immovable.unlink()
+    immovable.mkdir()  # which unlink refuses for root too
+    assert remove_dead_segments() == 1
+    assert immovable.exists()
+    assert not dead.exists()
+
+
+def test_a_lock_without_a_segment_goes_too(folder: Path) -> None:
+    make_segment(folder, 1).unlink()
+    assert remove_dead_segments() == 1
+    assert list(folder.iterdir()) == []
+
+
+def test_free_bytes_are_those_of_the_file_system(
+        monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    assert free_bytes() == pytest.approx(shutil.disk_usage(folder).free, rel=0.05)
+    monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', folder / 'nowhere')
+    assert free_bytes() == 0
+    assert remove_dead_segments() == 0
+
+
+# How large frames will be
+
+@pytest.mark.parametrize(('words', 'size'), [
+    ((), VGA),
+    (('-p', 'source:=pattern'), VGA),
+    (('-p', 'source:=pattern:1920x1080@30'), FULL_HD),
+    (('-p', 'width:=1280', '-p', 'height:=720'), 1280 * 720 * 3),
+    (('-p', 'image_publisher:width:=1280', '--param', 'image_publisher:height:=720'),
+     1280 * 720 * 3),
+    (('-p', 'width:=1280'), 1280 * 480 * 3),
+    (('-p', 'encoding:=mono8'), 640 * 480),
+    (('-p', 'encoding:=rgba16'), 640 * 480 * 8),
+    (('-p', 'encoding:=nv12'), 640 * 480 * 3 // 2),
+    (('-p', "encoding:=''"), VGA),
+    (('-p', 'source:=picture.png'), 64 * 48 * 3),
+    (('-p', 'source:=.'), 64 * 48 * 3),
+    (('-p', f'source:=file://{CLIP}'), 1280 * 720 * 3),
+    (('-p', 'source:=picture.png', '-p', 'encoding:=mono8'), 64 * 48),
+    (('-p', f'source:={CLIP}'), 1280 * 720 * 3),
+    (('--params-file', 'cameras.yaml'), 320 * 240 * 3),
+    (('--params-file', 'cameras.yaml', '-p', 'source:=pattern:160x120'), 160 * 120 * 3)])
+def test_the_size_of_frames_is_told_by_the_command_line(
+        tmp_path: Path, words: tuple[str, ...], size: int) -> None:
+    cv2.imwrite(str(tmp_path / 'picture.png'), np.zeros((48, 64, 3), np.uint8))
+    (tmp_path / 'cameras.yaml').write_text(
+        '/**/image_publisher:\n  ros__parameters:\n    source: pattern:320x240\n')
+    assert expected_frame_bytes(['img_publisher', '--ros-args', *words]) == size
+
+
+@pytest.mark.parametrize('words', [
+    ('-p', 'source:=rtsp://camera/stream'), ('-p', 'source:=nowhere.mp4'), ('-p', 'source:='),
+    ('-p', 'source:=broken.png'), ('-p', 'source:=pattern:0x0'), ('-p', 'encoding:=foo'),
+    ('-p', 'width:=wide'), ('-p', 'width:=[1]'), ('-p', 'width:={'),
+    ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 3000}'),
+    ('--params-file', 'nowhere.yaml'), ('--params-file', 'broken.png'),
+    ('--params-file', 'list.yaml')])
+def test_what_cannot_be_told_is_taken_for_full_hd(tmp_path: Path, words: tuple[str, ...]) -> None:
+    (tmp_path / 'broken.png').write_bytes(b'\x89PNG\0')
+    (tmp_path / 'list.yaml').write_text('image_publisher:\n  ros__parameters:\n    - width\n')
+    assert expected_frame_bytes(['img_publisher', '--ros-args', *words]) == FULL_HD
