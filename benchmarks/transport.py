@@ -26,7 +26,6 @@ import argparse
 from dataclasses import dataclass
 import json
 import re
-import signal
 import statistics
 import subprocess
 import tempfile
@@ -47,6 +46,7 @@ COPIES = 31
 COLD_BYTES = 1 << 28  # of frames that are copied in turn, more than any cache holds
 LATE_SECONDS = 1.0  # for what is still on its way at the end
 END_SECONDS = 30.0
+CONSOLE_LINES = 10
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,13 @@ def run_once(way: str, load: Load) -> Result:
     """Send frames one way."""
     with tempfile.TemporaryFile('w+') as console:
         subscriber = subprocess.Popen(
-            command(way, 'subscriber', load), stdout=subprocess.PIPE, stderr=console)
+            command(way, 'subscriber', load), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=console)
         publisher = subprocess.Popen(
             command(way, 'publisher', load), stdout=subprocess.PIPE, stderr=console)
         try:
             sent = _answer(publisher, load.frames / load.rate + END_SECONDS, console)
             time.sleep(LATE_SECONDS)
-            subscriber.send_signal(signal.SIGINT)
             received = _answer(subscriber, END_SECONDS, console)
         finally:
             for process in (publisher, subscriber):
@@ -127,7 +127,8 @@ def _answer(process: subprocess.Popen[bytes], seconds: float, console: IO[str]) 
         return json.loads(process.communicate(timeout=seconds)[0])
     except (json.JSONDecodeError, subprocess.TimeoutExpired) as err:
         console.seek(0)
-        raise SystemExit(f'{err}\n{console.read()}') from err
+        lines = console.read().splitlines()[-CONSOLE_LINES:]
+        raise SystemExit('\n'.join([str(err), *lines])) from err
 
 
 def median(results: list[Result]) -> Result:

@@ -23,14 +23,17 @@ found as JSON.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 import json
 from pathlib import Path
 import resource
+import signal
 import sys
 import tempfile
+from threading import Thread
 import time
 from typing import Any, Literal
 
@@ -289,6 +292,7 @@ def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
     program = Program('img_subscriber', '', recording_parameters.PARAMETERS)
+    when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(program, lambda _: OurSubscriber(), [
             'img_subscriber', *load.arguments, '-p', f'output_dir:={folder}'], failures=())
@@ -311,10 +315,20 @@ def subscribe_tutorials(load: Load) -> int:
     """Run the tutorial's subscriber."""
     rclpy.init(args=['tutorial', *load.arguments])
     node = TutorialSubscriber(load)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    when_input_ends(rclpy.try_shutdown)
+    with suppress(ExternalShutdownException):
         rclpy.spin(node)
     node.ages.report()
     return 0
+
+
+def when_input_ends(end: Callable[[], object]) -> None:
+    """Call something when the process that started this one wants it to end."""
+    def wait() -> None:
+        sys.stdin.read()
+        end()
+
+    Thread(target=wait, daemon=True).start()
 
 
 ENDS = {
