@@ -22,6 +22,7 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+import tempfile
 import xml.etree.ElementTree as ElementTree
 
 from conftest import CLIP, NodeProcess
@@ -134,6 +135,18 @@ def test_what_comes_over_udp_has_room_where_the_middleware_adds_no_udp_of_its_ow
     with transport_for_frames(frame_bytes):
         assert profile_in_force('receiveBufferSize') == buffer
         assert profile_in_force('sendBufferSize') is None
+
+
+@pytest.mark.parametrize('is_writable', [True, False])
+def test_a_shared_memory_that_cannot_be_written_to_is_no_error(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path, is_writable: bool) -> None:
+    nowhere = tmp_path / 'nowhere'
+    monkeypatch.setattr(transport, 'SHARED_MEMORY', nowhere)
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path if is_writable else nowhere))
+    with transport_for_frames(VGA):
+        assert profile_in_force('nanosec') == (100_000_000 if is_writable else None)
+    assert PROFILE not in os.environ
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_profile_goes_away_when_making_the_node_fails() -> None:

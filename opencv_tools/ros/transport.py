@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack, suppress
 import ctypes
 from dataclasses import dataclass
 import math
@@ -208,17 +208,18 @@ def _is_local() -> bool:
 
 @contextmanager
 def _profile(text: str) -> Iterator[None]:
-    """Let Fast DDS read a profile, from a file that is gone then."""
+    """Let Fast DDS read a profile, if it can be written anywhere, to a file that goes."""
     variable = _USER_VARIABLES[0]
-    folder = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
-    with NamedTemporaryFile('w', dir=folder, prefix='opencv_tools_', suffix='.xml') as file:
-        file.write(text)
-        file.flush()
-        os.environ[variable] = file.name
-        try:
-            yield
-        finally:
-            del os.environ[variable]
+    with ExitStack() as stack:
+        for folder in (SHARED_MEMORY, None):
+            with suppress(OSError):
+                file = stack.enter_context(NamedTemporaryFile(
+                    'wb', buffering=0, dir=folder, prefix='opencv_tools_', suffix='.xml'))
+                file.write(text.encode())
+                os.environ[variable] = file.name
+                stack.callback(os.environ.pop, variable)
+                break
+        yield
 
 
 def _keep_memory() -> None:

@@ -61,6 +61,16 @@ def describe(subscriber: NodeProcess, sent: int, seconds: float, near: Host, far
             f'lost on the cable {far.lost()} and {near.lost()}')
 
 
+def finish_both(subscriber: NodeProcess, publisher: NodeProcess) -> float:
+    """Wait for the end of both; the seconds that the frames took."""
+    publisher.wait_for('Publishing video frame 1:')
+    began = time.monotonic()
+    assert subscriber.finish() == 0, subscriber.output
+    seconds = time.monotonic() - began
+    assert publisher.finish() == 0, publisher.output
+    return seconds
+
+
 def test_the_cable_loses_about_one_in_a_thousand(hosts: Hosts) -> None:
     near, far = hosts
     near.run('python3', '-c', 'import socket; cable = socket.socket(type=socket.SOCK_DGRAM); '
@@ -82,11 +92,7 @@ def test_every_raw_frame_arrives_pixel_for_pixel(
                        file_name='frame_{seq:04d}.npy', max_frames=count, timeout=15)
     publisher = start('img_publisher', within=near.within, source=f'pattern:640x480@{rate}',
                       publish_rate=0.0, max_frames=count, wait_for_subscribers=1)
-    publisher.wait_for('Publishing video frame 1:')
-    began = time.monotonic()
-    assert subscriber.finish() == 0, subscriber.output
-    seconds = time.monotonic() - began
-    assert publisher.finish() == 0, publisher.output
+    seconds = finish_both(subscriber, publisher)
     tell(f'raw 640x480 at {rate} Hz: {describe(subscriber, count, seconds, near, far)}')
     frames = [np.load(path) for path in recorded_files(tmp_path / 'out')]
     assert len(frames) == count
@@ -104,11 +110,7 @@ def test_every_compressed_frame_of_1080p30_arrives(
                        timeout=15)
     publisher = start('img_publisher', within=near.within, source='pattern:1920x1080@30',
                       publish_rate=0.0, max_frames=count, wait_for_subscribers=1)
-    publisher.wait_for('Publishing video frame 1:')
-    began = time.monotonic()
-    assert subscriber.finish() == 0, subscriber.output
-    seconds = time.monotonic() - began
-    assert publisher.finish() == 0, publisher.output
+    seconds = finish_both(subscriber, publisher)
     tell(f'compressed 1920x1080 at 30 Hz: {describe(subscriber, count, seconds, near, far)}')
     assert len(read_manifest(tmp_path / 'out')) == count
     files = recorded_files(tmp_path / 'out')
