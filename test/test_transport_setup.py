@@ -330,10 +330,11 @@ def test_the_size_of_frames_is_told_by_the_command_line(
     ('-p', 'source:=rtsp://camera/stream'), ('-p', 'source:=nowhere.mp4'), ('-p', 'source:='),
     ('-p', 'source:=broken.png'), ('-p', 'source:=pattern:0x0'), ('-p', 'encoding:=foo'),
     ('-p', 'width:=wide'), ('-p', 'width:=[1]'), ('-p', 'width:={'),
-    ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 3000}'),
+    ('-p', 'source:=pipe'), ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 3000}'),
     ('--params-file', 'nowhere.yaml'), ('--params-file', 'broken.png'),
     ('--params-file', 'list.yaml')])
 def test_what_cannot_be_told_is_taken_for_full_hd(tmp_path: Path, words: tuple[str, ...]) -> None:
+    os.mkfifo(tmp_path / 'pipe')  # whoever opens it waits for a writer
     (tmp_path / 'broken.png').write_bytes(b'\x89PNG\0')
     (tmp_path / 'list.yaml').write_text('image_publisher:\n  ros__parameters:\n    - width\n')
     assert expected_frame_bytes(['img_publisher', '--ros-args', *words]) == FULL_HD

@@ -87,7 +87,7 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
 
     :param text: as for :func:`open_source`.
     :param request: what is wanted of a camera, which may give something else.
-    :returns: width and height; None for a stream.
+    :returns: width and height; None for a stream, and for a pipe, which can be read once.
     :raises CaptureError: a file cannot be read.
     :raises ValueError: see :func:`check_source`.
     """
@@ -96,7 +96,7 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
         return spec.width, spec.height
     if is_camera(text):
         return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
-    if _is_url(text):
+    if _is_url(text) or Path(text).expanduser().is_fifo():
         return None
     source = open_source(text)
     try:
