@@ -175,7 +175,7 @@ def compare(load: Load, ours: Result, theirs: Result, copy: float) -> list[Figur
 def print_result(way: str, result: Result) -> None:
     """Print a line of the table of runs."""
     print(f'{way:18}{result.delivered:9.1f}{result.p50:9.2f}{result.p99:9.2f}'
-          f'{result.publisher_cpu:11.2f}{result.subscriber_cpu:12.2f}{result.faults:10.0f}',
+          f'{result.publisher_cpu:13.2f}{result.subscriber_cpu:13.2f}{result.faults:10.0f}',
           flush=True)
 
 
@@ -213,8 +213,8 @@ def main() -> int:
     load = Load(width, height, options.rate, round(options.rate * options.seconds), options.qos,
                 NAMESPACE)
     print(f'{load.width}x{load.height} bgr8 at {load.rate:g} Hz, {load.qos}, {load.frames} frames '
-          f'a run\n{"":18}{"arrived %":>9}{"p50 ms":>9}{"p99 ms":>9}{"pub. CPU ms":>11}'
-          f'{"sub. CPU ms":>12}{"faults":>10}')
+          f'a run\n{"":18}{"arrived %":>9}{"p50 ms":>9}{"p99 ms":>9}{"pub. CPU ms":>13}'
+          f'{"sub. CPU ms":>13}{"faults":>10}')
     results: dict[str, list[Result]] = {way: [] for way in WAYS}
     copies = []
     for _ in range(options.runs):

@@ -43,6 +43,7 @@ from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.recording.frames import Frame as RecordedFrame, RawFrame
+from opencv_tools.recording.naming import NANO
 from opencv_tools.ros import capture_parameters, reception, recording_parameters
 from opencv_tools.ros.runtime import Program, run
 import rclpy
@@ -52,7 +53,6 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-NANO = 1_000_000_000
 TOPIC = 'video_frames'
 SETTLED_FRAMES = 500  # after which memory should not grow
 _SETTLE_SECONDS = 0.3  # from the first sight of a subscriber to the first frame

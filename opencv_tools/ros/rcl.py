@@ -99,11 +99,15 @@ class MessageInfo(ctypes.Structure):
         return 0 if number == _UNKNOWN_NUMBER else number
 
 
+#: The bytes of a message, (n,) uint8, and what is known of it.
+Taken = tuple[NDArray[np.uint8], MessageInfo]
+
+
 class _ErrorText(ctypes.Structure):
     _fields_ = (('text', ctypes.c_char * 1024),)
 
 
-class _Taken:
+class _Buffer:
     """A message's bytes, which go away with the last view of them."""
 
     def __init__(self, address: int, size: int) -> None:
@@ -140,9 +144,7 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
 
-def take_serialized(
-    subscription: rclpy_implementation.Subscription,
-) -> tuple[NDArray[np.uint8], MessageInfo] | None:
+def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | None:
     """
     Take a message as it came over the wire.
 
@@ -155,7 +157,7 @@ def take_serialized(
     with subscription:
         result = _rcl.rcl_take_serialized_message(
             subscription.pointer, ctypes.byref(message), ctypes.byref(info), None)
-    taken = _Taken(message.buffer, message.length) if message.buffer else None
+    taken = _Buffer(message.buffer, message.length) if message.buffer else None
     if result == _NOTHING_TAKEN:
         _rcutils.rcutils_reset_error()
         return None

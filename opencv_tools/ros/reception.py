@@ -23,15 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource
-from opencv_tools.ros.rcl import MessageInfo, take_serialized
+from opencv_tools.ros.rcl import MessageInfo, take_serialized, Taken
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
-
-Taken = tuple[NDArray[np.uint8], MessageInfo]
 
 
 class Reception:
