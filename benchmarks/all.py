@@ -31,8 +31,9 @@ from figures import Figure, read_figures, table
 import numpy as np
 
 BENCHMARKS = (
-    'startup', 'bridge', 'idle', 'recording', 'transport', 'transport --qos best_effort --runs 3',
-    'transport --rate 60 --runs 3', 'transport --size 3840x2160 --runs 3')
+    'startup', 'robot', 'bridge', 'idle', 'recording', 'transport',
+    'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
+    'transport --size 3840x2160 --runs 3')
 
 
 def cpu_model() -> str:

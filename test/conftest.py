@@ -46,9 +46,11 @@ CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
 DEADLINE = 30.0  # seconds that any wait may last
 
-# The first want a camera's driver, and run in a machine of their own; the others want root.
+# The first want a camera's driver, and run in a machine of their own; the second want root, the
+# third other people's parsers.
 collect_ignore = [folder for folder, variable in (
     ('camera', 'OPENCV_TOOLS_CAMERA_MACHINE'), ('network', 'OPENCV_TOOLS_NETWORK'),
+    ('judges', 'OPENCV_TOOLS_JUDGES'),
 ) if variable not in os.environ]
 
 # Domains 1 to 100 are safe on Linux; a second run on the same machine begins elsewhere, and a lock

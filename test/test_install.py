@@ -33,11 +33,18 @@ import pytest
 import yaml
 
 
+EXECUTABLES = ['img_publisher', 'img_subscriber', 'robot_compare', 'robot_frames', 'sdf_to_urdf',
+               'urdf_to_sdf']
+
+
+def executables() -> Path:
+    """Find the folder that `ros2 run opencv_tools NAME` finds, by way of the ament index."""
+    return Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools')
+
+
 def test_ros2_run_finds_and_runs_the_executables(tmp_path: Path) -> None:
-    # What `ros2 run opencv_tools NAME` does: the ament index names the prefix, and the executable
-    # is the file of that name in lib/opencv_tools.
-    folder = Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools')
-    assert sorted(path.name for path in folder.iterdir()) == ['img_publisher', 'img_subscriber']
+    folder = executables()
+    assert sorted(path.name for path in folder.iterdir()) == EXECUTABLES
     for path in folder.iterdir():
         assert os.access(path, os.X_OK)
     finished = subprocess.run(
@@ -47,8 +54,39 @@ def test_ros2_run_finds_and_runs_the_executables(tmp_path: Path) -> None:
     assert 'Publishing video frame' in finished.stderr
 
 
-def test_launch_and_config_are_installed() -> None:
+def test_ros2_run_finds_and_runs_the_commands_for_robots(tmp_path: Path) -> None:
+    robots = Path(get_package_share_directory('opencv_tools'))
+    urdf, sdf = robots / 'urdf' / 'my_robot.urdf', robots / 'sdf' / 'my_robot' / 'model.sdf'
+    for command, *arguments in (
+            ('urdf_to_sdf', urdf, '-o', tmp_path / 'my_robot.sdf'),
+            ('urdf_to_sdf', urdf.with_suffix('.urdf.xacro'), '-o', tmp_path / 'xacro.sdf'),
+            ('sdf_to_urdf', sdf, '-o', tmp_path / 'my_robot.urdf'),
+            ('robot_compare', tmp_path / 'my_robot.sdf', tmp_path / 'my_robot.urdf'),
+            ('robot_compare', tmp_path / 'xacro.sdf', sdf),
+            ('robot_frames', tmp_path / 'my_robot.urdf')):
+        finished = subprocess.run([executables() / command, *arguments], capture_output=True,
+                                  text=True, timeout=30, check=False)
+        assert finished.returncode == 0, (command, finished.stdout, finished.stderr)
+        assert 'Traceback' not in finished.stderr
+    assert 'base_footprint' in finished.stdout
+
+
+def test_gazebo_is_told_where_the_robot_and_its_mesh_are() -> None:
+    # What ros_gz_sim does with <gazebo_ros gazebo_model_path>: ${prefix} is the share folder.
     share = Path(get_package_share_directory('opencv_tools'))
+    paths = [Path(export.attrib['gazebo_model_path'].replace('${prefix}', str(share)))
+             for export in ElementTree.parse(share / 'package.xml').iter('gazebo_ros')]
+    model = ElementTree.parse(share / 'sdf' / 'my_robot' / 'model.sdf')
+    uri = model.findtext('.//mesh/uri', '').removeprefix('model://')
+    assert any((path / uri).is_file() for path in paths)
+    assert any((path / 'my_robot' / 'model.config').is_file() for path in paths)
+
+
+def test_launch_config_and_robots_are_installed() -> None:
+    share = Path(get_package_share_directory('opencv_tools'))
+    for file in ('urdf/my_robot.urdf.xacro', 'urdf/my_robot.urdf', 'sdf/my_robot/model.sdf',
+                 'sdf/my_robot/model.config', 'meshes/my_robot/robot_base.stl'):
+        assert (share / file).is_file(), file
     assert (share / 'launch' / 'camera.launch.py').is_file()
     assert (share / 'launch' / 'cameras.launch.py').is_file()
     assert (share / 'config' / 'camera.yaml').is_file()
@@ -68,6 +106,16 @@ def test_every_parameter_in_the_config_exists_and_is_accepted(
     assert subscriber.finish() == 1, subscriber.output
     for process in (publisher, subscriber):
         assert 'unknown parameter' not in process.output
+
+
+@pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'sdf_to_urdf',
+                                     'urdf_to_sdf'])
+def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
+    finished = subprocess.run(
+        [sys.executable, '-m', 'opencv_tools.robot.cli', command, '--help'],
+        capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert finished.stdout.startswith(f'usage: {command} ')
 
 
 @pytest.mark.parametrize('module', ['basic_image_publisher', 'basic_image_subscriber'])

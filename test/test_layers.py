@@ -30,7 +30,7 @@ MODULES = sorted(
     for path in ROOT.rglob('*.py'))
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
-PURE = ('opencv_tools.image', 'opencv_tools.recording.naming')
+PURE = ('opencv_tools.image', 'opencv_tools.recording.naming', 'opencv_tools.robot')
 ALLOWED = {
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
@@ -46,6 +46,8 @@ ALLOWED = {
         'opencv_tools.image', 'opencv_tools.recording', 'ament_index_python',
         'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
         'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
+    'opencv_tools.robot': {'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib',
+                           'xacro'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')
@@ -75,11 +77,25 @@ def test_imports_point_down(module: str) -> None:
 
 @pytest.mark.parametrize('module', [name for name in MODULES if name.startswith(PURE)])
 def test_pure_modules_need_neither_ros_nor_opencv(module: str) -> None:
-    blocked = ('import sys; sys.modules.update(dict.fromkeys(("rclpy", "cv2", "sensor_msgs"))); '
-               f'import {module}')
+    others = ('rclpy', 'cv2', 'sensor_msgs')
+    if module.startswith('opencv_tools.robot'):
+        others += ('numpy', 'matplotlib')
+    blocked = f'import sys; sys.modules.update(dict.fromkeys({others})); import {module}'
     finished = subprocess.run(
         [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
+
+
+def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_need() -> None:
+    slow = ('numpy', 'matplotlib', 'xacro', 'yaml', 'rclpy', 'cv2', 'sensor_msgs')
+    blocked = (f'import sys; sys.modules.update(dict.fromkeys({slow})); '
+               'from opencv_tools.robot.cli import urdf_to_sdf; '
+               'sys.exit(urdf_to_sdf(["-", "--report", "/dev/null"]))')
+    finished = subprocess.run(
+        [sys.executable, '-c', blocked], input='<robot name="a"><link name="b"/></robot>',
+        capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert '<link name="b"' in finished.stdout
 
 
 def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:

@@ -1,0 +1,249 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A listing of all frames of a robot in the frame of its root link: as JSON has it, and text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from typing import Any
+
+from opencv_tools.robot.kinematics import AXES, FREEDOM, Kinematics, with_mimics
+from opencv_tools.robot.model import (Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, Placement,
+                                      Robot, Shape, UNLIMITED)
+from opencv_tools.robot.pose import normalised, rotation_of_quaternion, Transform, Vector
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.xml import DescriptionError
+
+_INDENT = 2
+_DEEPEST = 20  # levels that are indented; what hangs deeper stands below each other
+
+
+def frames(robot: Robot, positions: Mapping[str, float], report: Report | None = None
+           ) -> dict[str, Any]:
+    """
+    List where all links, what they have, and joints are, in the frame of the root link.
+
+    :param positions: of joints by name, in radians or metres; the others are at zero, or where
+        the joints are that they mimic.
+    :param report: where to note a position outside the limits.
+    :returns: what is valid JSON. A pose is x, y, z, qw, qx, qy, qz. Of several roots the first
+        one counts. ``frames`` is there only if the robot has any beside links and joints.
+    :raises DescriptionError: a joint is not there, or cannot be put by one number; or frames or
+        mimics go round in a circle.
+    """
+    if not robot.links:
+        raise DescriptionError('has no link, so there is no root to place anything in',
+                               source=robot.source, tag='robot')
+    _check(robot, positions, report or Report())
+    listing = _Listing(robot, positions)
+    result: dict[str, Any] = {
+        'robot': robot.name,
+        'root': listing.root,
+        'links': {name: listing.link(name) for name in listing.kinematics.links_below(
+            [listing.root, *(name for name in listing.kinematics.roots if name != listing.root)])},
+        'joints': {joint.name: listing.joint(joint) for joint in robot.joints},
+    }
+    if robot.frames:
+        result['frames'] = {
+            frame.name: {'attached_to': frame.attached_to.name,
+                         'pose': listing.pose(FrameId('frame', frame.name))}
+            for frame in robot.frames}
+    return result
+
+
+class _Listing:
+    """Poses of a robot in its root link's frame, at some positions of its joints."""
+
+    def __init__(self, robot: Robot, positions: Mapping[str, float]) -> None:
+        self.kinematics = Kinematics(robot)
+        self._links = {link.name: link for link in robot.links}
+        moved = with_mimics(robot, {name: (value,) for name, value in positions.items()})
+        poses = self.kinematics.at(moved)
+        self.root = self._first_root(robot)
+        home = poses[FrameId('link', self.root)].inverse()
+        self._poses = {frame: home @ pose for frame, pose in poses.items()}
+        self._source = robot.source
+
+    def _first_root(self, robot: Robot) -> str:
+        """Name the first root, but not a world that nothing is fastened to."""
+        roots = self.kinematics.roots or [robot.links[0].name]
+        return next((name for name in roots if self.kinematics.joints_below[name]
+                     or not self._links[name].is_world), roots[0])
+
+    def link(self, name: str) -> dict[str, Any]:
+        link, above = self._links[name], self.kinematics.joint_above.get(name)
+        inertial = link.inertial
+        return {
+            'parent': above.parent if above else None,
+            'pose': self.pose(FrameId('link', name)),
+            'visuals': [self._shape(link, shape) for shape in link.visuals],
+            'collisions': [self._shape(link, shape) for shape in link.collisions],
+            'inertial': inertial and {
+                'mass': inertial.mass,
+                'pose': self._placed(link, inertial.placement),
+                'inertia': list(inertial.inertia),
+            },
+        }
+
+    def joint(self, joint: Joint) -> dict[str, Any]:
+        kind = JOINT_TYPES[joint.type]
+        axes = joint.axes[:AXES[kind]]
+        limit = (axes[0].limit if axes else None) or Limit()
+        lower, upper = limit.lower, limit.upper
+        if kind not in ('turn', 'shift', 'two turns') or joint.type == 'continuous':
+            lower, upper = -math.inf, math.inf
+        return {
+            'type': joint.type, 'parent': joint.parent, 'child': joint.child,
+            'axis': self._axis(joint, axes[0]) if axes else None,
+            'pose': self.pose(FrameId('joint', joint.name)),
+            'lower': lower if lower > -UNLIMITED else None,
+            'upper': upper if upper < UNLIMITED else None,
+        }
+
+    def pose(self, frame: FrameId) -> list[float]:
+        return self._numbers(self._poses[frame])
+
+    def _shape(self, link: Link, shape: Shape) -> dict[str, Any]:
+        return {'name': shape.name, 'pose': self._placed(link, shape.placement)}
+
+    def _placed(self, link: Link, placement: Placement) -> list[float]:
+        frame = FrameId('link', link.name)
+        offset = self.kinematics.within(frame, placement).transform()
+        return self._numbers(self._poses[frame] @ offset)
+
+    def _axis(self, joint: Joint, axis: Axis) -> list[float]:
+        # A joint's first axis does not move with the child, which its second one may turn.
+        parent, frame = FrameId('link', joint.parent), FrameId('joint', joint.name)
+        turn = (self._poses[frame] if joint.is_loop else
+                self._poses[parent] @ self.kinematics.between(parent, frame).transform())
+        x, y, z = normalised(axis.xyz)
+        return [value + 0.0 for value in turn.rotate((x, y, z))]
+
+    def _numbers(self, transform: Transform) -> list[float]:
+        numbers = [value + 0.0 for value in (*transform.translation, *transform.quaternion())]
+        if not all(map(math.isfinite, numbers)):
+            raise DescriptionError('something is further away than a number can tell',
+                                   source=self._source, tag='robot')
+        return numbers
+
+
+def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None:
+    """Refuse positions that no joint can be put to, and note those it should not be put to."""
+    joints = {joint.name: joint for joint in robot.joints}
+    movable = {name: joint for name, joint in joints.items()
+               if FREEDOM[JOINT_TYPES[joint.type]] == 1 and not joint.is_loop
+               and not any(axis.mimic for axis in joint.axes)}
+    for name, value in positions.items():
+        if name not in movable:
+            raise DescriptionError(f'{_why_not(name, joints.get(name))}; {_choice(movable)}',
+                                   source=robot.source, tag='joint')
+        if not math.isfinite(value):
+            raise DescriptionError(f'{name!r} cannot be put to {value}; give a finite number',
+                                   source=robot.source, tag='joint')
+        joint = joints[name]
+        limit = (joint.axes[0].limit if joint.axes else None) or Limit()
+        if joint.type != 'continuous' and not limit.lower <= value <= limit.upper:
+            report.warn('joint', name, joint.line, f'{value:.6g} is outside its limits, '
+                        f'{limit.lower:.6g} to {limit.upper:.6g}')
+
+
+def _why_not(name: str, joint: Joint | None) -> str:
+    if joint is None:
+        return f'there is no joint {name!r}'
+    if joint.is_loop:
+        return f'joint {name!r} closes a loop, so the other joints say where it is'
+    leader = next((axis.mimic.joint for axis in joint.axes if axis.mimic), None)
+    if leader is not None:
+        return f'joint {name!r} mimics {leader!r}; put that one'
+    return f'joint {name!r} is {joint.type}, which one number does not put anywhere'
+
+
+def _choice(movable: Iterable[str]) -> str:
+    names = ', '.join(map(repr, movable))
+    return f'those that can be put are {names}' if names else 'no joint of it can be put anywhere'
+
+
+def text(listing: Mapping[str, Any]) -> str:
+    """
+    Write what `frames` lists as an indented tree, a line each: what it is, xyz and rpy.
+
+    :param listing: as `frames` gives it.
+    """
+    rows = [(f'robot {listing["robot"]}', 'xyz in metres', 'rpy in radians'), *_rows(listing)]
+    widths = [max(len(row[column]) for row in rows) for column in range(2)]
+    return '\n'.join(f'{what:{widths[0]}}  {xyz:{widths[1]}}  {rpy}'.rstrip()
+                     for what, xyz, rpy in rows)
+
+
+def joints_above(listing: Mapping[str, Any]) -> dict[str, str]:
+    """Give the joint by which each link hangs; joints that are not there close loops."""
+    above: dict[str, str] = {}
+    for name, joint in listing['joints'].items():
+        if listing['links'][joint['child']]['parent'] == joint['parent']:
+            above.setdefault(joint['child'], name)
+    return above
+
+
+def in_depth(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
+    """Name all links, each right below the one that it hangs on, and how many are above it."""
+    below: dict[str | None, list[str]] = {}
+    for name, link in listing['links'].items():
+        below.setdefault(link['parent'], []).append(name)
+    stack = [(name, 0) for name in reversed(below.get(None, ()))]
+    while stack:
+        name, depth = stack.pop()
+        yield name, depth
+        stack.extend((child, depth + 1) for child in reversed(below.get(name, ())))
+
+
+def _rows(listing: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    joints, above = listing['joints'], joints_above(listing)
+    for name, depth in in_depth(listing):
+        indent = ' ' * (_INDENT * min(depth, _DEEPEST))
+        deep = f'({depth}) ' if depth > _DEEPEST else ''
+        by = f'  by {joints[above[name]]["type"]} {above[name]}' if name in above else ''
+        link = listing['links'][name]
+        yield (f'{indent}{deep}{name}{by}', *_texts(link['pose']))
+        inner = f'{indent}{" " * _INDENT}- '
+        if link['inertial']:
+            yield (f'{inner}inertial {link["inertial"]["mass"]:.5g} kg',
+                   *_texts(link['inertial']['pose']))
+        for kind in ('visual', 'collision'):
+            for shape in link[f'{kind}s']:
+                yield (f'{inner}{kind} {shape["name"]}'.rstrip(), *_texts(shape['pose']))
+    for name, joint in joints.items():
+        if above.get(joint['child']) != name:
+            yield (f'loop {joint["parent"]} to {joint["child"]}  by {joint["type"]} {name}',
+                   *_texts(joint['pose']))
+    for name, frame in listing.get('frames', {}).items():
+        yield (f'frame {name}  on {frame["attached_to"] or "the model"}', *_texts(frame['pose']))
+
+
+def _texts(pose: Sequence[float]) -> tuple[str, str]:
+    transform = transform_of(pose)
+    return _text(transform.translation), _text(transform.pose().rpy)
+
+
+def transform_of(pose: Sequence[float]) -> Transform:
+    """Give what a pose of the listing says."""
+    x, y, z, *quaternion = pose
+    w, i, j, k = quaternion
+    return Transform(rotation_of_quaternion((w, i, j, k)), (x, y, z))
+
+
+def _text(values: Vector) -> str:
+    # What is below a nanometre is what rounding leaves of a zero.
+    return ' '.join(f'{round(value, 9) + 0.0:.5g}' for value in values)

@@ -1,0 +1,311 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A robot as both formats mean it: links, joints and frames, each placed in another frame.
+
+A pose is kept as it is written together with the frame that it is written in, so that numbers
+can go from one format to the other untouched. What only one of the formats has is kept as XML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+import math
+from typing import NamedTuple
+
+from lxml import etree
+from opencv_tools.robot.pose import Pose, Vector
+
+Color = tuple[float, float, float, float]  # red, green, blue, alpha from 0 to 1
+
+WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
+# |limit| from here on means none, as older SDF has it and as URDF, which has no infinity, is told.
+UNLIMITED = 1e16
+
+# Degrees of freedom of each type of joint: how many turns and shifts, by way of its axes.
+JOINT_TYPES: Mapping[str, str] = {
+    'fixed': '', 'revolute': 'turn', 'continuous': 'turn', 'prismatic': 'shift',
+    'screw': 'turn', 'floating': 'free', 'planar': 'plane', 'ball': 'ball',
+    'universal': 'two turns', 'revolute2': 'two turns', 'gearbox': 'two turns',
+}
+URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
+SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'screw', 'ball', 'universal',
+             'revolute2', 'gearbox')
+
+
+class FrameId(NamedTuple):
+    """
+    What names a frame: links and joints of URDF may have one name.
+
+    :param kind: ``model``, ``link``, ``joint`` or ``frame``.
+    :param name: of the link, joint or frame; empty for the model.
+    """
+
+    kind: str
+    name: str
+
+
+MODEL = FrameId('model', '')
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A pose and the frame in which it is written."""
+
+    pose: Pose
+    relative_to: FrameId
+
+
+@dataclass(frozen=True)
+class Carried:
+    """
+    What a format says beyond the fields here: elements with all that was read taken out.
+
+    Each is an element of the object's own tag that has only attributes and children that were
+    not read; None when there are none. They are never changed, only copied.
+
+    :param urdf: in the words of URDF.
+    :param sdf: in the words of SDF.
+    """
+
+    urdf: etree._Element | None = None
+    sdf: etree._Element | None = None
+
+
+NOTHING = Carried()
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """
+    Mass in kg, and the moments of inertia in kg m2 about the frame that ``placement`` places.
+
+    :param inertia: ixx, ixy, ixz, iyy, iyz, izz.
+    """
+
+    placement: Placement
+    mass: float
+    inertia: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with its centre in the origin; its lengths along x, y and z in metres."""
+
+    size: Vector
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere with its centre in the origin; metres."""
+
+    radius: float
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z with its centre in the origin; metres."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder along z with half a sphere on either end, which ``length`` leaves out; metres."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh, scaled along x, y and z; None where no scale is written."""
+
+    uri: str
+    scale: Vector | None = None
+
+
+Geometry = Box | Sphere | Cylinder | Capsule | Mesh
+
+
+@dataclass(frozen=True)
+class Material:
+    """
+    What a surface looks like.
+
+    URDF has ``name``, ``color`` and ``texture`` only. A colour of URDF is SDF's diffuse and
+    ambient one, without any specular or emissive light.
+    """
+
+    name: str = ''
+    color: Color | None = None
+    ambient: Color | None = None
+    specular: Color | None = None
+    emissive: Color | None = None
+    texture: str = ''
+
+
+@dataclass(frozen=True)
+class Shape:
+    """
+    A visual or a collision of a link.
+
+    :param name: may be empty, and need not be unique, where it comes from URDF.
+    :param geometry: None for one that URDF has no word for; it is in ``carried.sdf`` then.
+    :param material: None for a collision, and for a visual without one.
+    """
+
+    name: str
+    placement: Placement
+    geometry: Geometry | None
+    material: Material | None = None
+    carried: Carried = NOTHING
+    line: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body. In URDF its frame is that of the joint above it."""
+
+    name: str
+    placement: Placement
+    inertial: Inertial | None = None
+    visuals: tuple[Shape, ...] = ()
+    collisions: tuple[Shape, ...] = ()
+    carried: Carried = NOTHING
+    line: int = field(default=0, compare=False)
+
+    @property
+    def is_world(self) -> bool:
+        """Tell whether this stands for the world, to which joints may be fastened."""
+        return (self.name == WORLD and self.inertial is None and self.carried == NOTHING
+                and not self.visuals and not self.collisions)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """
+    How far, how strongly and how fast a joint moves; infinite where there is no limit.
+
+    :param lower: in radians or metres, ``upper`` too.
+    :param effort: in N m or N.
+    :param velocity: in rad/s or m/s.
+    """
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    effort: float = math.inf
+    velocity: float = math.inf
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Damping in N m s/rad or N s/m and friction in N m or N; None where nothing is written."""
+
+    damping: float | None = None
+    friction: float | None = None
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another one: position = multiplier * the other's + offset."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Axis:
+    """
+    An axis of a joint, in the joint's own frame.
+
+    :param xyz: its direction as it is written, of any length but 0.
+    """
+
+    xyz: Vector
+    limit: Limit | None = None
+    dynamics: Dynamics | None = None
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """
+    A joint between two links.
+
+    :param type: one of ``JOINT_TYPES``.
+    :param child: the link that moves with the joint's frame.
+    :param axes: none, one, or two for those types that have two.
+    :param is_loop: whether it closes a loop of links, of which URDF has none.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    placement: Placement
+    axes: tuple[Axis, ...] = ()
+    is_loop: bool = False
+    carried: Carried = NOTHING
+    line: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that is neither link nor joint; it moves with what it is attached to."""
+
+    name: str
+    attached_to: FrameId
+    placement: Placement
+    carried: Carried = NOTHING
+    line: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """
+    A robot, or any other model.
+
+    :param canonical_link: the link that the model's frame moves with; empty for the first one.
+    :param source: the file that it comes from, for messages.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...] = ()
+    frames: tuple[Frame, ...] = ()
+    canonical_link: str = ''
+    carried: Carried = NOTHING
+    source: str = ''
+
+    def placed(self, place: Callable[[Placement], Placement]) -> Robot:
+        """Give the robot with every placement in it as a function has it."""
+        def shapes(things: tuple[Shape, ...]) -> tuple[Shape, ...]:
+            return tuple(replace(shape, placement=place(shape.placement)) for shape in things)
+
+        return replace(
+            self,
+            links=tuple(replace(
+                link, placement=place(link.placement), visuals=shapes(link.visuals),
+                collisions=shapes(link.collisions), inertial=link.inertial and replace(
+                    link.inertial, placement=place(link.inertial.placement)))
+                for link in self.links),
+            joints=tuple(replace(joint, placement=place(joint.placement))
+                         for joint in self.joints),
+            frames=tuple(replace(frame, placement=place(frame.placement))
+                         for frame in self.frames))

@@ -1,0 +1,202 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Names that the other format accepts, and those of before where they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+from lxml import etree
+from opencv_tools.robot.model import (Axis, Carried, Frame, FrameId, Joint, Link, Robot, Shape,
+                                      WORLD)
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.xml import detached
+
+Named = TypeVar('Named', Link, Joint, Frame, Shape)
+_Names = Mapping[FrameId, str]
+
+
+def sdf_named(robot: Robot, report: Report) -> Robot:
+    """
+    Give links, joints and frames names of which SDF has each but once, and shapes any at all.
+
+    SDF keeps ``world``, ``__name__`` and what has ``::`` in it for itself. The names of before are
+    kept for the way back.
+    """
+    taken = {WORLD}
+    names: dict[FrameId, str] = {}
+    for kind, things in (('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)):
+        for thing in things:
+            if isinstance(thing, Link) and thing.is_world:
+                continue
+            name = _free(_allowed(thing.name), taken, f'_{kind}')
+            taken.add(name)
+            if name != thing.name:
+                names[FrameId(kind, thing.name)] = name
+                report.warn(kind, thing.name, thing.line, 'SDF wants each name once and has some '
+                            f'for itself; it is called {name!r} there')
+    robot = renamed(robot, names, keep=True)
+    return replace(robot, links=tuple(_with_shape_names(link, report) for link in robot.links))
+
+
+def urdf_named(robot: Robot, report: Report) -> Robot:
+    """Give links, joints and frames names without ``::``, which tf and others do not read."""
+    names: dict[FrameId, str] = {}
+    for kind, things in (('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)):
+        taken = {thing.name for thing in things}
+        for thing in things:
+            if '::' in thing.name:
+                name = _free(thing.name.replace('::', '__'), taken, f'_{kind}')
+                taken.add(name)
+                names[FrameId(kind, thing.name)] = name
+                if not name.endswith('__model__'):
+                    report.warn(kind, thing.name, thing.line, 'URDF has no nested models; it is '
+                                f'called {name!r} there')
+    return renamed(robot, names)
+
+
+def with_own_names(robot: Robot) -> Robot:
+    """Give what `sdf_named` renamed the names of before."""
+    names = {FrameId(kind, thing.name): own
+             for kind, things in (('link', robot.links), ('joint', robot.joints),
+                                  ('frame', robot.frames))
+             for thing in things if (own := _own_name(thing.carried))}
+    robot = renamed(robot, names)
+    return replace(
+        robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
+        links=tuple(replace(link, visuals=_without_own_names(link.visuals),
+                            collisions=_without_own_names(link.collisions))
+                    for link in _without_own_names(robot.links)))
+
+
+def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
+    """
+    Rename links, joints and frames wherever they are named.
+
+    :param keep: whether the names of before are kept for the way back.
+    """
+    if not names:
+        return robot
+
+    def named(kind: str, thing: Named) -> Named:
+        new = names.get(FrameId(kind, thing.name))
+        if new is None:
+            return thing
+        carried = _keeping_name(kind, thing.name, thing.carried) if keep else thing.carried
+        return replace(thing, name=new, carried=carried)
+
+    def axis(one: Axis) -> Axis:
+        mimic = one.mimic
+        return replace(one, mimic=mimic and replace(
+            mimic, joint=names.get(FrameId('joint', mimic.joint), mimic.joint)))
+
+    def link_name(old: str) -> str:
+        return names.get(FrameId('link', old), old)
+
+    robot = replace(
+        robot,
+        canonical_link=link_name(robot.canonical_link),
+        links=tuple(named('link', link) for link in robot.links),
+        joints=tuple(replace(
+            named('joint', joint), parent=link_name(joint.parent), child=link_name(joint.child),
+            axes=tuple(map(axis, joint.axes))) for joint in robot.joints),
+        frames=tuple(replace(named('frame', frame), attached_to=_id(frame.attached_to, names))
+                     for frame in robot.frames))
+    return robot.placed(lambda placement: replace(
+        placement, relative_to=_id(placement.relative_to, names)))
+
+
+def _id(frame: FrameId, names: _Names) -> FrameId:
+    return FrameId(frame.kind, names.get(frame, frame.name))
+
+
+def _allowed(name: str) -> str:
+    """Take from a name what SDF keeps for itself."""
+    name = name.replace('::', '__')
+    if name.startswith('__') and name.endswith('__'):
+        name = name.strip('_') or 'unnamed'
+    return name
+
+
+def _free(name: str, taken: Iterable[str], suffix: str) -> str:
+    """Give a name that is not taken: as it is, with a suffix, or with a number too."""
+    if name not in taken:
+        return name
+    name, number = name + suffix, 0
+    candidate = name
+    while candidate in taken:
+        number += 1
+        candidate = f'{name}_{number}'
+    return candidate
+
+
+def _with_shape_names(link: Link, report: Report) -> Link:
+    """Give each visual and collision of a link a name that no other there has."""
+    shapes = {'visual': link.visuals, 'collision': link.collisions}
+    others = {name for part in (link.carried.sdf if link.carried.sdf is not None else ())
+              if (name := part.get('name'))}
+    # What has a name of its own comes first, so that none that is made up takes it.
+    taken = {*others, *(shape.name for things in shapes.values() for shape in things)}
+    seen = set(others)
+    result: dict[str, tuple[Shape, ...]] = {}
+    for tag, things in shapes.items():
+        named = []
+        for shape in things:
+            name = _allowed(shape.name)
+            if not name or name in seen:
+                name = _numbered(f'{link.name}_{tag}', taken)
+            if shape.name and name != shape.name:
+                report.warn(tag, shape.name, shape.line, 'SDF wants each name once in a link; it '
+                            f'is called {name!r} there')
+                shape = replace(shape, carried=_keeping_name(tag, shape.name, shape.carried))
+            taken.add(name)
+            seen.add(name)
+            named.append(replace(shape, name=name))
+        result[tag] = tuple(named)
+    return replace(link, visuals=result['visual'], collisions=result['collision'])
+
+
+def _numbered(name: str, taken: Iterable[str]) -> str:
+    candidate, number = name, 0
+    while candidate in taken:
+        number += 1
+        candidate = f'{name}_{number}'
+    return candidate
+
+
+def _keeping_name(tag: str, name: str, carried: Carried) -> Carried:
+    rest = etree.Element(tag) if carried.urdf is None else detached(carried.urdf)
+    rest.set('name', name)
+    return replace(carried, urdf=rest)
+
+
+def _own_name(carried: Carried) -> str:
+    return '' if carried.urdf is None else carried.urdf.get('name', '')
+
+
+def _without_own_names(things: tuple[Named, ...]) -> tuple[Named, ...]:
+    """Give shapes the names of before, and take from all what kept them."""
+    result = []
+    for thing in things:
+        own = _own_name(thing.carried)
+        if own and thing.carried.urdf is not None:
+            rest = detached(thing.carried.urdf)
+            del rest.attrib['name']
+            kept = rest if len(rest) or rest.attrib else None
+            thing = replace(thing, name=own, carried=replace(thing.carried, urdf=kept))
+        result.append(thing)
+    return tuple(result)

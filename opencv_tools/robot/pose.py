@@ -1,0 +1,172 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Poses in space, as both formats write them and as rigid transforms that can be composed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+# Rows of a 3 x 3 matrix, one after the other.
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+_UNTURNED: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """
+    A pose as it is written: the numbers of the file, untouched.
+
+    :param xyz: the position in metres.
+    :param rpy: roll, pitch and yaw in radians about the fixed axes x, y and z, in this order.
+    """
+
+    xyz: Vector = ZERO
+    rpy: Vector = ZERO
+
+    @property
+    def is_identity(self) -> bool:
+        """Tell whether it moves nothing, by the numbers as they are written."""
+        return self.xyz == ZERO and self.rpy == ZERO
+
+    def transform(self) -> Transform:
+        """Give the rigid transform from the frame that is placed to the one it is placed in."""
+        return Transform(rotation_of_rpy(self.rpy), self.xyz)
+
+
+class Transform(NamedTuple):
+    """
+    A rigid transform: where a frame is, seen from another one.
+
+    :param rotation: rows of the rotation matrix; its columns are the axes of the frame.
+    :param translation: the origin of the frame in metres.
+    """
+
+    rotation: Matrix = _UNTURNED
+    translation: Vector = ZERO
+
+    def __matmul__(self, other: Transform) -> Transform:
+        """Give the transform that does the other one first, then this one."""
+        if self.rotation is _UNTURNED:
+            return Transform(other.rotation, _sum(self.translation, other.translation))
+        return Transform(_product(self.rotation, other.rotation), self.apply(other.translation))
+
+    def inverse(self) -> Transform:
+        """Give the transform the other way round."""
+        x, y, z = self.translation
+        if self.rotation is _UNTURNED:
+            return Transform(_UNTURNED, (0.0 - x, 0.0 - y, 0.0 - z))
+        a, b, c, d, e, f, g, h, i = self.rotation
+        return Transform((a, d, g, b, e, h, c, f, i), (
+            -(a * x + d * y + g * z), -(b * x + e * y + h * z), -(c * x + f * y + i * z)))
+
+    def rotate(self, vector: Vector) -> Vector:
+        """Turn a direction."""
+        a, b, c, d, e, f, g, h, i = self.rotation
+        x, y, z = vector
+        return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+
+    def apply(self, point: Vector) -> Vector:
+        """Move a point."""
+        return _sum(self.rotate(point), self.translation)
+
+    def pose(self) -> Pose:
+        """
+        Give the pose that writes this transform, exact to the last bits at every pitch.
+
+        Near a pitch of 90 degrees roll and yaw turn about one axis. The yaw is read off what the
+        matrix has, or is 0 where there is nothing to read, and the roll is what remains once that
+        yaw is undone; so both together are right whatever the yaw is.
+        """
+        if self.rotation is _UNTURNED:
+            return Pose(self.translation)
+        a, b, c, d, e, f, g, _, _ = self.rotation
+        level = math.hypot(a, d)
+        yaw = math.atan2(d, a) if level > 1e-15 else 0.0
+        sine, cosine = math.sin(yaw), math.cos(yaw)
+        roll = math.atan2(sine * c - cosine * f, cosine * e - sine * b)
+        return Pose(self.translation, (roll + 0.0, math.atan2(-g, level) + 0.0, yaw + 0.0))
+
+    def quaternion(self) -> Quaternion:
+        """Give the rotation as a unit quaternion w, x, y, z with w not below 0."""
+        a, b, c, d, e, f, g, h, i = self.rotation
+        # Of the four squares the largest is taken, so that nothing small is divided by.
+        squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
+        largest = max(range(4), key=squares.__getitem__)
+        quaternion = (
+            (squares[0], h - f, c - g, d - b), (h - f, squares[1], b + d, c + g),
+            (c - g, b + d, squares[2], f + h), (d - b, c + g, f + h, squares[3]))[largest]
+        w, x, y, z = normalised(quaternion)
+        return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
+
+
+IDENTITY = Transform()
+
+
+def rotation_of_rpy(rpy: Vector) -> Matrix:
+    """Give R = Rz(yaw) Ry(pitch) Rx(roll), the rotation that URDF and SDF mean."""
+    if rpy == ZERO:
+        return _UNTURNED
+    roll, pitch, yaw = rpy
+    sr, cr = math.sin(roll), math.cos(roll)
+    sp, cp = math.sin(pitch), math.cos(pitch)
+    sy, cy = math.sin(yaw), math.cos(yaw)
+    return (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
+            sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
+            -sp, cp * sr, cp * cr)
+
+
+def rotation_of_quaternion(quaternion: Quaternion) -> Matrix:
+    """Give the rotation of a quaternion w, x, y, z of any length but 0."""
+    w, x, y, z = normalised(quaternion)
+    return (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+
+
+def rotation_about(axis: Vector, angle: float) -> Matrix:
+    """Give the rotation by an angle in radians about an axis of any length but 0."""
+    x, y, z = normalised(axis)
+    sine = math.sin(angle / 2)
+    return rotation_of_quaternion((math.cos(angle / 2), x * sine, y * sine, z * sine))
+
+
+def normalised(vector: Sequence[float]) -> tuple[float, ...]:
+    """Give a vector of length 1; one that is so to the last bits stays as it is."""
+    # Scaled first, so that the squares of what is very large or small do not overflow or vanish.
+    largest = max(map(abs, vector))
+    scaled = [value / largest for value in vector]
+    length = math.hypot(*scaled)
+    if abs(largest * length - 1) < 4e-16:
+        return tuple(vector)
+    return tuple(value / length for value in scaled)
+
+
+def _sum(one: Vector, other: Vector) -> Vector:
+    return (one[0] + other[0], one[1] + other[1], one[2] + other[2])
+
+
+def _product(one: Matrix, other: Matrix) -> Matrix:
+    a, b, c, d, e, f, g, h, i = one
+    j, k, l, m, n, o, p, q, r = other  # noqa: E741
+    return (a * j + b * m + c * p, a * k + b * n + c * q, a * l + b * o + c * r,
+            d * j + e * m + f * p, d * k + e * n + f * q, d * l + e * o + f * r,
+            g * j + h * m + i * p, g * k + h * n + i * q, g * l + h * o + i * r)

@@ -1,0 +1,87 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Files of robots, whichever format they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import re
+
+from opencv_tools.robot.kinematics import with_mimics
+from opencv_tools.robot.model import Robot
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_reader import read_sdf
+from opencv_tools.robot.trees import one_tree
+from opencv_tools.robot.urdf_reader import read_urdf
+from opencv_tools.robot.xacro import expand, is_xacro
+from opencv_tools.robot.xml import (DescriptionError, Element, local_name, name_of, parse,
+                                    read_bytes)
+
+URDF = 'urdf'
+SDF = 'sdf'
+
+
+@dataclass(frozen=True)
+class Choices:
+    """
+    What to take from a file, and where to look for others.
+
+    :param arguments: of xacro, by name.
+    :param model: the model, where a file of SDF has several.
+    :param root: the link that all hangs on, where several links hang on nothing.
+    :param search: folders with models that are included.
+    """
+
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    model: str = ''
+    root: str = ''
+    search: Sequence[str] = ()
+
+
+def read_robot(path: str, report: Report, choices: Choices = Choices()
+               ) -> tuple[Robot, str]:
+    """
+    Read a robot of either format; xacro is expanded where the root declares it.
+
+    :param path: a file, or ``-`` for standard input.
+    :returns: the robot under the names of the file, and the format: ``URDF`` or ``SDF``.
+    :raises DescriptionError: there is no robot to be read.
+    """
+    report.source = name_of(path)
+    root = _root(path, report, choices)
+    tag = local_name(root)
+    if tag == 'robot':
+        robot = read_urdf(root, report, root_link=choices.root)
+    elif tag == 'sdf':
+        robot = read_sdf(root, report, model=choices.model, search=choices.search)
+    else:
+        raise DescriptionError('is no robot; URDF begins with <robot>, SDF with <sdf>', root)
+    with_mimics(robot, {})  # finds circles
+    if tag == 'sdf' and choices.root:
+        robot = one_tree(robot, choices.root, report)
+    return robot, URDF if tag == 'robot' else SDF
+
+
+def _root(path: str, report: Report, choices: Choices) -> Element:
+    """Parse a file; of xacro, what it expands to."""
+    data, source = read_bytes(path), name_of(path)
+    root = parse(data, source, report, tolerant=re.search(rb'<sdf[\s>]', data) is not None)
+    if local_name(root) == 'robot' and is_xacro(root):
+        expanded = expand(path, data, choices.arguments, report)
+        return parse(expanded, source, report)
+    for name in choices.arguments:
+        report.warn(local_name(root), name, 0, 'is no argument of it: the file is not xacro')
+    return root

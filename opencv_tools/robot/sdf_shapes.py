@@ -1,0 +1,222 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a link of SDF consists of: inertials, visuals and collisions, read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import os
+from pathlib import Path
+
+from lxml import etree
+from opencv_tools.robot.elements import SDF_COLLISION, SDF_LINK, SDF_VISUAL
+from opencv_tools.robot.model import (Box, Capsule, Carried, Cylinder, FrameId, Geometry, Inertial,
+                                      Link, Material, Mesh, MODEL, Placement, Shape, Sphere)
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope
+from opencv_tools.robot.sdf_names import Names
+from opencv_tools.robot.sdf_shape_writer import COLORS, INERTIA
+from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, text_of
+from opencv_tools.robot.xml import (carried, DescriptionError, Element, Known, leftovers, line_of,
+                                    local_name, named, number, URDF_NAMESPACE, vector)
+
+_KNOWN = {'visual': SDF_VISUAL, 'collision': SDF_COLLISION}
+_KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
+
+
+@dataclass(frozen=True)
+class Place:
+    """
+    Where elements are read: in which model, and what names mean there.
+
+    :param folder: of the first file, which relative paths of meshes are relative to.
+    """
+
+    scope: Scope
+    names: Names
+    report: Report
+    folder: str
+
+    def placement(self, holder: Element, default: FrameId) -> Placement:
+        """
+        Read the ``<pose>`` of an element.
+
+        :param default: the frame that it is in where it names none.
+        """
+        pose = holder.find('pose')
+        if pose is None:
+            return Placement(pose_of(None), default)
+        name = pose.get('relative_to', '')
+        if 'frame' in pose.attrib and self.scope.version >= FRAMES:
+            self.report.warn('pose', holder.get('name', ''), line_of(pose),
+                             'frame= means nothing from SDF 1.7 on, where it is relative_to=')
+        elif self.scope.version < FRAMES:
+            name = name or pose.get('frame', '')
+        frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
+        return Placement(pose_of(pose), frame)
+
+    def carried(self, element: Element, known: Known, skip: tuple[str, ...] = ()) -> Carried:
+        """
+        Keep what is not read of an element.
+
+        :param skip: what `xml.carried` shall leave out.
+        """
+        return Carried(urdf=carried(element, URDF_NAMESPACE, skip), sdf=self.rest(element, known))
+
+    def rest(self, element: Element, known: Known) -> Element | None:
+        """Keep what is not read of an element, in the words of SDF 1.7 and later."""
+        rest = leftovers(element, known)
+        if rest is None:
+            return None
+        if self.scope.version < FRAMES:
+            for axis in rest.iter('axis', 'axis2'):
+                _modernise(axis)
+        for pose in rest.iter('pose'):
+            if self.scope.version < FRAMES and 'frame' in pose.attrib:
+                pose.set('relative_to', pose.attrib.pop('frame'))
+            if name := pose.get('relative_to'):
+                pose.set('relative_to', self._in_robot(name))
+        return rest
+
+    def uri(self, text: str) -> str:
+        """Give the URI of a file as it is right beside the first file."""
+        files = self.scope.part.files
+        if not text or '://' in text or len(files) == 1 or Path(text).is_absolute():
+            return text
+        return os.path.relpath(files[-1].parent / text, self.folder)
+
+    def _in_robot(self, name: str) -> str:
+        if self.scope.frame == MODEL:
+            return name
+        return self.scope.frame.name if name == MODEL_FRAME else self.scope.qualified(name)
+
+
+def _modernise(axis: Element) -> None:
+    """Say by ``expressed_in`` what older versions say by ``use_parent_model_frame``."""
+    xyz, old = axis.find('xyz'), axis.find('use_parent_model_frame')
+    if old is not None:
+        if xyz is not None and flag(old.text, old):
+            xyz.set('expressed_in', MODEL_FRAME)
+        axis.remove(old)
+
+
+def read_link(element: Element, place: Place) -> Link:
+    """Read a link."""
+    name = place.scope.qualified(named(element))
+    frame = FrameId('link', name)
+    shapes: dict[str, tuple[Shape, ...]] = {}
+    for tag in _KNOWN:
+        shapes[tag] = tuple(_shape(child, frame, place) for child in element.iterchildren(tag))
+        _check_names(element, tag, place)
+    inertial = element.find('inertial')
+    return Link(name, place.placement(element, place.scope.frame),
+                None if inertial is None else _inertial(inertial, frame, place),
+                shapes['visual'], shapes['collision'], place.carried(element, SDF_LINK),
+                line_of(element))
+
+
+def _check_names(link: Element, tag: str, place: Place) -> None:
+    names = set()
+    for child in link.iterchildren(tag) if place.scope.version >= FRAMES else ():
+        name = child.get('name')
+        if name in names:
+            raise DescriptionError(f'{name!r} is the name of another {tag} of link '
+                                   f'{link.get("name")!r} already; give each its own', child)
+        names.add(name)
+
+
+def _inertial(element: Element, link: FrameId, place: Place) -> Inertial:
+    """Read an inertial; what it does not say is as SDF has it by default."""
+    moments = element.find('inertia')
+    values = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]
+    for index, tag in enumerate(INERTIA):
+        if moments is not None and (child := moments.find(tag)) is not None:
+            values[index] = number(child.text, child)
+    ixx, ixy, ixz, iyy, iyz, izz = values
+    mass = element.find('mass')
+    return Inertial(place.placement(element, link), 1.0 if mass is None else number(
+        mass.text, mass), (ixx, ixy, ixz, iyy, iyz, izz))
+
+
+def _shape(element: Element, link: FrameId, place: Place) -> Shape:
+    tag = local_name(element)
+    material = element.find('material') if tag == 'visual' else None
+    geometry, rest = _geometry(element, place), place.carried(element, _KNOWN[tag])
+    return Shape(named(element), place.placement(element, link), geometry,
+                 None if material is None else _material(material, place),
+                 rest if geometry else _with_geometry(rest, tag), line_of(element))
+
+
+def _with_geometry(rest: Carried, tag: str) -> Carried:
+    """Say what no geometry is, where nothing is said."""
+    if rest.sdf is not None and rest.sdf.find('geometry') is not None:
+        return rest
+    element = etree.Element(tag) if rest.sdf is None else rest.sdf
+    etree.SubElement(etree.SubElement(element, 'geometry'), 'empty')
+    return Carried(rest.urdf, element)
+
+
+def _geometry(shape: Element, place: Place) -> Geometry | None:
+    element = shape.find('geometry')
+    if element is None:
+        place.report.warn(local_name(shape), named(shape), line_of(shape), 'has no <geometry>')
+        return None
+    capsule = element.find(_KEPT_CAPSULE)
+    if capsule is not None:
+        return Capsule(number(capsule.get('radius'), capsule, 'radius'),
+                       number(capsule.get('length'), capsule, 'length'))
+    known = SDF_VISUAL['geometry'] or {}
+    forms = [child for child in element.iterchildren('*') if child.tag in known]
+    for other in forms[1:]:
+        place.report.warn(local_name(other), named(shape), line_of(other),
+                          'left out, a geometry is one shape')
+    return _form(forms[0], place) if forms else None
+
+
+def _form(element: Element, place: Place) -> Geometry:
+    tag = local_name(element)
+    if tag == 'mesh':
+        uri, scale = text_of(element, 'uri'), element.find('scale')
+        if not uri:
+            raise DescriptionError('has no <uri>', element)
+        return Mesh(place.uri(uri), None if scale is None else vector(scale.text, scale))
+    if tag == 'box':
+        size = _child(element, 'size')
+        return Box(vector(size.text, size))
+    if tag == 'sphere':
+        return Sphere(_length(element, 'radius'))
+    form = Cylinder if tag == 'cylinder' else Capsule
+    return form(_length(element, 'radius'), _length(element, 'length'))
+
+
+def _length(element: Element, tag: str) -> float:
+    child = _child(element, tag)
+    return number(child.text, child)
+
+
+def _child(element: Element, tag: str) -> Element:
+    child = element.find(tag)
+    if child is None:
+        raise DescriptionError(f'has no <{tag}>', element)
+    return child
+
+
+def _material(element: Element, place: Place) -> Material:
+    colors = {field: color_of(child) for tag, field in COLORS.items()
+              if (child := element.find(tag)) is not None}
+    kept = element.find(f'{{{URDF_NAMESPACE}}}texture')
+    texture = place.uri(text_of(element, 'pbr/metal/albedo_map'))
+    return Material(element.get(f'{{{URDF_NAMESPACE}}}name', ''),
+                    texture=texture if kept is None else kept.get('filename', ''), **colors)

@@ -1,0 +1,263 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""URDF as a robot: every joint placed in its parent link, every other link in its joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+from lxml import etree
+from opencv_tools.robot.elements import SDF_JOINT, URDF_JOINTS, URDF_LINK, URDF_ROBOT
+from opencv_tools.robot.kinematics import with_mimics
+from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Joint, JOINT_TYPES,
+                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape,
+                                      UNLIMITED, URDF_TYPES)
+from opencv_tools.robot.pose import Pose, ZERO
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_reader import axis_from_element, frame_from_element
+from opencv_tools.robot.sdf_texts import pose_of
+from opencv_tools.robot.trees import one_tree
+from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
+from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
+                                            shape_from_element)
+from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
+from opencv_tools.robot.xml import (carried, DescriptionError, Element, Known, leftovers,
+                                    limit_number, line_of, local_name, named, number,
+                                    SDF_NAMESPACE, source_of, vector)
+
+_SDF = f'{{{SDF_NAMESPACE}}}'
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What the parts of a robot are read with."""
+
+    report: Report
+    tree: TreeOfLinks
+    looks: Looks
+    gazebo: Mapping[FrameId, list[Element]]
+    offsets: Mapping[str, Pose]  # of joints in their child links, where they are apart
+
+    def home(self, link: str) -> FrameId:
+        """Give the frame that URDF means by a link: that of the joint above it."""
+        above = self.tree.above.get(link)
+        if above is not None and link in self.offsets:
+            return FrameId('joint', named(above))
+        return FrameId('link', link)
+
+
+def read_urdf(root: Element, report: Report, *, root_link: str = '') -> Robot:
+    """
+    Read a robot.
+
+    :param root: the element ``<robot>``.
+    :param root_link: which link to take with all below it, where several hang on nothing.
+    :raises DescriptionError: it is no robot, or not a right one.
+    """
+    if root.tag != 'robot':
+        raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
+                               root)
+    name = named(root)
+    tree = tree_of(root)
+    gazebo, rest = sorted_blocks(root, tree, report)
+    source = _Source(report, tree, looks_of(root, report), gazebo,
+                     {link: pose for link, joint in tree.above.items()
+                      if (pose := _sdf_pose(joint)) is not None and not pose.is_identity})
+    extras = _carried(root, URDF_ROBOT, gazebo.get(MODEL, []),
+                      ('frame', 'joint', '@canonical_link'))
+    if rest:
+        kept = etree.Element('robot') if extras.urdf is None else extras.urdf
+        kept.extend(rest)
+        extras = Carried(kept, extras.sdf)
+    robot = one_tree(Robot(
+        name,
+        tuple(_link(element, source) for element in tree.links.values()),
+        tuple(_joint(element, source) for element in tree.joints.values()),
+        _frames(root, tree),
+        canonical_link=_canonical_link(root, source),
+        carried=extras,
+        source=source_of(root)), root_link, report)
+    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    return robot
+
+
+def _canonical_link(root: Element, source: _Source) -> str:
+    name = root.get(f'{_SDF}canonical_link', '')
+    if name and name not in source.tree.links:
+        raise DescriptionError(f'canonical_link={name!r} is no link', root)
+    return name
+
+
+def _link(element: Element, source: _Source) -> Link:
+    name = named(element)
+    home = source.home(name)
+    inertial = element.find('inertial')
+    shapes: dict[str, list[Shape]] = {'visual': [], 'collision': []}
+    for child in element:
+        tag = str(child.tag).removeprefix(_SDF)
+        if tag in shapes:
+            shapes[tag].append(shape_from_element(child, home, name, source.looks, source.report))
+    offset = source.offsets.get(name)
+    extra = [in_link_frame(part, offset) for part in source.gazebo.get(FrameId('link', name), [])]
+    return Link(
+        name, _link_placement(element, source),
+        None if inertial is None else inertial_from_element(inertial, home, source.report, name),
+        tuple(shapes['visual']), tuple(shapes['collision']),
+        _carried(element, URDF_LINK, extra, ('pose', 'visual', 'collision')), line_of(element))
+
+
+def _link_placement(element: Element, source: _Source) -> Placement:
+    """Place a link in the joint above it, the root in the model."""
+    name = named(element)
+    above = source.tree.above.get(name)
+    if above is None:
+        return Placement(_sdf_pose(element) or Pose(), MODEL)
+    offset = source.offsets.get(name)
+    pose = offset.transform().inverse().pose() if offset else Pose()
+    return Placement(pose, FrameId('joint', named(above)))
+
+
+def _sdf_pose(element: Element) -> Pose | None:
+    """Read what the writer of URDF noted of a pose that URDF has no word for."""
+    pose = element.find(f'{_SDF}pose')
+    return None if pose is None else pose_of(pose)
+
+
+def _joint(element: Element, source: _Source) -> Joint:
+    name = named(element)
+    kind = _type(element)
+    is_loop = element.tag != 'joint'
+    parent, child = source.tree.ends(element)
+    placement = Placement(origin_of(element), source.home(parent))
+    if is_loop and (pose := _sdf_pose(element)) is not None:
+        placement = Placement(pose, FrameId('link', child))
+    extra = source.gazebo.get(FrameId('joint', name), [])
+    own = element.get(f'{_SDF}type', '')
+    if not own:
+        axes = _axes(element, kind, source)
+        if kind == 'revolute' and axes[0].limit and axes[0].limit.lower == -math.inf and (
+                axes[0].limit.upper == math.inf):
+            kind = 'continuous'
+        known = URDF_JOINTS[kind]
+        return Joint(name, kind, parent, child, placement, axes, is_loop,
+                     _carried(element, known, extra, ('pose', '@type')), line_of(element))
+    if own not in JOINT_TYPES:
+        raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
+    kept = _carried(element, URDF_JOINTS[kind], extra, ('pose', '@type'))
+    rest = None if kept.sdf is None else leftovers(kept.sdf, SDF_JOINT)
+    found = (element.find(f'{_SDF}{tag}') for tag in ('axis', 'axis2'))
+    axes = tuple(axis_from_element(axis) for axis in found if axis is not None)
+    return Joint(name, own, parent, child, placement, axes, is_loop, Carried(kept.urdf, rest),
+                 line_of(element))
+
+
+def _type(element: Element) -> str:
+    kind = element.get('type')
+    if kind not in URDF_TYPES:
+        problem = 'has no type' if kind is None else f'type={kind!r} is no type of joint'
+        raise DescriptionError(f'{problem}; URDF has {", ".join(URDF_TYPES)}', element)
+    return kind
+
+
+def _axes(element: Element, kind: str, source: _Source) -> tuple[Axis, ...]:
+    """Read the axis of a joint that has one."""
+    if 'axis' not in URDF_JOINTS[kind]:
+        return ()
+    axis = element.find('axis')
+    xyz = (1.0, 0.0, 0.0)
+    if axis is not None and 'xyz' in axis.attrib:
+        xyz = vector(axis.get('xyz'), axis, 'xyz')
+        if xyz == ZERO:
+            raise DescriptionError(f'xyz={axis.get("xyz")!r} has no direction; give the axis of '
+                                   f'{kind} joint {named(element)!r}', axis)
+    return (Axis(xyz, _limit(element, kind, source), _dynamics(element),
+                 _mimic(element, source)),)
+
+
+def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
+    limit = element.find('limit')
+    if limit is None:
+        if kind in ('revolute', 'prismatic'):
+            raise DescriptionError(f'a {kind} joint needs <limit effort= velocity=>', element)
+        return None
+    strength = []
+    for attribute in ('effort', 'velocity'):
+        if attribute not in limit.attrib and kind != 'planar':
+            raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
+        strength.append(_limited(limit.get(attribute, 'inf'), limit, attribute))
+    if kind not in ('revolute', 'prismatic'):
+        return Limit(effort=strength[0], velocity=strength[1])
+    lower, upper = (_limited(limit.get(attribute, '0'), limit, attribute)
+                    for attribute in ('lower', 'upper'))
+    if lower > upper:
+        source.report.warn('limit', named(element), line_of(limit),
+                           f'lower={lower!r} is above upper={upper!r}')
+    return Limit(lower, upper, strength[0], strength[1])
+
+
+def _limited(text: str, element: Element, what: str) -> float:
+    """Read a limit; one as large as the largest means none."""
+    value = limit_number(text, element, what)
+    return math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+
+
+def _dynamics(element: Element) -> Dynamics | None:
+    dynamics = element.find('dynamics')
+    if dynamics is None:
+        return None
+    damping, friction = (
+        number(dynamics.get(attribute), dynamics, attribute) if attribute in dynamics.attrib
+        else None for attribute in ('damping', 'friction'))
+    return Dynamics(damping, friction)
+
+
+def _mimic(element: Element, source: _Source) -> Mimic | None:
+    mimic = element.find('mimic')
+    if mimic is None:
+        return None
+    joint = (mimic.get('joint') or '').strip()
+    if not joint:
+        raise DescriptionError('has no joint= to say which joint it follows', mimic)
+    if joint not in source.tree.joints:
+        raise DescriptionError(f'joint={joint!r} is no joint of the robot', mimic)
+    return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),
+                 number(mimic.get('offset', '0'), mimic, 'offset'))
+
+
+def _frames(root: Element, tree: TreeOfLinks) -> tuple[Frame, ...]:
+    elements = root.findall(f'{_SDF}frame')
+    ids = {'': MODEL, '__model__': MODEL}
+    for kind, names in (('frame', [named(element) for element in elements]),
+                        ('joint', tree.joints), ('link', tree.links)):
+        ids.update((name, FrameId(kind, name)) for name in names)
+
+    def lookup(name: str, element: Element) -> FrameId:
+        if name not in ids:
+            raise DescriptionError(f'there is no link, joint or frame {name!r}', element)
+        return ids[name]
+
+    return tuple(frame_from_element(element, lookup) for element in elements)
+
+
+def _carried(element: Element, known: Known, extra: list[Element],
+             skip: tuple[str, ...]) -> Carried:
+    """Take what URDF says beyond a robot, and what is there of SDF."""
+    sdf = carried(element, SDF_NAMESPACE, skip)
+    if extra:
+        sdf = etree.Element(local_name(element)) if sdf is None else sdf
+        sdf.extend(extra)
+    return Carried(leftovers(element, known), sdf)

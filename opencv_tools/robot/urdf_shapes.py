@@ -1,0 +1,232 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What links of URDF consist of: mass, geometry and looks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
+from opencv_tools.robot.model import (Box, Capsule, Carried, Color, Cylinder, FrameId, Geometry,
+                                      Inertial, Material, Mesh, Placement, Shape, Sphere)
+from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.xml import (carried, DescriptionError, Element, leftovers, line_of,
+                                    local_name, number, numbers, SDF_NAMESPACE,
+                                    vector)
+
+_SDF = f'{{{SDF_NAMESPACE}}}'
+INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# The colours of SDF that URDF has no word for.
+LIGHTS = ('ambient', 'specular', 'emissive')
+_DARK: Color = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """
+    The materials of a file.
+
+    :param each: by the elements of all of them.
+    :param defined: colour and texture by name.
+    :param single: the names that one element has and no other.
+    """
+
+    each: Mapping[Element, Material]
+    defined: Mapping[str, Material]
+    single: frozenset[str]
+
+
+def origin_of(element: Element) -> Pose:
+    """Read ``<origin>`` in an element; without one it is the identity."""
+    origin = element.find('origin')
+    if origin is None:
+        return Pose()
+    attributes = origin.attrib
+    xyz = vector(attributes['xyz'], origin, 'xyz') if 'xyz' in attributes else ZERO
+    rpy = vector(attributes['rpy'], origin, 'rpy') if 'rpy' in attributes else ZERO
+    if 'quat_xyzw' not in attributes:
+        return Pose(xyz, rpy)
+    x, y, z, w = numbers(origin.get('quat_xyzw'), 4, origin, 'quat_xyzw')
+    if 'rpy' in attributes or not any((x, y, z, w)):
+        raise DescriptionError('quat_xyzw= has to be a rotation, and the only one', origin)
+    return Transform(rotation_of_quaternion((w, x, y, z)), xyz).pose()
+
+
+def inertial_from_element(element: Element, home: FrameId, report: Report, link: str) -> Inertial:
+    """
+    Read ``<inertial>``.
+
+    :param home: the frame that URDF means by the link.
+    :raises DescriptionError: mass or inertia are not there.
+    """
+    mass, inertia = (_child(element, tag) for tag in ('mass', 'inertia'))
+    value = _number(mass, 'value')
+    if value < 0:
+        report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
+    ixx, ixy, ixz, iyy, iyz, izz = (_number(inertia, name) for name in INERTIA)
+    return Inertial(Placement(origin_of(element), home), value, (ixx, ixy, ixz, iyy, iyz, izz))
+
+
+def shape_from_element(element: Element, home: FrameId, link: str, looks: Looks, report: Report
+                       ) -> Shape:
+    """
+    Read ``<visual>`` or ``<collision>``, or what the writer of URDF noted of one.
+
+    :param home: the frame that URDF means by the link.
+    :param link: its name, for messages.
+    :param looks: see `looks_of`.
+    """
+    tag = local_name(element)
+    kept = carried(element, SDF_NAMESPACE)
+    material = None
+    if tag == 'visual':
+        material = _material(element, kept, looks, report, link)
+        kept = None if kept is None else leftovers(kept, SDF_VISUAL)
+    known = URDF_VISUAL if tag == 'visual' else URDF_COLLISION
+    geometry = None if element.tag != tag else _geometry(element, report, link)
+    return Shape(element.get('name', ''), Placement(origin_of(element), home), geometry, material,
+                 Carried(leftovers(element, known), kept), line_of(element))
+
+
+def _geometry(shape: Element, report: Report, link: str) -> Geometry:
+    geometry = _child(shape, 'geometry')
+    found = [child for child in geometry if not str(child.tag).startswith(_SDF)]
+    if len(found) != 1 or found[0].tag not in _GEOMETRIES:
+        kinds = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
+        if len(found) != 1:
+            raise DescriptionError(f'has {len(found)} shapes, it should have one of {kinds}',
+                                   geometry)
+        raise DescriptionError(f'is no geometry of URDF, which has {kinds}', found[0])
+    for name in ('size', 'radius', 'length'):
+        text = found[0].get(name, '')
+        if '-' in text and any(value < 0 for value in _floats(text)):
+            report.warn(str(found[0].tag), link, line_of(found[0]),
+                        f'{name}={text!r} is negative')
+    return _GEOMETRIES[str(found[0].tag)](found[0])
+
+
+def _floats(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:  # which the reader of the geometry says better
+        return []
+
+
+def _box(element: Element) -> Box:
+    return Box(vector(_attribute(element, 'size'), element, 'size'))
+
+
+def _mesh(element: Element) -> Mesh:
+    scale = element.get('scale')
+    return Mesh(_attribute(element, 'filename'),
+                None if scale is None else vector(scale, element, 'scale'))
+
+
+_GEOMETRIES: Mapping[str, Callable[[Element], Geometry]] = {
+    'box': _box,
+    'sphere': lambda element: Sphere(_number(element, 'radius')),
+    'cylinder': lambda element: Cylinder(_number(element, 'radius'), _number(element, 'length')),
+    'capsule': lambda element: Capsule(_number(element, 'radius'), _number(element, 'length')),
+    'mesh': _mesh,
+}
+
+
+def looks_of(root: Element, report: Report) -> Looks:
+    """
+    Collect the materials that are defined, those of the robot first.
+
+    A visual may name what another one defines, for urdfdom and RViz find that too.
+    """
+    each: dict[Element, Material] = {}
+    found: dict[str, Material] = {}
+    names: Counter[str] = Counter()
+    for element in (*root.iterfind('material'), *root.iterfind('link/visual/material'),
+                    *root.iterfind(f'link/{_SDF}visual/material')):
+        each[element] = look = look_of(element)
+        names[look.name] += 1
+        if look.name and (look.color or look.texture) and (
+                found.setdefault(look.name, look) != look):
+            report.warn('material', look.name, line_of(element), 'is defined elsewhere with '
+                        'another colour or texture; each is taken as it stands')
+    return Looks(each, found, frozenset(name for name, count in names.items() if count == 1))
+
+
+def look_of(element: Element) -> Material:
+    """Read ``<material>``."""
+    color, texture = element.find('color'), element.find('texture')
+    return Material(
+        (element.get('name') or '').strip(),
+        None if color is None else _color(color.get('rgba'), color, 'rgba'),
+        texture='' if texture is None else _attribute(texture, 'filename'))
+
+
+def _material(visual: Element, kept: Element | None, looks: Looks, report: Report, link: str
+              ) -> Material | None:
+    """Read what a visual looks like, by its own definition or by the name of another one."""
+    element = visual.find('material')
+    lights = None if kept is None else kept.find('material')
+    if element is None and lights is None:
+        return None
+    look = Material() if element is None else looks.each.get(element) or look_of(element)
+    if element is not None and look.name and not look.color and not look.texture:
+        if look.name not in looks.defined:
+            report.warn('material', look.name, line_of(element),
+                        f'is not defined; the visual of link {link!r} has no colour')
+        look = looks.defined.get(look.name, look)
+    elif look.name in looks.single and look.name == own_name(link, visual.get('name', '')):
+        look = replace(look, name='')  # the writer has to give one, and gives the same again
+    if lights is not None:
+        found = {child.tag: _color(child.text, child) for child in lights if child.tag in LIGHTS}
+        return replace(look, ambient=found.get('ambient'), specular=found.get('specular'),
+                       emissive=found.get('emissive'))
+    return lit(look)
+
+
+def lit(look: Material) -> Material:
+    """Give a material of URDF the lights that SDF tells apart from its colour."""
+    if look.color is None:
+        return look
+    return Material(look.name, look.color, look.color, _DARK, _DARK, look.texture)
+
+
+def own_name(link: str, visual: str) -> str:
+    """Name the material of a visual that has none."""
+    return f'{link}_{visual or "visual"}'
+
+
+def _color(text: str | None, element: Element, what: str = '') -> Color:
+    red, green, blue, alpha = numbers(text, 4, element, what)
+    return red, green, blue, alpha
+
+
+def _child(element: Element, tag: str) -> Element:
+    child = element.find(tag)
+    if child is None:
+        raise DescriptionError(f'has no <{tag}>', element)
+    return child
+
+
+def _attribute(element: Element, name: str) -> str:
+    value = element.get(name)
+    if value is None:
+        raise DescriptionError(f'has no {name}=', element)
+    return value
+
+
+def _number(element: Element, name: str) -> float:
+    return number(_attribute(element, name), element, name)

@@ -1,0 +1,282 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Robots made up of whatever URDF and SDF allow, for tests of what holds of all of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+import math
+from random import Random
+import xml.etree.ElementTree as ElementTree
+
+Element = ElementTree.Element
+_COLORS = ('0.1 0.2 0.3 1', '0.9 0.9 0.9 0.5', '1 1 1 1', '0.123456789012345 0 1 1')
+_URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
+_SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'ball', 'universal', 'revolute2',
+              'screw', 'gearbox')
+
+
+def add(parent: Element, tag: str, text: str = '', **attributes: str) -> Element:
+    """Add a child."""
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text
+    return child
+
+
+def number(random: Random) -> float:
+    """Give a number as robots have them: round, odd, or nothing."""
+    return random.choice((0.0, 0.5, -0.25, 1e-7, random.uniform(-2, 2), random.uniform(-2, 2)))
+
+
+def angle(random: Random) -> float:
+    """Give an angle, often one at which roll and yaw are about one axis."""
+    right = math.pi / 2
+    return random.choice((0.0, right, -right, 1.5708, right - 1e-9, -right + 1e-12, math.pi,
+                          random.uniform(-4, 4), random.uniform(-4, 4)))
+
+
+def pose(random: Random) -> str:
+    """Give six numbers."""
+    return ' '.join([*(repr(number(random)) for _ in range(3)),
+                     *(repr(angle(random)) for _ in range(3))])
+
+
+def axis(random: Random) -> str:
+    """Give a direction, of length 1 or not."""
+    return random.choice(('1 0 0', '0 0 1', '0 -1 0', '1 1 0', '0 0 3.5', '-0.3 0.4 1e-3',
+                          '0.6 0 0.8'))
+
+
+def urdf(random: Random, links: int) -> Element:
+    """Make a robot up in URDF, of so many links, with what robots out there have."""
+    robot = ElementTree.Element('robot', name='made_up')
+    add(add(robot, 'material', name='global'), 'color', rgba='0.2 0.4 0.6 1')
+    for index in range(links):
+        _urdf_link(random, robot, f'link_{index}')
+    movable: list[str] = []
+    for index in range(1, links):
+        # Joints may be called as links are.
+        name = random.choice((f'joint_{index}', f'link_{index}'))
+        kind = random.choice(_URDF_TYPES)
+        joint = add(robot, 'joint', name=name, type=kind)
+        add(joint, 'parent', link=f'link_{random.randrange(index)}')
+        add(joint, 'child', link=f'link_{index}')
+        _origin(random, joint)
+        if kind not in ('fixed', 'floating'):
+            add(joint, 'axis', xyz=axis(random))
+        if kind in ('revolute', 'prismatic'):
+            add(joint, 'limit', lower=random.choice(('-1', '-0.123456789', '-1e16')), upper='1.5',
+                effort=random.choice(('10', '1e16')), velocity='2.5')
+            if random.random() < 0.3:
+                add(joint, 'safety_controller', k_velocity='10', soft_lower_limit='-0.5')
+        if kind in ('revolute', 'continuous', 'prismatic'):
+            if movable and random.random() < 0.3:
+                add(joint, 'mimic', joint=random.choice(movable), multiplier='-0.5', offset='0.25')
+            movable.append(name)
+            if random.random() < 0.5:
+                add(joint, 'dynamics', damping='0.1', friction='0.01')
+            if random.random() < 0.2:
+                add(joint, 'calibration', rising='0.5')
+    if movable:
+        transmission = add(robot, 'transmission', name='drive')
+        add(add(transmission, 'joint', name=movable[0]), 'hardwareInterface', 'effort')
+    block = add(robot, 'gazebo', reference='link_0')
+    add(block, 'mu1', '0.2')
+    add(add(block, 'sensor', name='eye', type='camera'), 'pose', '0 0 0.5 0 0.1 0')
+    add(add(robot, 'gazebo'), 'plugin', name='drive', filename='libdrive.so')
+    return robot
+
+
+def _origin(random: Random, parent: Element) -> None:
+    words = pose(random).split()
+    if set(words) != {'0.0'} and random.random() < 0.9:
+        add(parent, 'origin', xyz=' '.join(words[:3]), rpy=' '.join(words[3:]))
+
+
+def _urdf_link(random: Random, robot: Element, name: str) -> None:
+    link = add(robot, 'link', name=name)
+    if random.random() < 0.5:
+        inertial = add(link, 'inertial')
+        _origin(random, inertial)
+        add(inertial, 'mass', value='1.25')
+        add(inertial, 'inertia', ixx='0.1', ixy='0.001', ixz='0', iyy='0.2', iyz='-0.002', izz='0.3')
+    for tag in random.choices(('visual', 'collision'), k=random.randrange(4)):
+        shape = add(link, tag)
+        if random.random() < 0.5:
+            shape.set('name', random.choice(('body', 'other')))
+        _origin(random, shape)
+        geometry = add(shape, 'geometry')
+        kind = random.randrange(5)
+        if kind == 0:
+            add(geometry, 'box', size='0.1 0.2 0.30000000000000004')
+        elif kind == 1:
+            add(geometry, 'sphere', radius='0.7')
+        elif kind == 2:
+            add(geometry, 'cylinder', radius='0.05', length='0.4')
+        elif kind == 3:
+            add(geometry, 'capsule', radius='0.05', length='0.4')
+        else:
+            mesh = add(geometry, 'mesh', filename='package://made_up/meshes/a.stl')
+            if random.random() < 0.5:
+                mesh.set('scale', '0.001 0.0010000000000000002 -0.001')
+        if tag == 'visual' and random.random() < 0.7:
+            look = random.randrange(3)
+            if look == 0:
+                add(shape, 'material', name='global')
+            elif look == 1:
+                color = random.choice(_COLORS)
+                add(add(shape, 'material', name=f'paint {color}'), 'color', rgba=color)
+            else:
+                add(add(shape, 'material', name='picture'), 'texture',
+                    filename='package://made_up/a.png')
+
+
+def sdf(random: Random, links: int) -> Element:
+    """Make a robot up in SDF, of so many links, placed in whatever there is."""
+    root = ElementTree.Element('sdf', version='1.11')
+    model = add(root, 'model', name='made_up')
+    if random.random() < 0.5:
+        add(model, 'pose', '1 2 3 0 0 0.5')
+    if random.random() < 0.5:
+        add(model, 'self_collide', 'true')
+    frames = ['__model__']
+    for index in range(links):
+        name = f'link_{index}'
+        link = add(model, 'link', name=name)
+        _sdf_pose(random, link, frames)
+        frames.append(name)
+        _sdf_link(random, link, name)
+        if index and random.random() < 0.3:
+            frame = add(model, 'frame', name=f'frame_{index}', attached_to=random.choice(frames[1:]))
+            _sdf_pose(random, frame, frames)
+            frames.append(f'frame_{index}')
+    movable: list[str] = []
+    for index in range(1, links):
+        _sdf_joint(random, model, f'joint_{index}', f'link_{random.randrange(index)}',
+                   f'link_{index}', movable, frames)
+    if links > 3 and random.random() < 0.4:
+        # Closes a loop: URDF has none.
+        _sdf_joint(random, model, 'loop', 'link_1', f'link_{links - 1}', [], frames)
+    add(add(model, 'plugin', name='drive', filename='libdrive.so'), 'speed', '3')
+    return root
+
+
+def _sdf_pose(random: Random, parent: Element, frames: list[str]) -> None:
+    if random.random() < 0.8:
+        element = add(parent, 'pose', pose(random))
+        if random.random() < 0.5:
+            element.set('relative_to', random.choice(frames))
+
+
+def _sdf_joint(random: Random, model: Element, name: str, parent: str, child: str,
+               movable: list[str], frames: list[str]) -> None:
+    kind = random.choice(_SDF_TYPES)
+    joint = add(model, 'joint', name=name, type=kind)
+    add(joint, 'parent', parent)
+    add(joint, 'child', child)
+    if random.random() < 0.5:
+        _sdf_pose(random, joint, frames)
+    if kind in ('fixed', 'ball'):
+        return
+    for tag in ('axis', 'axis2') if kind in ('universal', 'revolute2', 'gearbox') else ('axis',):
+        turning = add(joint, tag)
+        add(turning, 'xyz', axis(random))
+        if random.random() < 0.2:
+            turning[0].set('expressed_in', random.choice(frames))
+        limit = add(turning, 'limit')
+        if kind != 'continuous' and random.random() < 0.6:
+            add(limit, 'lower', '-0.75')
+            add(limit, 'upper', '1.25')
+        add(limit, 'effort', '30')
+        if random.random() < 0.5:
+            dynamics = add(turning, 'dynamics')
+            add(dynamics, 'damping', '0.25')
+            add(dynamics, 'spring_stiffness', '3')
+    if kind in ('revolute', 'continuous', 'prismatic'):
+        if movable and random.random() < 0.3:
+            mimic = add(turning, 'mimic', joint=random.choice(movable))
+            add(mimic, 'multiplier', '2')
+            add(mimic, 'offset', '-0.5')
+            add(mimic, 'reference', '0')
+        movable.append(name)
+    if kind == 'screw':
+        add(joint, 'screw_thread_pitch', '0.01')
+    if kind == 'gearbox':
+        add(joint, 'gearbox_ratio', '3')
+        add(joint, 'gearbox_reference_body', 'link_0')
+
+
+def _sdf_link(random: Random, link: Element, name: str) -> None:
+    if random.random() < 0.6:
+        inertial = add(link, 'inertial')
+        if random.random() < 0.7:
+            add(inertial, 'pose', pose(random))
+        add(inertial, 'mass', '2.5')
+        inertia = add(inertial, 'inertia')
+        for key, value in (('ixx', '0.1'), ('ixy', '0'), ('ixz', '0.01'), ('iyy', '0.2'),
+                           ('iyz', '0'), ('izz', '0.3')):
+            add(inertia, key, value)
+    for index, tag in enumerate(random.choices(('visual', 'collision'), k=random.randrange(4))):
+        shape = add(link, tag, name=f'{tag}_{index}')
+        if random.random() < 0.7:
+            add(shape, 'pose', pose(random))
+        geometry = add(shape, 'geometry')
+        kind = random.randrange(4)
+        if kind == 0:
+            add(add(geometry, 'box'), 'size', '1 2 3')
+        elif kind == 1:
+            mesh = add(geometry, 'mesh')
+            add(mesh, 'uri', 'model://made_up/meshes/a.dae')
+            add(mesh, 'scale', '0.001 0.001 0.0010000000000000002')
+        elif kind == 2:
+            add(add(geometry, 'plane'), 'normal', '0 1 0')
+        else:
+            add(add(geometry, 'sphere'), 'radius', '0.125')
+        if tag == 'visual':
+            add(shape, 'cast_shadows', 'false')
+            material = add(shape, 'material')
+            for key in random.sample(('ambient', 'diffuse', 'specular', 'emissive'), 2):
+                add(material, key, random.choice(_COLORS))
+        else:
+            add(add(add(shape, 'surface'), 'bounce'), 'restitution_coefficient', '0.5')
+    if random.random() < 0.3:
+        sensor = add(link, 'sensor', name='eye', type='imu')
+        add(sensor, 'pose', pose(random))
+    if random.random() < 0.3:
+        add(link, 'self_collide', 'true')
+
+
+def elements(root: Element) -> Counter[str]:
+    """Count the elements of a file by their paths."""
+    return Counter(path for path, _ in _walk(root, root.tag))
+
+
+def numbers(root: Element) -> Counter[tuple[str, str, tuple[float, ...]]]:
+    """Count the numbers of a file by the paths and attributes that they stand in."""
+    found: Counter[tuple[str, str, tuple[float, ...]]] = Counter()
+    for path, element in _walk(root, root.tag):
+        for name, text in [('', element.text or ''), *element.attrib.items()]:
+            try:
+                found[path, name, tuple(map(float, text.split()))] += 1
+            except ValueError:
+                continue
+    return found
+
+
+def _walk(element: Element, path: str) -> list[tuple[str, Element]]:
+    found = [(path, element)]
+    for child in element:
+        found.extend(_walk(child, f'{path}/{child.tag}'))
+    return found

@@ -1,0 +1,330 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is no robot, or is made to do harm: one line, exit status 2, at once, nothing written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+import errno
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROBOTS = Path(__file__).parent / 'data' / 'robots'
+# A second where the machine is idle; how busy it is must not decide.
+AT_ONCE = 3.0
+SECRET = 'not for everyone'
+DEEP = 10_000
+
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def _bomb(document: str) -> str:
+    """Begin a document with entities that would become a gigabyte."""
+    declared = [f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 10)]
+    return '\n'.join([f'<!DOCTYPE {document} [', '<!ENTITY e0 "ha">', *declared, ']>', ''])
+
+
+def _nested(tag: str) -> str:
+    return f'<{tag}>' * DEEP + f'</{tag}>' * DEEP
+
+
+URDF_BOMB = f'{_bomb("robot")}<robot name="robot"><link name="&e9;"/></robot>'
+SDF_BOMB = f'{_bomb("sdf")}<sdf version="1.7"><model name="r"><link name="&e9;"/></model></sdf>'
+EXTERNAL = ('<!DOCTYPE robot [<!ENTITY secret SYSTEM "{secret}">]>\n'
+            '<robot name="robot" {more}><link name="base"/>&secret;</robot>')
+EXTERNAL_DTD = ('<!DOCTYPE robot SYSTEM "{secret}">\n'
+                '<robot name="&secret;"><link name="base"/></robot>')
+PARAMETER = ('<!DOCTYPE robot [<!ENTITY % secret SYSTEM "{secret}"> %secret;]>\n'
+             '<robot name="robot"><link name="base"/></robot>')
+
+
+@dataclass(frozen=True)
+class Bad:
+    """
+    A file that is refused.
+
+    :param words: in the message.
+    :param others: files beside it.
+    """
+
+    data: str | bytes
+    words: tuple[str, ...]
+    name: str = 'robot.urdf'
+    others: tuple[tuple[str, str], ...] = ()
+
+
+# By a process each, because it would be the process that suffers.
+HARMFUL = {
+    'entity bomb in URDF': Bad(URDF_BOMB, ('robot.urdf:2: ', '<!ENTITY>')),
+    'entity bomb in UTF-16': Bad(
+        '<?xml version="1.0" encoding="UTF-16"?>'.encode('utf-16') + URDF_BOMB.encode('utf-16-le'),
+        ('robot.urdf',)),
+    'entity bomb in SDF': Bad(SDF_BOMB, ('robot.sdf:2: ', '<!ENTITY>'), 'robot.sdf'),
+    'entity bomb in xacro': Bad(URDF_BOMB.replace('<robot name', f'<robot {XACRO} name'),
+                                ('robot.urdf:2: ', '<!ENTITY>')),
+    'entity bomb in a file that xacro includes': Bad(
+        f'<robot name="robot" {XACRO}>\n<xacro:include filename="bomb.xacro"/></robot>',
+        ('bomb.xacro:2',), others=(('bomb.xacro', URDF_BOMB),)),
+    'entity bomb in an included SDF': Bad(
+        '<sdf version="1.8">\n<model name="r">\n<include><uri>bomb.sdf</uri></include></model>'
+        '</sdf>', ('bomb.sdf:2',), 'robot.sdf', (('bomb.sdf', SDF_BOMB),)),
+    'nested in URDF': Bad(f'<robot name="robot">\n{_nested("link")}</robot>', (
+        'robot.urdf:2: ', 'nested')),
+    'nested in SDF': Bad(f'<sdf version="1.7">\n{_nested("model")}</sdf>', (
+        'robot.sdf:2: ', 'nested'), 'robot.sdf'),
+    'nested in xacro': Bad(f'<robot name="robot" {XACRO}>\n{_nested("xacro:if")}</robot>', (
+        'robot.urdf:2: ', 'nested')),
+    'models in models': Bad(
+        '<sdf version="1.8">' + ''.join(f'<model name="m{n}">' for n in range(DEEP))
+        + '</model>' * DEEP + '</sdf>', ('nested',), 'robot.sdf'),
+    'a macro that calls itself': Bad(
+        f'<robot name="robot" {XACRO}>\n<xacro:macro name="again"><xacro:again/></xacro:macro>\n'
+        '<xacro:again/></robot>', ('robot.urdf', 'again')),
+    'xacro that includes itself by way of another file': Bad(
+        f'<robot name="robot" {XACRO}>\n<xacro:include filename="b.xacro"/></robot>',
+        ('includes itself',), 'a.xacro',
+        (('b.xacro', f'<robot {XACRO}><xacro:include filename="a.xacro"/></robot>'),)),
+    'SDF that includes itself by way of another file': Bad(
+        '<sdf version="1.8"><model name="a"><include><uri>b.sdf</uri></include></model></sdf>',
+        ('includes itself',), 'a.sdf',
+        (('b.sdf', '<sdf version="1.8"><model name="b">\n<include><uri>a.sdf</uri></include>'
+                   '</model></sdf>'),)),
+    'includes that double with every file': Bad(
+        '<sdf version="1.8"><model name="m"><include><uri>0.sdf</uri></include></model></sdf>',
+        ('includes',), 'a.sdf', (*((f'{n}.sdf', '<sdf version="1.8"><model name="m">' + ''.join(
+            f'<include><uri>{n + 1}.sdf</uri><name>{name}</name></include>' for name in 'ab')
+            + '</model></sdf>') for n in range(30)),
+            ('30.sdf', '<sdf version="1.8"><model name="m"><link name="a"/></model></sdf>'))),
+}
+
+# What an entity would bring in must not be seen.
+READS_FILES = {
+    'external entity': Bad(EXTERNAL, ('entit',)),
+    'external entity in xacro': Bad(EXTERNAL.replace('{more}', XACRO), ('entit',)),
+    'external entity in UTF-16': Bad(EXTERNAL.encode('utf-16'), ()),
+    'external entity in UTF-16 in xacro': Bad(
+        EXTERNAL.replace('{more}', XACRO).encode('utf-16'), ('entit',)),
+    'parameter entity': Bad(PARAMETER, ('entit',)),
+    'DTD of its own': Bad(EXTERNAL_DTD, ()),
+}
+
+# In this process: they are merely wrong.
+WRONG = {
+    'not UTF-8': Bad(b'<robot name="\xff\xfe\xfa">\n<link name="base"/></robot>', (
+        'not well-formed XML',)),
+    'a picture': Bad(b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR', ('not well-formed XML',)),
+    'zeros': Bad(bytes(1000), ('not well-formed XML',)),
+    'blanks': Bad(' \n \n', ('not well-formed XML',)),
+    'an unknown encoding': Bad('<?xml version="1.0" encoding="klingon"?><robot name="a"/>', (
+        'not well-formed XML',)),
+    'cut off': Bad((ROBOTS / 'ok_arm.urdf').read_text()[:500], ('not well-formed XML',)),
+    'two roots': Bad('<robot name="a"><link name="b"/></robot>\n<robot name="c"/>', (
+        'robot.urdf:2: ', 'not well-formed XML')),
+    'a number of 100,000 digits': Bad(
+        f'<robot name="r"><link name="a"><collision><geometry><sphere radius="{"9" * 100_000}"/>'
+        '</geometry></collision></link></robot>', ('<sphere>', 'radius')),
+    'a number that is too large': Bad(
+        '<robot name="r"><link name="a"><collision><geometry><sphere radius="1e999"/>'
+        '</geometry></collision></link></robot>', ('<sphere>', "radius='1e999'")),
+    'a number of Python': Bad(
+        '<robot name="r"><link name="a"><collision>\n<geometry><sphere radius="1_0"/></geometry>'
+        '</collision></link></robot>', ('robot.urdf:2: <sphere>: ', "radius='1_0'")),
+    'digits of another script': Bad(
+        '<robot name="r"><link name="a"><collision>\n<geometry><sphere radius="\u0661"/>'
+        '</geometry></collision></link></robot>', ('robot.urdf:2: <sphere>: ', 'radius=')),
+}
+
+
+def _written(bad: Bad, folder: Path) -> Path:
+    data = bad.data.encode() if isinstance(bad.data, str) else bad.data
+    path = folder / bad.name
+    path.write_bytes(data)
+    for name, text in bad.others:
+        (folder / name).write_text(text)
+    return path
+
+
+def _name(path: Path) -> str:
+    return 'sdf_to_urdf' if path.suffix == '.sdf' else 'urdf_to_sdf'
+
+
+def _process(*arguments: str) -> list[str]:
+    return [sys.executable, '-m', 'opencv_tools.robot.cli', *arguments]
+
+
+def _refused(command: str, path: Path, output: Path) -> str:
+    """Run a command that refuses its input, and give its message."""
+    start = time.monotonic()
+    done = subprocess.run(_process(command, str(path), '-o', str(output)), cwd=ROOT,
+                          capture_output=True, text=True, timeout=30)
+    assert time.monotonic() - start < AT_ONCE
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ''
+    assert not output.exists()
+    return _one_line(done.stderr, command)
+
+
+def _one_line(message: str, command: str) -> str:
+    assert message.startswith(f'{command}: error: ')
+    assert message.count('\n') == 1, message
+    assert 'Traceback' not in message
+    assert len(message) < 2000, f'{len(message)} characters are no line'
+    return message
+
+
+@pytest.mark.parametrize('bad', HARMFUL.values(), ids=HARMFUL.keys())
+def test_what_would_do_harm(bad: Bad, tmp_path: Path) -> None:
+    path = _written(bad, tmp_path)
+    message = _refused(_name(path), path, tmp_path / 'output')
+    for words in bad.words:
+        assert words in message
+
+
+@pytest.mark.parametrize('bad', READS_FILES.values(), ids=READS_FILES.keys())
+def test_files_that_entities_name_are_not_read(
+        bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    secret = tmp_path / 'secret'
+    secret.write_text(SECRET)
+    in_utf16 = isinstance(bad.data, bytes)
+    text = bad.data.decode('utf-16') if isinstance(bad.data, bytes) else bad.data
+    text = text.replace('{secret}', secret.as_uri()).replace('{more}', '')
+    path = tmp_path / bad.name
+    path.write_bytes(text.encode('utf-16' if in_utf16 else 'utf-8'))
+    status = urdf_to_sdf([str(path)])
+    output, message = capfd.readouterr()
+    assert SECRET not in output + message
+    if bad.words or status:
+        assert status == 2
+        assert output == ''
+        for words in bad.words:
+            assert words in _one_line(message, 'urdf_to_sdf')
+
+
+@pytest.mark.parametrize('bad', WRONG.values(), ids=WRONG.keys())
+def test_what_is_no_robot(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path, output = _written(bad, tmp_path), tmp_path / 'output'
+    output.write_text('from before')
+    command = {'sdf_to_urdf': sdf_to_urdf, 'urdf_to_sdf': urdf_to_sdf}[_name(path)]
+    assert command([str(path), '-o', str(output)]) == 2
+    printed, message = capfd.readouterr()
+    assert printed == ''
+    message = _one_line(message, _name(path))
+    assert str(path) in message
+    for words in bad.words:
+        assert words in message
+    assert output.read_text() == 'from before'
+    assert sorted(tmp_path.iterdir()) == sorted([path, output])
+
+
+@pytest.mark.parametrize('command', [urdf_to_sdf, sdf_to_urdf, robot_frames])
+def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path,
+                             capfd: pytest.CaptureFixture[str]) -> None:
+    for path, words in [(tmp_path, 'Is a directory'), (tmp_path / 'none', 'No such file'),
+                        (tmp_path / 'none' / 'none.urdf', 'No such file'),
+                        (Path('/dev/null'), 'not well-formed XML')]:
+        assert command([str(path)]) == 2
+        message = _one_line(capfd.readouterr().err, command.__name__)
+        assert str(path) in message
+        assert words in message
+
+
+def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]
+                                           ) -> None:
+    fine, none = str(ROBOTS / 'ok_arm.urdf'), str(tmp_path / 'none.urdf')
+    for arguments in ([fine, none], [none, fine]):
+        assert robot_compare(arguments) == 2
+        assert none in _one_line(capfd.readouterr().err, 'robot_compare')
+
+
+def test_what_has_no_end() -> None:
+    message = _refused('urdf_to_sdf', Path('/dev/zero'), Path('/nowhere/output'))
+    assert '/dev/zero' in message
+
+
+@pytest.mark.parametrize('output', ['none/output.sdf', 'file/output.sdf', '.'])
+def test_where_nothing_can_be_written(output: str, tmp_path: Path,
+                                      capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'file').touch()
+    target = tmp_path / output
+    assert urdf_to_sdf([str(ROBOTS / 'ok_arm.urdf'), '-o', str(target)]) == 2
+    printed, message = capfd.readouterr()
+    assert printed == ''
+    assert str(target) in _one_line(message, 'urdf_to_sdf')
+    assert 'cannot be written' in message
+    assert list(tmp_path.iterdir()) == [tmp_path / 'file']
+
+
+def test_a_disk_that_is_full() -> None:
+    if not Path('/dev/full').exists():
+        pytest.skip('there is no /dev/full')
+    with Path('/dev/full').open('wb') as full:
+        done = subprocess.run(_process('urdf_to_sdf', str(ROBOTS / 'ok_arm.urdf')), cwd=ROOT,
+                              stdout=full, stderr=subprocess.PIPE, text=True, timeout=30)
+    assert done.returncode == 2
+    assert 'No space left' in _one_line(done.stderr, 'urdf_to_sdf')
+
+
+def test_readers_that_have_seen_enough(tmp_path: Path) -> None:
+    # More than a pipe takes, so that it is written to when nobody reads any more.
+    links = ''.join(f'<link name="{"a" * 100}{n}"/>' for n in range(2000))
+    joints = ''.join(
+        f'<joint name="{n}" type="fixed"><parent link="{"a" * 100}0"/>'
+        f'<child link="{"a" * 100}{n}"/></joint>' for n in range(1, 2000))
+    path = tmp_path / 'robot.urdf'
+    path.write_text(f'<robot name="robot">{links}{joints}</robot>')
+    with subprocess.Popen(_process('urdf_to_sdf', str(path), '--inertial', 'zero'), cwd=ROOT,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout and process.stderr
+        assert process.stdout.readline().startswith(b'<?xml')
+        process.stdout.close()
+        assert process.stderr.read() == b''
+    assert process.returncode == 128 + signal.SIGPIPE
+
+
+def test_control_c(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.urdf'
+    os.mkfifo(path)
+    with subprocess.Popen(_process('urdf_to_sdf', str(path)), cwd=ROOT, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as process, _opened(path):
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=30) == (b'', b'')
+    assert process.returncode == 128 + signal.SIGINT
+
+
+@contextmanager
+def _opened(fifo: Path) -> Iterator[None]:
+    """Hold the other end of a pipe that something reads, once it does."""
+    end = time.monotonic() + 30
+    while True:
+        try:
+            descriptor = os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+            break
+        except OSError as err:  # nobody reads it yet
+            assert err.errno == errno.ENXIO and time.monotonic() < end
+            time.sleep(0.01)
+    try:
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,254 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+import time
+
+from opencv_tools.robot.kinematics import FREEDOM, Kinematics, motion, with_mimics
+from opencv_tools.robot.model import (Axis, Frame, FrameId, Joint, JOINT_TYPES, Link, Mimic, MODEL,
+                                      Placement, Robot)
+from opencv_tools.robot.pose import IDENTITY, Pose, Vector
+from opencv_tools.robot.xml import DescriptionError
+import pytest
+
+ODD = Pose((0.1, 1 / 3, -0.7), (0.1, 0.2, 0.3))
+Z = (0.0, 0.0, 1.0)
+
+
+def link_id(name: str) -> FrameId:
+    return FrameId('link', name)
+
+
+def joint_id(name: str) -> FrameId:
+    return FrameId('joint', name)
+
+
+def joint(name: str, parent: str, child: str, *, type_: str = 'continuous', pose: Pose = ODD,
+          xyz: Vector = Z, mimic: Mimic | None = None, is_loop: bool = False) -> Joint:
+    return Joint(name, type_, parent, child, Placement(pose, link_id(parent)),
+                 (Axis(xyz, mimic=mimic),), is_loop)
+
+
+def chain(joints: Sequence[Joint]) -> Robot:
+    """Build a robot as URDF has it from joints that name each link once as a child."""
+    return Robot('chain', (Link('base', Placement(Pose(), MODEL)), *(
+        Link(one.child, Placement(Pose(), joint_id(one.name))) for one in joints
+        if not one.is_loop)), tuple(joints))
+
+
+def followers(*mimics: tuple[str, Mimic | None]) -> Robot:
+    return chain([joint(name, 'base', f'{name}_link', mimic=mimic) for name, mimic in mimics])
+
+
+def test_numbers_as_written_in_urdf_come_through() -> None:
+    robot = chain([joint('one', 'base', 'a'),
+                   joint('two', 'a', 'b', pose=Pose((1e-17, 2.0, 0.0)))])
+    kinematics = Kinematics(robot)
+    assert kinematics.between(link_id('base'), joint_id('one')) == ODD
+    assert kinematics.between(link_id('base'), link_id('a')) == ODD
+    assert kinematics.between(link_id('a'), link_id('b')) == Pose((1e-17, 2.0, 0.0))
+    assert kinematics.between(joint_id('one'), link_id('a')) == Pose()
+    assert kinematics.within(joint_id('one'), Placement(ODD, link_id('a'))) == ODD
+
+
+def test_numbers_as_written_in_sdf_come_through() -> None:
+    robot = Robot('sdf', (Link('a', Placement(Pose(), MODEL)), Link('b', Placement(ODD, MODEL))), (
+        Joint('j', 'fixed', 'a', 'b', Placement(Pose(), link_id('b'))),))
+    kinematics = Kinematics(robot)
+    assert kinematics.between(link_id('a'), joint_id('j')) == ODD
+    assert kinematics.between(MODEL, link_id('b')) == ODD
+    assert kinematics.between(link_id('a'), MODEL) == Pose()
+
+
+def test_other_numbers_are_worked_out() -> None:
+    robot = Robot('sdf', (Link('a', Placement(Pose((1.0, 0.0, 0.0)), MODEL)),
+                          Link('b', Placement(Pose((1.0, 2.0, 0.0)), MODEL))))
+    assert Kinematics(robot).between(link_id('a'), link_id('b')) == Pose((0.0, 2.0, 0.0))
+
+
+@pytest.mark.parametrize('pose', [Pose(), ODD])
+def test_frames_in_a_circle_are_an_error(pose: Pose) -> None:
+    robot = Robot('circle', (Link('a', Placement(pose, link_id('b'))),
+                             Link('b', Placement(pose, link_id('a')))), source='file')
+    with pytest.raises(DescriptionError, match=r"^file: link '[ab]' is placed relative to itself"):
+        Kinematics(robot).pose(link_id('a'))
+    with pytest.raises(DescriptionError, match='relative to itself'):
+        Kinematics(robot).between(MODEL, link_id('a'))
+
+
+def test_a_frame_that_is_not_there_is_an_error() -> None:
+    robot = Robot('lost', (Link('a', Placement(ODD, FrameId('frame', 'nowhere'))),))
+    for frame in (link_id('a'), FrameId('joint', 'nothing')):
+        with pytest.raises(DescriptionError, match=r"there is no (frame|joint) 'no"):
+            Kinematics(robot).pose(frame)
+
+
+def test_a_chain_of_5000_links_takes_linear_time_and_no_recursion() -> None:
+    pose = Pose((0.0, 0.0, 0.001))
+    robot = chain([joint(f'j{index}', f'l{index}' if index else 'base', f'l{index + 1}', pose=pose)
+                   for index in range(5000)])
+    started = time.perf_counter()
+    kinematics = Kinematics(robot)
+    assert kinematics.pose(link_id('l5000')).translation[2] == pytest.approx(5)
+    poses = kinematics.at({'j0': (0.5,)})
+    assert poses[link_id('l5000')].pose().rpy == pytest.approx((0, 0, 0.5))
+    assert kinematics.links_below(kinematics.roots)[-1] == 'l5000'
+    assert time.perf_counter() - started < 3
+
+
+@pytest.mark.parametrize(('type_', 'position', 'expected'), [
+    ('fixed', (), Pose()),
+    ('revolute', (0.5,), Pose(rpy=(0.0, 0.0, 0.5))),
+    ('continuous', (4.0,), Pose(rpy=(0.0, 0.0, 4.0 - 2 * math.pi))),
+    ('screw', (0.5,), Pose(rpy=(0.0, 0.0, 0.5))),
+    ('prismatic', (-0.25,), Pose((0.0, 0.0, -0.25))),
+    ('ball', (0.1, 0.2, 0.3), Pose(rpy=(0.1, 0.2, 0.3))),
+    ('floating', (1.0, 2.0, 3.0, 0.1, 0.2, 0.3), Pose((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))),
+    ('universal', (0.25, 0.5), Pose(rpy=(0.0, 0.0, 0.75))),
+    ('revolute2', (0.25, -0.25), Pose()),
+    ('gearbox', (0.25, 0.5), Pose(rpy=(0.0, 0.0, 0.75))),
+])
+@pytest.mark.parametrize('length', [1.0, 7.0])
+def test_joints_move_along_and_about_unit_axes(type_: str, position: tuple[float, ...],
+                                               expected: Pose, length: float) -> None:
+    found = motion(joint('j', 'a', 'b', type_=type_, xyz=(0.0, 0.0, length)), position).pose()
+    assert found.xyz == pytest.approx(expected.xyz)
+    assert found.rpy == pytest.approx(expected.rpy)
+
+
+def test_a_planar_joint_moves_across_its_normal() -> None:
+    for xyz in (Z, (1.0, 0.0, 0.0), (0.0, -2.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)):
+        planar = joint('j', 'a', 'b', type_='planar', xyz=xyz)
+        one, other = (motion(planar, position).translation
+                      for position in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+        assert math.hypot(*one) == pytest.approx(1)
+        assert math.hypot(*other) == pytest.approx(1)
+        for first, second in ((one, other), (one, xyz), (other, xyz)):
+            assert sum(a * b for a, b in zip(first, second)) == pytest.approx(0, abs=1e-15)
+        assert motion(planar, (0.0, 0.0, 1.0)).rotate(xyz) == pytest.approx(xyz)
+
+
+def test_the_plane_of_an_axis_as_people_write_it_does_not_depend_on_its_length() -> None:
+    for xyz in ((0.5, 0.5, math.sqrt(0.5)), (0.6, 0.8, 0.0), (0.5, math.sqrt(0.75), 0.0)):
+        written = joint('j', 'a', 'b', type_='planar', xyz=xyz)
+        for length in (1 - 1e-15, 1 + 1e-15, 3.0):
+            x, y, z = (value * length for value in xyz)
+            scaled = joint('j', 'a', 'b', type_='planar', xyz=(x, y, z))
+            assert motion(scaled, (1.0, 0.0, 0.0)).translation == pytest.approx(
+                motion(written, (1.0, 0.0, 0.0)).translation)
+
+
+@pytest.mark.parametrize('type_', JOINT_TYPES)
+def test_a_joint_without_a_position_is_at_zero(type_: str) -> None:
+    one = joint('j', 'base', 'a', type_=type_)
+    assert motion(one, ()) == IDENTITY
+    zero = motion(one, (0.0,) * FREEDOM[JOINT_TYPES[type_]])
+    assert zero.pose().is_identity
+    poses = Kinematics(chain([one])).at({})
+    assert poses[link_id('a')].pose().xyz == ODD.xyz
+
+
+def test_a_joint_moves_all_that_hangs_on_it() -> None:
+    robot = chain([joint('one', 'base', 'a', pose=Pose((1.0, 0.0, 0.0))),
+                   joint('two', 'a', 'b', pose=Pose((1.0, 0.0, 0.0)), type_='prismatic')])
+    poses = Kinematics(robot).at({'one': (math.pi / 2,), 'two': (0.5,)})
+    assert poses[link_id('b')].translation == pytest.approx((1.0, 1.0, 0.5))
+    assert poses[joint_id('two')] == poses[link_id('b')]
+
+
+def test_several_roots_stay_where_they_are() -> None:
+    robot = Robot('two', (Link('a', Placement(Pose(), MODEL)), Link('b', Placement(ODD, MODEL))))
+    kinematics = Kinematics(robot)
+    assert kinematics.roots == ['a', 'b']
+    assert kinematics.at({})[link_id('b')] == ODD.transform()
+
+
+def test_a_joint_that_closes_a_loop_moves_with_its_child() -> None:
+    step = Pose((1.0, 0.0, 0.0))
+    robot = chain([joint('one', 'base', 'a', pose=step), joint('two', 'base', 'b', pose=step),
+                   joint('loop', 'a', 'b', pose=step, is_loop=True)])
+    kinematics = Kinematics(robot)
+    poses = kinematics.at({'two': (math.pi / 2,)})
+    assert poses[joint_id('loop')].translation == pytest.approx((1.0, 1.0, 0.0))
+    assert poses[joint_id('loop')].pose().rpy == pytest.approx((0, 0, math.pi / 2))
+    assert kinematics.joint_above['b'].name == 'two'
+
+
+def test_frames_move_with_what_they_are_attached_to_not_with_what_they_are_placed_in() -> None:
+    robot = chain([joint('one', 'base', 'a', pose=Pose((1.0, 0.0, 0.0)))])
+    tip = Placement(Pose((2.0, 0.0, 0.0)), link_id('base'))
+    frames = tuple(Frame(name, attached_to, tip) for name, attached_to in (
+        ('on_frame', FrameId('frame', 'on_link')), ('on_link', link_id('a')),
+        ('on_joint', joint_id('one')), ('on_model', MODEL)))
+    robot = Robot('frames', robot.links, robot.joints, frames)
+    poses = Kinematics(robot).at({'one': (math.pi / 2,)})
+    for name in ('on_link', 'on_joint', 'on_frame'):
+        assert poses[FrameId('frame', name)].translation == pytest.approx((1.0, 1.0, 0.0))
+    assert poses[FrameId('frame', 'on_model')].translation == (2.0, 0.0, 0.0)
+
+
+def test_frames_attached_in_a_circle_or_to_nothing_are_errors() -> None:
+    links = (Link('base', Placement(Pose(), MODEL)),)
+    for target, message in (('b', 'attached to itself'), ('c', "no frame 'c' to attach")):
+        robot = Robot('circle', links, (), tuple(
+            Frame(name, FrameId('frame', other), Placement(Pose(), MODEL))
+            for name, other in (('a', target), ('b', 'a'))))
+        with pytest.raises(DescriptionError, match=message):
+            Kinematics(robot).at({})
+
+
+def test_mimics_follow_whatever_is_given_for_them() -> None:
+    robot = followers(('lead', None), ('half', Mimic('lead', 0.5, 0.1)))
+    assert with_mimics(robot, {'lead': (2.0,), 'half': (9.0,)}) == {
+        'lead': (2.0,), 'half': (1.1,)}
+    assert with_mimics(robot, {})['half'] == (0.1,)
+
+
+def test_a_mimic_of_a_mimic_follows_in_any_order() -> None:
+    robot = followers(('third', Mimic('second', 2.0)), ('second', Mimic('lead', -1.0, 1.0)),
+                      ('lead', None))
+    assert with_mimics(robot, {'lead': (3.0,)}) == {
+        'lead': (3.0,), 'second': (-2.0,), 'third': (-4.0,)}
+
+
+def test_a_circle_of_mimics_is_an_error_that_names_it() -> None:
+    robot = followers(('outside', Mimic('a')), ('a', Mimic('b')), ('b', Mimic('a')))
+    with pytest.raises(DescriptionError, match=r'<joint>: mimics itself, by way of a, b$'):
+        with_mimics(robot, {})
+    with pytest.raises(DescriptionError, match=r'by way of a$'):
+        with_mimics(followers(('a', Mimic('a'))), {})
+
+
+def test_either_axis_of_a_joint_with_two_can_mimic() -> None:
+    lead = joint('lead', 'base', 'a')
+    for mimicking, expected in ((0, (4.0, 0.5)), (1, (0.25, 4.0))):
+        axes = tuple(Axis(Z, mimic=Mimic('lead', 2.0) if index == mimicking else None)
+                     for index in range(2))
+        both = Joint('both', 'universal', 'base', 'b', Placement(ODD, link_id('base')), axes)
+        robot = chain([lead, both])
+        positions = with_mimics(robot, {'lead': (2.0,), 'both': (0.25, 0.5)})
+        assert positions['both'] == expected
+        assert link_id('b') in Kinematics(robot).at(with_mimics(robot, {'lead': (2.0,)}))
+
+
+def test_a_long_chain_of_mimics_takes_linear_time() -> None:
+    count = 5000
+    robot = followers(*((f'j{index}', Mimic(f'j{index + 1}', 1.0, 1.0))
+                        for index in range(count)), (f'j{count}', None))
+    started = time.perf_counter()
+    assert with_mimics(robot, {})['j0'] == (float(count),)
+    assert time.perf_counter() - started < 2

@@ -1,0 +1,134 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Links that fixed joints hold together, made one."""
+
+from __future__ import annotations
+
+from random import Random
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+from opencv_tools.robot.convert import convert_to_sdf
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.lump import lump_fixed
+from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
+from opencv_tools.robot.names import with_own_names
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_reader import read_sdf
+from opencv_tools.robot.urdf_reader import read_urdf
+from opencv_tools.robot.xml import DescriptionError, parse, to_bytes
+import pytest
+import robots
+
+ARM = b"""<robot name="arm">
+  <link name="base"><inertial><mass value="2"/>
+    <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+  <link name="plate"><inertial><mass value="2"/>
+    <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>
+    <visual name="base"><origin xyz="0 0 1"/><geometry><sphere radius="1"/></geometry></visual>
+  </link>
+  <link name="tip"/>
+  <joint name="screws" type="fixed"><parent link="base"/><child link="plate"/>
+    <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+  <joint name="hinge" type="continuous"><parent link="plate"/><child link="tip"/>
+    <origin xyz="1 0 0"/><axis xyz="0 0 1"/></joint>
+  <gazebo reference="plate"><sensor name="eye" type="imu"/></gazebo>
+</robot>"""
+
+
+def urdf(data: bytes) -> Robot:
+    return read_urdf(parse(data, 'arm.urdf', Report()), Report())
+
+
+def about_the_origin(inertial: Inertial, kinematics: Kinematics) -> np.ndarray:
+    """Give moments of inertia about the model's origin, along the model's axes."""
+    pose = kinematics.placed(inertial.placement)
+    xx, xy, xz, yy, yz, zz = inertial.inertia
+    rotation = np.reshape(pose.rotation, (3, 3))
+    own = rotation @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ rotation.T
+    p = np.array(pose.translation)
+    return own + inertial.mass * (p @ p * np.eye(3) - np.outer(p, p))
+
+
+def test_two_points_of_mass_are_a_dumbbell() -> None:
+    robot = lump_fixed(urdf(ARM), Report())
+    assert [link.name for link in robot.links] == ['base', 'tip']
+    inertial = robot.links[0].inertial
+    assert inertial is not None
+    assert (inertial.mass, inertial.placement.pose.xyz) == (4.0, (0.5, 0.0, 0.0))
+    # Two kg at half a metre on either side: 2 * 2 * 0.25 about y and z.
+    assert inertial.inertia == pytest.approx((0, 0, 0, 1, 0, 1))
+
+
+def test_what_was_on_a_lumped_link_stays_where_it_was() -> None:
+    report = Report()
+    robot = lump_fixed(urdf(ARM), report)
+    kinematics = Kinematics(robot)
+    visual, = robot.links[0].visuals
+    assert kinematics.placed(visual.placement).translation == (1, 0, 1)
+    assert kinematics.pose(FrameId('link', 'tip')).translation == pytest.approx((1, 1, 0))
+    assert kinematics.pose(FrameId('frame', 'plate')).translation == (1, 0, 0)
+    assert [(note.element, note.name) for note in report.warnings] == [('joint', 'screws')]
+
+
+def test_sensors_of_a_lumped_link_stay_in_its_frame() -> None:
+    root = convert_to_sdf(urdf(ARM), Report(), lump=True)
+    pose = root.find("model/link[@name='base']/sensor/pose")
+    assert pose is not None and pose.get('relative_to') == 'plate'
+    frame = root.find("model/frame[@name='plate']")
+    assert frame is not None and frame.get('attached_to') == 'base'
+
+
+def test_a_joint_that_is_to_be_preserved_stays() -> None:
+    block = b'<gazebo reference="screws"><preserveFixedJoint>true</preserveFixedJoint></gazebo>'
+    robot = lump_fixed(urdf(ARM.replace(b'</robot>', block + b'</robot>')), Report())
+    assert [joint.name for joint in robot.joints] == ['screws', 'hinge']
+
+
+def test_before_frames_there_is_no_lumping() -> None:
+    with pytest.raises(DescriptionError, match=r'--fixed lump.* 1\.7'):
+        convert_to_sdf(urdf(ARM), Report(), lump=True, version='1.6')
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_mass_and_places_of_any_robot_stay(seed: int) -> None:
+    robot = urdf(ElementTree.tostring(robots.urdf(Random(seed), 20)))
+    lumped = lump_fixed(robot, Report())
+    before, after = Kinematics(robot), Kinematics(lumped)
+    assert len(lumped.links) == len(robot.links) - sum(
+        joint.type == 'fixed' for joint in robot.joints)
+
+    def inertials(links: tuple[Link, ...]) -> list[Inertial]:
+        return [link.inertial for link in links if link.inertial]
+
+    assert sum(one.mass for one in inertials(lumped.links)) == pytest.approx(
+        sum(one.mass for one in inertials(robot.links)))
+    np.testing.assert_allclose(
+        sum(about_the_origin(one, after) for one in inertials(lumped.links)),
+        sum(about_the_origin(one, before) for one in inertials(robot.links)), atol=1e-9)
+    places = [sorted(np.round(kinematics.placed(shape.placement).translation, 9).tolist()
+                     for link in one.links for shape in (*link.visuals, *link.collisions))
+              for one, kinematics in ((robot, before), (lumped, after))]
+    assert places[0] == places[1]
+
+
+def test_a_lumped_robot_is_read_back_from_sdf() -> None:
+    lumped = lump_fixed(urdf(ARM), Report())
+    root = convert_to_sdf(urdf(ARM), Report(), lump=True)
+    again = with_own_names(read_sdf(parse(to_bytes(root), 'arm.sdf', Report()), Report()))
+    before, after = Kinematics(lumped), Kinematics(again)
+    for frame in ('plate', 'screws'):
+        assert after.pose(FrameId('frame', frame)).translation == pytest.approx(
+            before.pose(FrameId('frame', frame)).translation)

@@ -1,0 +1,258 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.model import FrameId, Mesh, Robot
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_include import MAX_INCLUDES, SEARCH_VARIABLES
+from opencv_tools.robot.sdf_reader import read_sdf
+from opencv_tools.robot.xml import DescriptionError, parse
+import pytest
+
+ARM = ('<pose>0 0 1 0 0 0</pose><link name="base"/><link name="tip"><pose>0 0 2 0 0 0</pose>'
+       '<visual name="v"><geometry><mesh><uri>meshes/a.stl</uri></mesh></geometry></visual></link>'
+       '<joint name="j" type="fixed"><parent>base</parent><child>tip</child></joint>')
+
+
+@pytest.fixture(autouse=True)
+def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in SEARCH_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+
+
+def sdf(content: str, version: str = '1.9') -> str:
+    return f'<sdf version="{version}">{content}</sdf>'
+
+
+def put(path: Path, content: str = f'<model name="arm">{ARM}</model>', version: str = '1.9'
+        ) -> Path:
+    """Write a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(sdf(content, version))
+    return path
+
+
+def configure(folder: Path, *entries: tuple[str, str]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / 'model.config').write_text('<model>' + ''.join(
+        f'<sdf version="{version}">{name}</sdf>' for version, name in entries) + '</model>')
+
+
+def read(folder: Path, content: str, report: Report | None = None, search: tuple[str, ...] = (),
+         model: str = '', version: str = '1.9') -> Robot:
+    """Read a file of a folder that holds something."""
+    path = str(folder / 'robots' / 'robot.sdf')
+    report = report or Report()
+    root = parse(sdf(content, version).encode(), path, report)
+    return read_sdf(root, report, model=model, search=search)
+
+
+def robot_with(include: str, attributes: str = '') -> str:
+    return (f'<model name="m"><link name="a"/><include {attributes}>{include}</include></model>')
+
+
+@pytest.mark.parametrize(('uri', 'place'), [
+    ('model://arm', 'robots/arm/model.sdf'),
+    ('model://arm', 'arm/model.sdf'),
+    ('model://arm/other.sdf', 'arm/other.sdf'),
+    ('model://arm', 'models/arm/model.sdf'),
+    ('package://arm', 'models/arm/model.sdf'),
+    ('arm', 'robots/arm/model.sdf'),
+    ('arm/model.sdf', 'arm/model.sdf'),
+    ('../arm/model.sdf', 'arm/model.sdf'),
+    ('file://arm', 'models/arm/model.sdf'),
+    ('file://{folder}/x/model.sdf', 'x/model.sdf'),
+    ('{folder}/x', 'x/model.sdf')])
+def test_files_are_found(tmp_path: Path, uri: str, place: str) -> None:
+    put(tmp_path / place)
+    (tmp_path / 'robots').mkdir(exist_ok=True)
+    uri = uri.format(folder=tmp_path)
+    robot = read(tmp_path, robot_with(f'<uri>{uri}</uri>'), search=(str(tmp_path / 'models'),))
+    assert [link.name for link in robot.links] == ['a', 'arm::base', 'arm::tip']
+
+
+@pytest.mark.parametrize('variable', SEARCH_VARIABLES)
+def test_environment_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str
+                                 ) -> None:
+    put(tmp_path / 'far' / 'arm' / 'model.sdf')
+    monkeypatch.setenv(variable, f'/nowhere:{tmp_path / "far"}')
+    assert len(read(tmp_path, robot_with('<uri>model://arm</uri>')).links) == 3
+
+
+@pytest.mark.parametrize(('entries', 'expected'), [
+    ((('1.4', 'a.sdf'), ('1.9', 'b.sdf'), ('1.10', 'c.sdf')), 'c'),
+    ((('1.10', 'c.sdf'), ('1.99', 'a.sdf')), 'c'),
+    ((('1.99', 'a.sdf'),), 'a')])
+def test_newest_version_of_a_model_is_taken(
+        tmp_path: Path, entries: tuple[tuple[str, str], ...], expected: str) -> None:
+    configure(tmp_path / 'arm', *entries)
+    for name in 'abc':
+        put(tmp_path / 'arm' / f'{name}.sdf', f'<model name="of_{name}"><link name="l"/></model>')
+    robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
+    assert robot.links[1].name == f'of_{expected}::l'
+
+
+def test_include_overrides_what_the_model_says(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    robot = read(tmp_path, robot_with(
+        '<uri>model://arm</uri><name>left</name><pose relative_to="a">5 0 0 0 0 0</pose>'
+        '<placement_frame>tip</placement_frame>'))
+    assert robot.links[2].name == 'left::tip'
+    kinematics = Kinematics(robot)
+    assert kinematics.pose(FrameId('link', 'left::tip')).translation == (5, 0, 0)
+    assert kinematics.pose(FrameId('link', 'left::base')).translation == (5, 0, -2)
+
+
+def test_model_keeps_its_own_pose_where_the_include_has_none(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
+    assert Kinematics(robot).pose(FrameId('link', 'arm::tip')).translation == (0, 0, 3)
+
+
+def test_include_that_is_the_robot(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm"><static>0</static>{ARM}</model>')
+    put(tmp_path / 'sun' / 'model.sdf', '<light name="sun"/>')
+    report = Report()
+    robot = read(tmp_path, '<world name="w"><include><uri>model://sun</uri></include><include>'
+                 '<uri>model://arm</uri><name>x</name><pose>1 0 0 0 0 0</pose><static>true'
+                 '</static><plugin name="p"/></include></world>', report)
+    assert robot.name == 'x' and [link.name for link in robot.links] == ['base', 'tip']
+    assert robot.carried.sdf is not None
+    assert robot.carried.sdf.findtext('pose') == '1 0 0 0 0 0'
+    assert [static.text for static in robot.carried.sdf.findall('static')] == ['true']
+    assert robot.carried.sdf.find('plugin') is not None
+    assert [note.element for note in report.warnings] == ['include']
+
+
+def test_model_is_chosen_by_the_name_of_its_include(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    world = ('<world name="w"><include><uri>model://arm</uri></include><include><uri>model://arm'
+             '</uri><name>b</name></include><include><uri>model://gone</uri></include></world>')
+    assert read(tmp_path, world, model='b').name == 'b'
+    assert read(tmp_path, world, model='arm').name == 'arm'
+    with pytest.raises(DescriptionError, match='3 models; choose one by --model: arm, b, gone'):
+        read(tmp_path, world)
+
+
+def test_include_in_an_include_in_an_include(tmp_path: Path) -> None:
+    put(tmp_path / 'c' / 'model.sdf', '<model name="c"><link name="l"/></model>', '1.5')
+    put(tmp_path / 'b' / 'model.sdf', '<model name="b"><pose>0 0 1 0 0 0</pose>'
+        '<include><uri>model://c</uri><pose>0 1 0 0 0 0</pose></include></model>', '1.8')
+    put(tmp_path / 'b2' / 'model.sdf', '<include><uri>model://b</uri><name>d</name></include>')
+    robot = read(tmp_path, robot_with('<uri>model://b2</uri>'))
+    assert robot.links[1].name == 'd::c::l'
+    assert Kinematics(robot).pose(FrameId('link', 'd::c::l')).translation == (0, 1, 1)
+
+
+def test_merged_model_has_no_name_of_its_own(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm">{ARM}<joint name="k" type="fixed">'
+        '<parent>__model__</parent><child>tip</child></joint></model>')
+    report = Report()
+    robot = read(tmp_path, robot_with('<uri>model://arm</uri><pose>3 0 0 0 0 0</pose>',
+                                      'merge="true"'), report)
+    assert [link.name for link in robot.links] == ['a', 'base', 'tip']
+    assert [frame.name for frame in robot.frames] == ['_merged__arm__model__']
+    assert robot.joints[1].parent == 'base'
+    assert Kinematics(robot).pose(FrameId('link', 'tip')).translation == (3, 0, 2)
+    assert not report.warnings
+
+
+def test_merged_model_may_have_the_canonical_link(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    robot = read(tmp_path, '<model name="m"><include merge="1"><uri>model://arm</uri></include>'
+                 '<link name="a"/></model>')
+    assert robot.canonical_link == 'base'
+
+
+def test_merged_names_may_not_meet(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="a"/></model>')
+    with pytest.raises(DescriptionError, match="'a' is the name of <link>"):
+        read(tmp_path, robot_with('<uri>model://arm</uri>', 'merge="true"'))
+
+
+def test_paths_of_meshes_are_right_beside_the_first_file(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
+    assert robot.links[2].visuals[0].geometry == Mesh('../arm/meshes/a.stl')
+
+
+def test_what_is_left_out_of_an_include_is_reported(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm">{ARM}<plugin name="p"/></model>')
+    report = Report()
+    read(tmp_path, robot_with('<uri>model://arm</uri><static>true</static>'), report)
+    assert [note.element for note in report.warnings] == ['plugin', 'static']
+
+
+def test_version_of_an_included_file_is_its_own(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="a"/><link name="b">'
+        '<pose frame="a">0 0 0 0 0 1.5707963267948966</pose></link><joint name="j" '
+        'type="prismatic"><parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis></joint>'
+        '</model>', '1.4')
+    robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
+    assert robot.joints[0].axes[0].xyz == pytest.approx((0, -1, 0))
+
+
+@pytest.mark.parametrize(('uri', 'message'), [
+    ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and name the folder'),
+    ('http://x/y', 'download the model'),
+    ('ftp://x/y', 'none that is read'),
+    ('', "<uri> '' names no file"),
+    ('model://', 'names no file'),
+    ('model://gone', "'model://gone' is not found; there is no {folder}/robots/gone, "
+                     '{folder}/gone, {folder}/models/gone: name the folder that has it by --path'),
+    ('urdf', '{folder}/robots/urdf/model.sdf is a URDF; convert it'),
+    ('other', 'is no SDF, its root is <x>'),
+    ('light', 'has no model'),
+    ('two', 'has 2 models where one is expected'),
+    ('circle', '{folder}/robots/circle/model.sdf includes itself'),
+    ('config', 'names no <sdf>'),
+    ('lost', 'is not found'),
+    ('bomb', f'more than {MAX_INCLUDES} includes')])
+def test_errors(tmp_path: Path, uri: str, message: str) -> None:
+    robots = tmp_path / 'robots'
+    put(robots / 'light' / 'model.sdf', '<light name="l"/>')
+    put(robots / 'two' / 'model.sdf', '<model name="a"/><model name="b"/>')
+    put(robots / 'circle' / 'model.sdf', robot_with('<uri>model://circle2</uri>'))
+    put(robots / 'circle2' / 'model.sdf', robot_with('<uri>model://circle</uri>'))
+    configure(robots / 'config')
+    configure(robots / 'lost', ('1.9', 'gone.sdf'))
+    for name, text in (('urdf', '<robot name="r"/>'), ('other', '<x/>')):
+        put(robots / name / 'model.sdf').write_text(text)
+    put(robots / 'bomb20' / 'model.sdf')
+    for depth in range(20):
+        includes = ''.join(
+            f'<include><name>{name}</name><uri>model://bomb{depth + 1}</uri></include>'
+            for name in 'ab')
+        put(robots / f'bomb{depth or ""}' / 'model.sdf', f'<model name="m">{includes}</model>')
+    with pytest.raises(DescriptionError) as error:
+        read(tmp_path, robot_with(f'<uri>{uri}</uri>'), search=(str(tmp_path / 'models'),))
+    assert message.format(folder=tmp_path) in str(error.value)
+    assert '\n' not in str(error.value) and '<include>: ' in str(error.value)
+
+
+def test_placement_frame_needs_a_pose(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    with pytest.raises(DescriptionError, match='no <pose> for it'):
+        read(tmp_path, robot_with('<uri>model://arm</uri><placement_frame>tip</placement_frame>'))
+
+
+def test_file_that_includes_itself(tmp_path: Path) -> None:
+    text = robot_with('<uri>robot.sdf</uri>')
+    put(tmp_path / 'robots' / 'robot.sdf', text)
+    with pytest.raises(DescriptionError, match=r'robot[.]sdf includes itself'):
+        read(tmp_path, text)
