@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import os
 from pathlib import Path
@@ -68,19 +69,21 @@ def test_killed_at_any_moment_it_leaves_whole_files(
     moments = random.Random(5)
     checked: set[Path] = set()
     temporaries = 0
-    for _ in range(KILLS // AT_ONCE):
-        recorders = [start('img_subscriber', **parameters) for _ in range(AT_ONCE)]
-        for recorder in recorders:
-            recorder.wait_for('Receiving video frame')
-        for recorder in recorders:
-            time.sleep(moments.uniform(0, 0.3))
-            recorder.interrupt(signal.SIGKILL)
-            assert recorder.finish() == -signal.SIGKILL
-            temporaries += len(list(folder.glob('.*.part')))
-            for path in set(recorded_files(folder)) - checked:
-                picture = cv2.imread(str(path))
-                assert picture is not None and picture.shape == (60, 80, 3), path
-                checked.add(path)
+    # While some are killed the next ones start, so that none waits for another.
+    recorders = deque(start('img_subscriber', **parameters) for _ in range(AT_ONCE))
+    for kill in range(KILLS):
+        recorder = recorders.popleft()
+        recorder.wait_for('Receiving video frame')
+        time.sleep(moments.uniform(0, 0.3))
+        recorder.interrupt(signal.SIGKILL)
+        assert recorder.finish() == -signal.SIGKILL
+        if kill < KILLS - AT_ONCE:
+            recorders.append(start('img_subscriber', **parameters))
+        temporaries += len(list(folder.glob('.*.part')))
+        for path in set(recorded_files(folder)) - checked:
+            picture = cv2.imread(str(path))
+            assert picture is not None and picture.shape == (60, 80, 3), path
+            checked.add(path)
     unlisted = len(recorded_files(folder)) - (folder / 'manifest.jsonl').read_text().count('\n')
     assert 0 <= unlisted <= AT_ONCE
 

@@ -282,9 +282,11 @@ def _print(data: bytes) -> None:
         while rest:  # with PYTHONUNBUFFERED a part may be written and no error raised
             rest = rest[sys.stdout.buffer.write(rest):]
         sys.stdout.buffer.flush()
-    except BrokenPipeError:
-        raise
     except OSError as err:
+        # Nothing of it is left to be flushed at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(err, BrokenPipeError):
+            raise
         raise DescriptionError(f'cannot be written: {err.strerror}', source='<stdout>') from err
 
 
@@ -303,9 +305,7 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
     except DescriptionError as err:
         print(f'{parser.prog}: error: {err}', file=sys.stderr)
         return 2
-    except BrokenPipeError:
-        # Whoever read has what they wanted; nothing is left to flush at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # whoever reads has what they wanted
         return 128 + signal.SIGPIPE
     except KeyboardInterrupt:
         return 128 + signal.SIGINT

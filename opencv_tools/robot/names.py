@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ from lxml import etree
 from opencv_tools.robot.model import (Axis, Carried, Frame, FrameId, Joint, Link, Robot, Shape,
                                       WORLD)
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import detached
+from opencv_tools.robot.xml import DescriptionError, detached
 
 Named = TypeVar('Named', Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
@@ -39,7 +39,7 @@ def sdf_named(robot: Robot, report: Report) -> Robot:
     """
     taken = {WORLD}
     names: dict[FrameId, str] = {}
-    for kind, things in (('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)):
+    for kind, things in _by_kind(robot):
         for thing in things:
             if isinstance(thing, Link) and thing.is_world:
                 continue
@@ -56,7 +56,7 @@ def sdf_named(robot: Robot, report: Report) -> Robot:
 def urdf_named(robot: Robot, report: Report) -> Robot:
     """Give links, joints and frames names without ``::``, which tf and others do not read."""
     names: dict[FrameId, str] = {}
-    for kind, things in (('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)):
+    for kind, things in _by_kind(robot):
         taken = {thing.name for thing in things}
         for thing in things:
             if '::' in thing.name:
@@ -70,11 +70,21 @@ def urdf_named(robot: Robot, report: Report) -> Robot:
 
 
 def with_own_names(robot: Robot) -> Robot:
-    """Give what `sdf_named` renamed the names of before."""
-    names = {FrameId(kind, thing.name): own
-             for kind, things in (('link', robot.links), ('joint', robot.joints),
-                                  ('frame', robot.frames))
+    """
+    Give what `sdf_named` renamed the names of before.
+
+    :raises DescriptionError: one of them is taken.
+    """
+    names = {FrameId(kind, thing.name): own for kind, things in _by_kind(robot)
              for thing in things if (own := _own_name(thing.carried))}
+    for kind, things in _by_kind(robot):
+        taken: set[str] = set()
+        for thing in things:
+            name = names.get(FrameId(kind, thing.name), thing.name)
+            if name in taken:
+                raise DescriptionError(f'urdf:name={name!r} is the name of another {kind} too',
+                                       source=robot.source, line=thing.line, tag=kind)
+            taken.add(name)
     robot = renamed(robot, names)
     return replace(
         robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
@@ -118,6 +128,10 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
                      for frame in robot.frames))
     return robot.placed(lambda placement: replace(
         placement, relative_to=_id(placement.relative_to, names)))
+
+
+def _by_kind(robot: Robot) -> tuple[tuple[str, Sequence[Link | Joint | Frame]], ...]:
+    return ('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)
 
 
 def _id(frame: FrameId, names: _Names) -> FrameId:

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import re
 
+from lxml import etree
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
@@ -27,7 +28,7 @@ from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.xacro import expand, is_xacro
-from opencv_tools.robot.xml import (DescriptionError, Element, local_name, name_of, parse,
+from opencv_tools.robot.xml import (DescriptionError, Element, line_of, local_name, name_of, parse,
                                     read_bytes)
 
 URDF = 'urdf'
@@ -82,6 +83,12 @@ def _root(path: str, report: Report, choices: Choices) -> Element:
     if local_name(root) == 'robot' and is_xacro(root):
         expanded = expand(path, data, choices.arguments, report)
         return parse(expanded, source, report)
+    namespace = etree.QName(root).namespace
+    if namespace:
+        # As old files of ROS have it; neither format is in one.
+        report.warn(local_name(root), '', line_of(root), f'is read without xmlns="{namespace}"')
+        for element in root.iter(f'{{{namespace}}}*'):
+            element.tag = local_name(element)
     for name in choices.arguments:
         report.warn(local_name(root), name, 0, 'is no argument of it: the file is not xacro')
     return root

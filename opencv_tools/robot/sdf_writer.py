@@ -77,7 +77,7 @@ def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
     element = etree.Element('frame', name=frame.name)
     if home != MODEL:
         element.set('attached_to', home.name)
-    pose_element(element, kinematics.within(home, frame.placement))
+    pose_element(element, kinematics.between(home, FrameId('frame', frame.name)))
     return element
 
 

@@ -33,8 +33,10 @@ Element = etree._Element
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _OURS = (f'{{{URDF_NAMESPACE}}}', f'{{{SDF_NAMESPACE}}}')
-# An element that has a namespace already is kept in one of this name.
+# An element that has a namespace already is kept in one of this name, and so is a second pose, for
+# <sdf:pose> says where the frame of a link was.
 _HOLDER = 'element'
+_HELD = 'pose'
 
 # What a reader understands of an element: of its attributes (``@name``) and children each is None
 # (all of it), MANY (all of each, however often it occurs) or a table for what is in the child.
@@ -301,11 +303,26 @@ def restore(element: Element, rest: Element | None, known: Known) -> None:
     for part in rest:
         tag = str(part.tag)
         inner = known.get(tag)
-        target = element.find(tag) if inner else None
+        target = element.find(tag) if inner and not _repeats(part, inner) else None
         if target is None:
             element.append(detached(part))
         else:
             restore(target, part, inner or {})
+
+
+def _repeats(part: Element, known: Known) -> bool:
+    """Tell whether a part has what is known, as one has that was there a second time."""
+    if '#' in known and (part.text or '').strip():
+        return True
+    if any(f'@{name}' in known for name in part.attrib):
+        return True
+    for child in part:
+        tag = str(child.tag)
+        if tag in known:
+            inner = known[tag]
+            if inner is None or (inner is not MANY and _repeats(child, inner)):
+                return True
+    return False
 
 
 def carry(element: Element, rest: Element | None, namespace: str) -> list[str]:
@@ -321,7 +338,7 @@ def carry(element: Element, rest: Element | None, namespace: str) -> list[str]:
         element.set(name if str(name).startswith('{') else f'{{{namespace}}}{name}', value)
     for part in rest:
         copy, tag = detached(part), str(part.tag)
-        if tag.startswith('{'):
+        if tag.startswith('{') or tag == _HELD:
             holder = etree.SubElement(element, f'{{{namespace}}}{_HOLDER}')
             holder.append(copy)
         else:
