@@ -111,7 +111,8 @@ def _urdf_link(random: Random, robot: Element, name: str) -> None:
         inertial = add(link, 'inertial')
         _origin(random, inertial)
         add(inertial, 'mass', value='1.25')
-        add(inertial, 'inertia', ixx='0.1', ixy='0.001', ixz='0', iyy='0.2', iyz='-0.002', izz='0.3')
+        add(inertial, 'inertia', ixx='0.1', ixy='0.001', ixz='0', iyy='0.2', iyz='-0.002',
+            izz='0.3')
     for tag in random.choices(('visual', 'collision'), k=random.randrange(4)):
         shape = add(link, tag)
         if random.random() < 0.5:
@@ -159,7 +160,8 @@ def sdf(random: Random, links: int) -> Element:
         frames.append(name)
         _sdf_link(random, link, name)
         if index and random.random() < 0.3:
-            frame = add(model, 'frame', name=f'frame_{index}', attached_to=random.choice(frames[1:]))
+            frame = add(model, 'frame', name=f'frame_{index}',
+                        attached_to=random.choice(frames[1:]))
             _sdf_pose(random, frame, frames)
             frames.append(f'frame_{index}')
     movable: list[str] = []

@@ -30,6 +30,7 @@ from pathlib import Path
 import re
 
 from lxml import etree
+from opencv_tools.robot.carrying import SDF_NAMESPACE, URDF_NAMESPACE
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.elements import GAZEBO
@@ -38,7 +39,7 @@ from opencv_tools.robot.names import with_own_names
 from opencv_tools.robot.report import CARRIED, Report, REPORTED
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xml import parse, SDF_NAMESPACE, to_bytes, URDF_NAMESPACE
+from opencv_tools.robot.xml import parse, to_bytes
 import pytest
 
 Element = etree._Element

@@ -14,7 +14,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import combinations, pairwise
 import math
 import os
@@ -33,12 +32,6 @@ from opencv_tools.robot.plot import plot
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml import DescriptionError
 import pytest
-
-
-@pytest.fixture(autouse=True)
-def matplotlib() -> Iterator[None]:
-    pytest.importorskip('matplotlib')
-    yield
 
 
 def on(link: str, pose: Pose = Pose()) -> Placement:  # noqa: B008

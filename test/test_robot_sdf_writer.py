@@ -43,7 +43,8 @@ def urdf_robot(kind: str = 'revolute', **changes: object) -> Robot:
                             Placement(TURNED, FrameId('link', parent)),
                             () if kind == 'fixed' else (Axis((1.0, 0.0, 0.0)),)))
         links.append(Link(name, Placement(Pose(), FrameId('joint', f'{name}_joint'))))
-    return replace(Robot('robot', tuple(links), tuple(joints)), **changes)  # type: ignore[arg-type]
+    robot = Robot('robot', tuple(links), tuple(joints))
+    return replace(robot, **changes)  # type: ignore[arg-type]
 
 
 def written(robot: Robot, report: Report | None = None, version: str = '1.11',

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The commands urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames."""
+"""
+The commands urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames.
+
+What takes time to import comes in where it is used: ``--help`` is there at once.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,6 @@ import sys
 import tempfile
 from typing import NoReturn, TYPE_CHECKING
 
-# What takes time to import comes in where it is used: --help is there at once.
 if TYPE_CHECKING:
     from opencv_tools.robot.read import Choices
     from opencv_tools.robot.report import Report

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from opencv_tools.robot.xml import Known, MANY
+from opencv_tools.robot.carrying import Known, MANY
 
 _INERTIA: tuple[str, ...] = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _VALUE: Known = {'#': None}  # the text of an element

@@ -19,11 +19,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.carrying import detached
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
 from opencv_tools.robot.pose import Matrix, Pose, Vector
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import detached, Element
+from opencv_tools.robot.xml import Element
 
 # Children of a link of SDF that are placed in it.
 _PLACED = ('audio_source', 'light', 'particle_emitter', 'projector', 'sensor')

@@ -255,7 +255,7 @@ class Joint:
     """
 
     name: str
-    type: str
+    type: str  # noqa: A003
     parent: str
     child: str
     placement: Placement

@@ -83,8 +83,8 @@ class Library:
 
         :param search: folders that are searched before those of the environment.
         """
-        folders = [*search, *(folder for variable in SEARCH_VARIABLES for folder
-                                    in os.environ.get(variable, '').split(os.pathsep))]
+        folders = [*search, *(folder for variable in SEARCH_VARIABLES
+                              for folder in os.environ.get(variable, '').split(os.pathsep))]
         self._search = [Path(folder) for folder in folders if folder]
         self._report = report
         self._read: dict[Path, tuple[Element, Version]] = {}

@@ -20,6 +20,7 @@ from dataclasses import replace
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_JOINT
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, Limit, Mimic,
@@ -29,8 +30,8 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_shape_writer import note_carried, text_element
 from opencv_tools.robot.sdf_texts import (CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version,
                                           version_text)
-from opencv_tools.robot.xml import (carry, Element, number_text, numbers_text, restore,
-                                    URDF_NAMESPACE)
+from opencv_tools.robot.texts import number_text, numbers_text
+from opencv_tools.robot.xml import Element
 
 AXES = ('axis', 'axis2')
 

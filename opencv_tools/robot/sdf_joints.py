@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 import math
 
+from opencv_tools.robot.carrying import Known, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_JOINT
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic,
@@ -30,8 +31,8 @@ from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_names import JOINTS
 from opencv_tools.robot.sdf_shapes import Place
 from opencv_tools.robot.sdf_texts import flag, FRAMES, JOINT_AXES
-from opencv_tools.robot.xml import (DescriptionError, Element, Known, limit_number, line_of, named,
-                                    number, URDF_NAMESPACE, vector)
+from opencv_tools.robot.texts import limit_number, number, vector
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, named
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
 _XYZ = f'{{{URDF_NAMESPACE}}}xyz'

@@ -96,7 +96,8 @@ def _inner(scope: Scope, element: Element, library: Library, report: Report) -> 
     if flag(element.get('merge'), element, 'merge'):
         frame = FrameId('frame', scope.qualified(f'_merged__{name}{MODEL_FRAME}'))
         report.carry('include', name, line_of(element),
-                     f'its links are the model\'s own; where it was is frame {frame.name!r}')
+                     'its links are those of the model; where it was is frame '
+                     f'{frame.name!r}')
         return Scope(part, scope.prefix, frame, scope)
     prefix = f'{scope.qualified(name)}{SEPARATOR}'
     report.carry(local_name(element), name, line_of(element),

@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.model import FrameId, WORLD
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope, SEPARATOR
 from opencv_tools.robot.sdf_texts import CAPSULE, flag, FRAMES, text_of
-from opencv_tools.robot.xml import DescriptionError, Element, local_name, named, URDF_NAMESPACE
+from opencv_tools.robot.xml import DescriptionError, Element, local_name, named
 
 # Joints and frames that SDF has no word for are written in the namespace of URDF.
 JOINTS = ('joint', f'{{{URDF_NAMESPACE}}}joint')

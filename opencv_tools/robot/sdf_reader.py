@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.carrying import carried, detached, Known, MANY, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_FRAME, SDF_MODEL
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Carried, Frame, FrameId, Joint, Link, MODEL, Placement,
@@ -32,8 +33,7 @@ from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope, scopes_of
 from opencv_tools.robot.sdf_names import FRAME_TAGS, JOINTS, Names
 from opencv_tools.robot.sdf_shapes import Place, read_link
 from opencv_tools.robot.sdf_texts import flag, pose_element, pose_of
-from opencv_tools.robot.xml import (carried, DescriptionError, detached, Element, Known, line_of,
-                                    local_name, MANY, named, source_of, URDF_NAMESPACE)
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
 __all__ = ['axis_from_element', 'frame_from_element', 'read_sdf']
 

@@ -21,6 +21,7 @@ import os
 from pathlib import Path
 
 from lxml import etree
+from opencv_tools.robot.carrying import carried, Known, leftovers, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_COLLISION, SDF_LINK, SDF_VISUAL
 from opencv_tools.robot.model import (Box, Capsule, Carried, Cylinder, FrameId, Geometry, Inertial,
                                       Link, Material, Mesh, MODEL, Placement, Shape, Sphere)
@@ -29,8 +30,8 @@ from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope
 from opencv_tools.robot.sdf_names import Names
 from opencv_tools.robot.sdf_shape_writer import COLORS, INERTIA
 from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, text_of
-from opencv_tools.robot.xml import (carried, DescriptionError, Element, Known, leftovers, line_of,
-                                    local_name, named, number, URDF_NAMESPACE, vector)
+from opencv_tools.robot.texts import number, vector
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named
 
 _KNOWN = {'visual': SDF_VISUAL, 'collision': SDF_COLLISION}
 _KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'

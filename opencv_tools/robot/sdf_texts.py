@@ -22,7 +22,8 @@ from lxml import etree
 from opencv_tools.robot.model import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import DescriptionError, Element, numbers, numbers_text
+from opencv_tools.robot.texts import numbers, numbers_text
+from opencv_tools.robot.xml import DescriptionError, Element
 
 Version = tuple[int, int]
 
@@ -128,7 +129,7 @@ def pose_of(element: Element | None) -> Pose:
 
 def _quaternion_pose(element: Element, degrees: bool) -> Pose:
     if degrees:
-        raise DescriptionError('degrees=\'true\' says nothing about a quaternion', element)
+        raise DescriptionError('degrees="true" says nothing about a quaternion', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
     if not any((qx, qy, qz, qw)):
         raise DescriptionError('the quaternion is 0 0 0 0, which is no rotation', element)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_FRAME, SDF_LINK, SDF_MODEL
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
@@ -27,7 +28,7 @@ from opencv_tools.robot.sdf_joint_writer import axis_to_element, joint_element
 from opencv_tools.robot.sdf_shape_writer import inertial_element, note_carried, shape_element
 from opencv_tools.robot.sdf_texts import (FRAMES, pose_element, Version, version_text,
                                           written_version)
-from opencv_tools.robot.xml import carry, DescriptionError, Element, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml import DescriptionError, Element
 
 __all__ = ['axis_to_element', 'frame_to_element', 'write_sdf']
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import carried, Known, leftovers, SDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_JOINT, URDF_JOINTS, URDF_LINK, URDF_ROBOT
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Joint, JOINT_TYPES,
@@ -30,14 +31,13 @@ from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import axis_from_element, frame_from_element
 from opencv_tools.robot.sdf_texts import pose_of
+from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
                                             shape_from_element)
 from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
-from opencv_tools.robot.xml import (carried, DescriptionError, Element, Known, leftovers,
-                                    limit_number, line_of, local_name, named, number,
-                                    SDF_NAMESPACE, source_of, vector)
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 

@@ -20,14 +20,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from opencv_tools.robot.carrying import carried, leftovers, SDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
 from opencv_tools.robot.model import (Box, Capsule, Carried, Color, Cylinder, FrameId, Geometry,
                                       Inertial, Material, Mesh, Placement, Shape, Sphere)
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import (carried, DescriptionError, Element, leftovers, line_of,
-                                    local_name, number, numbers, SDF_NAMESPACE,
-                                    vector)
+from opencv_tools.robot.texts import number, numbers, vector
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')

@@ -19,8 +19,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from opencv_tools.robot.carrying import SDF_NAMESPACE
 from opencv_tools.robot.trees import listed
-from opencv_tools.robot.xml import DescriptionError, Element, named, SDF_NAMESPACE
+from opencv_tools.robot.xml import DescriptionError, Element, named
 
 
 @dataclass(frozen=True)

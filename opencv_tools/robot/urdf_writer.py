@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import carry, detached, restore, SDF_NAMESPACE
 from opencv_tools.robot.elements import (GAZEBO, SDF_FRAME, SDF_JOINT, URDF_JOINTS, URDF_LINK,
                                          URDF_ROBOT)
 from opencv_tools.robot.kinematics import Kinematics
@@ -30,12 +31,12 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import NEWEST, pose_of
 from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element
+from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import listed
 from opencv_tools.robot.urdf_gazebo import POSED
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, note_carried,
                                                   origin_element, shape_element)
-from opencv_tools.robot.xml import (carry, DescriptionError, detached, Element, number_text,
-                                    numbers_text, restore, SDF_NAMESPACE)
+from opencv_tools.robot.xml import DescriptionError, Element
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 

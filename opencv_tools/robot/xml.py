@@ -12,36 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""XML of robots: read without its dangers, with what is not understood kept for later."""
+"""XML of robots: read without its dangers, and written."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from copy import deepcopy
-import math
 from pathlib import Path
 import re
 import sys
 
 from lxml import etree
-from opencv_tools.robot.pose import Vector
 from opencv_tools.robot.report import Report
 
 Element = etree._Element
-
-# Elements and attributes that only the other format understands are kept in these namespaces.
-URDF_NAMESPACE = 'urn:opencv_tools:urdf'
-SDF_NAMESPACE = 'urn:opencv_tools:sdf'
-_OURS = (f'{{{URDF_NAMESPACE}}}', f'{{{SDF_NAMESPACE}}}')
-# An element that has a namespace already is kept in one of this name, and so is a second pose, for
-# <sdf:pose> says where the frame of a link was.
-_HOLDER = 'element'
-_HELD = 'pose'
-
-# What a reader understands of an element: of its attributes (``@name``) and children each is None
-# (all of it), MANY (all of each, however often it occurs) or a table for what is in the child.
-Known = Mapping[str, 'Known | None']
-MANY: Known = {}
 
 _MAX_BYTES = 100_000_000
 
@@ -169,71 +151,6 @@ def _mended(data: bytes) -> bytes | None:
     return mended if mended != data else None
 
 
-def numbers(text: str | None, count: int, element: Element, what: str = '') -> tuple[float, ...]:
-    """
-    Read numbers that stand in a text.
-
-    :param count: how many there have to be.
-    :param what: the attribute that has them, for messages; empty for the text of the element.
-    :raises DescriptionError: there are others, or one is not a number, or not finite.
-    """
-    try:
-        values = tuple(map(_float, (text or '').split()))
-    except ValueError:
-        values = ()
-    if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = 'a finite number' if count == 1 else f'{count} finite numbers'
-        subject = f'{what}=' if what else ''
-        raise DescriptionError(f'{subject}{quoted(text)} is not {wanted}', element)
-    return values
-
-
-def number(text: str | None, element: Element, what: str = '') -> float:
-    """Read one number, as `numbers` does."""
-    return numbers(text, 1, element, what)[0]
-
-
-def vector(text: str | None, element: Element, what: str = '') -> Vector:
-    """Read three numbers, as `numbers` does."""
-    x, y, z = numbers(text, 3, element, what)
-    return x, y, z
-
-
-def limit_number(text: str | None, element: Element, what: str = '') -> float:
-    """Read one number that may be infinite."""
-    try:
-        value = _float((text or '').strip())
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        subject = f'{what}=' if what else ''
-        raise DescriptionError(f'{subject}{quoted(text)} is not a number', element)
-    return value
-
-
-def quoted(text: str | None) -> str:
-    """Quote a text in a message, the beginning of one that is long."""
-    text = (text or '').strip()
-    return repr(text if len(text) <= 60 else f'{text[:57]}...')
-
-
-def _float(word: str) -> float:
-    """Read a number as C does: Python's digits of other scripts and underscores are none."""
-    if '_' in word or not word.isascii():
-        raise ValueError
-    return float(word)
-
-
-def number_text(value: float) -> str:
-    """Write a number so that reading it gives the same one, a whole one without a point."""
-    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-
-
-def numbers_text(values: tuple[float, ...]) -> str:
-    """Write numbers with spaces between them."""
-    return ' '.join(map(number_text, values))
-
-
 def named(element: Element) -> str:
     """
     Give the name of an element that has to have one.
@@ -244,133 +161,6 @@ def named(element: Element) -> str:
     if not name:
         raise DescriptionError('has no name', element)
     return name
-
-
-def leftovers(element: Element, known: Known) -> Element | None:
-    """
-    Give what of an element a reader does not understand.
-
-    :param known: what it does understand.
-    :returns: an element of the same tag that has only attributes and children that are not
-        known; those of a child that occurs twice where one is expected, too. None when there are
-        none. What is kept for the other format does not count.
-    """
-    parts = []
-    seen = set()
-    for child in element:
-        tag = child.tag
-        if not isinstance(tag, str) or tag.startswith(_OURS):
-            continue
-        inner = known.get(tag, MANY) if tag in known else _UNKNOWN
-        if inner is _UNKNOWN or (tag in seen and inner is not MANY):
-            part: Element | None = detached(child)
-        elif inner is None or inner is MANY:
-            part = None
-        else:
-            part = leftovers(child, inner)
-        seen.add(tag)
-        if part is not None:
-            parts.append(part)
-    attributes = {name: value for name, value in element.attrib.items()
-                  if f'@{name}' not in known and not str(name).startswith(_OURS)}
-    if not parts and not attributes:
-        return None
-    rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
-    rest.extend(parts)
-    return rest
-
-
-_UNKNOWN: Known = {'': None}
-
-
-def detached(element: Element) -> Element:
-    """Copy an element without the text that follows it."""
-    copy = deepcopy(element)
-    copy.tail = None
-    return copy
-
-
-def restore(element: Element, rest: Element | None, known: Known) -> None:
-    """
-    Put back into an element what `leftovers` gave of it.
-
-    :param element: as it was written from what is known; it is changed.
-    """
-    if rest is None:
-        return
-    for name, value in rest.attrib.items():
-        element.set(name, value)
-    for part in rest:
-        tag = str(part.tag)
-        inner = known.get(tag)
-        target = element.find(tag) if inner and not _repeats(part, inner) else None
-        if target is None:
-            element.append(detached(part))
-        else:
-            restore(target, part, inner or {})
-
-
-def _repeats(part: Element, known: Known) -> bool:
-    """Tell whether a part has what is known, as one has that was there a second time."""
-    if '#' in known and (part.text or '').strip():
-        return True
-    if any(f'@{name}' in known for name in part.attrib):
-        return True
-    for child in part:
-        tag = str(child.tag)
-        if tag in known:
-            inner = known[tag]
-            if inner is None or (inner is not MANY and _repeats(child, inner)):
-                return True
-    return False
-
-
-def carry(element: Element, rest: Element | None, namespace: str) -> list[str]:
-    """
-    Put into an element what only the other format understands, in a namespace of its own.
-
-    :param element: as it was written from what is known; it is changed.
-    :returns: the tags and attributes that were put there.
-    """
-    if rest is None:
-        return []
-    for name, value in rest.attrib.items():
-        element.set(name if str(name).startswith('{') else f'{{{namespace}}}{name}', value)
-    for part in rest:
-        copy, tag = detached(part), str(part.tag)
-        if tag.startswith('{') or tag == _HELD:
-            holder = etree.SubElement(element, f'{{{namespace}}}{_HOLDER}')
-            holder.append(copy)
-        else:
-            copy.tag = f'{{{namespace}}}{tag}'
-            element.append(copy)
-    return [*(f'@{name}' for name in rest.attrib), *(local_name(part) for part in rest)]
-
-
-def carried(element: Element, namespace: str, skip: tuple[str, ...] = ()) -> Element | None:
-    """
-    Take from an element what `carry` put there.
-
-    :param skip: tags and ``@attributes`` that the caller reads itself.
-    :returns: an element without the namespace; None when there is nothing.
-    """
-    prefix = f'{{{namespace}}}'
-    children = [child for child in element.iterchildren(f'{prefix}*')
-                if local_name(child) not in skip]
-    attributes = {str(name).removeprefix(prefix): value for name, value in element.attrib.items()
-                  if str(name).startswith(prefix)
-                  and f'@{str(name).removeprefix(prefix)}' not in skip}
-    if not children and not attributes:
-        return None
-    rest = etree.Element(local_name(element), attributes, nsmap=element.nsmap)
-    for child in children:
-        if local_name(child) == _HOLDER:
-            rest.extend(detached(part) for part in child)
-        else:
-            copy = detached(child)
-            copy.tag = local_name(child)
-            rest.append(copy)
-    return rest
 
 
 def to_bytes(root: Element) -> bytes:
