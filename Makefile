@@ -20,8 +20,9 @@ PYTHON ?= python3
 
 sourced := $(shell test "$$ROS_DISTRO" = jazzy && python3 -c 'import rclpy' 2>/dev/null && echo yes)
 
-# With a virtual environment of its own a command sees nothing of another ROS installation.
-in_venv = env -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PATH \
+# With a virtual environment of its own a command sees nothing of another ROS installation. Modules
+# are compiled once, for the tests start hundreds of processes.
+in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PATH \
   -u COLCON_PREFIX_PATH -u RMW_IMPLEMENTATION -u _ROS_WHEELS_BOOTSTRAP_COMPLETE \
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"

@@ -314,7 +314,9 @@ def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
 def test_control_c(tmp_path: Path) -> None:
     path = tmp_path / 'robot.urdf'
     os.mkfifo(path)
-    with subprocess.Popen(_process('urdf_to_sdf', str(path)), cwd=ROOT, stdout=subprocess.PIPE,
+    # What a shell starts in the background does not heed Ctrl-C, nor does what that starts.
+    command = ['env', '--default-signal=INT', *_process('urdf_to_sdf', str(path))]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE) as process, _opened(path):
         # Python sees a signal that comes just before it waits only when the wait is over.
         time.sleep(0.3)

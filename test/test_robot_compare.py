@@ -22,10 +22,10 @@ from typing import Any
 
 from lxml import etree
 from opencv_tools.robot.compare import Difference, differences, table
-from opencv_tools.robot.model import (
-    Axis, Box, Carried, Cylinder, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Material,
-    Mesh, Mimic, MODEL, Placement, Robot, Shape, Sphere)
+from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
+                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Vector
+from opencv_tools.robot.shapes import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError
 import pytest
 

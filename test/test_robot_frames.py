@@ -22,10 +22,11 @@ import time
 from typing import Any
 
 from opencv_tools.robot.frames import frames, text
-from opencv_tools.robot.model import (
-    Axis, Box, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.model import (Axis, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic,
+                                      MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import Box
 from opencv_tools.robot.xml import DescriptionError
 import pytest
 

@@ -25,11 +25,10 @@ from typing import Any
 
 from opencv_tools.robot import drawing
 from opencv_tools.robot.drawing import hull, outline
-from opencv_tools.robot.model import (
-    Axis, Box, Capsule, Cylinder, FrameId, Geometry, Joint, Link, Mesh, MODEL, Placement, Robot,
-    Shape, Sphere)
+from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.plot import plot
 from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError
 import pytest
 

@@ -17,10 +17,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import FrameId, Mesh, Robot
+from opencv_tools.robot.model import FrameId, Robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_include import MAX_INCLUDES, SEARCH_VARIABLES
 from opencv_tools.robot.sdf_reader import read_sdf
+from opencv_tools.robot.shapes import Mesh
 from opencv_tools.robot.xml import DescriptionError, parse
 import pytest
 

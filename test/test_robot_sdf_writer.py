@@ -19,13 +19,13 @@ import math
 
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (
-    Axis, Box, Capsule, Carried, Cylinder, Dynamics, Frame, FrameId, Geometry, Inertial, Joint,
-    Limit, Link, Material, Mesh, Mimic, MODEL, Placement, Robot, Shape, Sphere)
+from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
+                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element, write_sdf
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
 

@@ -26,9 +26,10 @@ from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.frames import frames
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Box, Mesh, Robot
+from opencv_tools.robot.model import Robot
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import Box, Mesh
 from opencv_tools.robot.xacro import expand
 import pytest
 

@@ -26,11 +26,11 @@ from typing import Any
 
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (Axis, Box, Capsule, Carried, Cylinder, Dynamics, Frame,
-                                      FrameId, Inertial, Joint, Limit, Link, Material, Mesh, Mimic,
-                                      MODEL, Placement, Robot, Shape, Sphere)
+from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
+                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.urdf_writer import write_urdf
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes

@@ -23,11 +23,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 import json
-import os
-from pathlib import Path
 import signal
 import sys
-import tempfile
 from typing import NoReturn, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -197,17 +194,19 @@ def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
 
 def _converted(options: argparse.Namespace, report: Report, data: bytes) -> int:
     """Write what a conversion gave, and its report."""
+    from opencv_tools.robot.output import write
     from opencv_tools.robot.xml import name_of
-    _write(options.output, data)
+    write(options.output, data)
     if options.report:
         text = json.dumps({'input': name_of(options.input), **report.as_json()}, indent=2)
-        _write(options.report, text.encode() + b'\n')
+        write(options.report, text.encode() + b'\n')
     return 1 if options.strict and report.warnings else 0
 
 
 def _robot_compare(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.compare import differences, table
     from opencv_tools.robot.names import with_own_names
+    from opencv_tools.robot.output import print_text
     from opencv_tools.robot.read import read_robot
     from opencv_tools.robot.xml import DescriptionError
     if options.a == options.b == '-':
@@ -216,9 +215,9 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
                   for path in (options.a, options.b))
     found = differences(one, other, samples=options.samples, tolerance=options.tolerance)
     if found:
-        _print_text(table(found))
+        print_text(table(found))
         return 1
-    _print_text(f'the same robot: links {len(one.links)}, joints {len(one.joints)}; at zero and '
+    print_text(f'the same robot: links {len(one.links)}, joints {len(one.joints)}; at zero and '
                 f'at {options.samples} random positions, to {options.tolerance:g}')
     return 0
 
@@ -226,6 +225,7 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
 def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.frames import frames, text
     from opencv_tools.robot.names import with_own_names
+    from opencv_tools.robot.output import print_text
     from opencv_tools.robot.read import read_robot
     robot = with_own_names(read_robot(options.file, report, _choices(options))[0])
     positions = dict(options.joint)
@@ -233,7 +233,7 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     if options.plot:
         from opencv_tools.robot.plot import plot
         plot(robot, positions, options.plot)
-    _print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
+    print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0
 
 
@@ -243,54 +243,6 @@ def _choices(options: argparse.Namespace) -> Choices:
     given = vars(options)
     return Choices(arguments=dict(given.get('arg', ())), model=given.get('model', ''),
                    root=given.get('root', ''), search=tuple(given.get('path', ())))
-
-
-def _write(path: str | None, data: bytes) -> None:
-    """Write a file whole or not at all, or to standard output where there is no path."""
-    from opencv_tools.robot.xml import DescriptionError
-    if path is None or path == '-':
-        _print(data)
-        return
-    target = Path(path)
-    if target.exists() and not target.is_file():  # a device, such as /dev/null
-        try:
-            target.write_bytes(data)
-        except OSError as err:
-            raise DescriptionError(f'cannot be written: {err.strerror}', source=path) from err
-        return
-    temporary = ''
-    try:
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
-        with open(descriptor, 'wb') as file:  # noqa: PTH123
-            file.write(data)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(target.resolve())
-    except OSError as err:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise DescriptionError(f'cannot be written: {err.strerror}', source=path) from err
-
-
-def _print_text(text: str) -> None:
-    _print(text.rstrip('\n').encode(sys.stdout.encoding or 'utf-8', 'backslashreplace') + b'\n')
-
-
-def _print(data: bytes) -> None:
-    """Write to standard output, all of it or an error."""
-    from opencv_tools.robot.xml import DescriptionError
-    rest = memoryview(data)
-    try:
-        while rest:  # with PYTHONUNBUFFERED a part may be written and no error raised
-            rest = rest[sys.stdout.buffer.write(rest):]
-        sys.stdout.buffer.flush()
-    except OSError as err:
-        # Nothing of it is left to be flushed at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(err, BrokenPipeError):
-            raise
-        raise DescriptionError(f'cannot be written: {err.strerror}', source='<stdout>') from err
 
 
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,

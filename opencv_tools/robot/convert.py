@@ -19,11 +19,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from opencv_tools.robot.lump import lump_fixed
-from opencv_tools.robot.model import FrameId, Inertial, Mesh, Placement, Robot, Shape
+from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.names import sdf_named, urdf_named, with_own_names
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_writer import write_sdf
+from opencv_tools.robot.shapes import Mesh
 from opencv_tools.robot.trees import listed, one_tree
 from opencv_tools.robot.urdf_writer import write_urdf
 from opencv_tools.robot.xml import DescriptionError, Element

@@ -21,8 +21,8 @@ from importlib import import_module
 import math
 from typing import Any
 
-from opencv_tools.robot.model import Box, Capsule, Cylinder, Geometry, Sphere
 from opencv_tools.robot.pose import Transform, Vector, ZERO
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Sphere
 from opencv_tools.robot.xml import DescriptionError
 
 Point = tuple[float, float]

@@ -20,9 +20,9 @@ from dataclasses import fields
 import operator
 
 from lxml import etree
-from opencv_tools.robot.model import (Axis, Color, Dynamics, Joint, Limit, Material, Mesh, Shape,
-                                      UNLIMITED)
+from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape, UNLIMITED
 from opencv_tools.robot.pose import normalised, Transform
+from opencv_tools.robot.shapes import Color, Material, Mesh
 from opencv_tools.robot.xml import local_name
 
 Fact = str | tuple[float, ...]

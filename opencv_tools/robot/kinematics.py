@@ -39,11 +39,7 @@ class Kinematics:
         :param robot: its links and joints fit each other, as the readers see to.
         """
         self.robot = robot
-        self._placements: dict[FrameId, Placement] = {
-            **{FrameId('link', link.name): link.placement for link in robot.links},
-            **{FrameId('joint', joint.name): joint.placement for joint in robot.joints},
-            **{FrameId('frame', frame.name): frame.placement for frame in robot.frames},
-        }
+        self._placements = {frame: thing.placement for frame, thing in robot.framed()}
         self._poses: dict[FrameId, Transform] = {MODEL: IDENTITY}
         self._origins: dict[FrameId, FrameId] = {MODEL: MODEL}
         self._steps: dict[tuple[FrameId, FrameId], Transform] = {}

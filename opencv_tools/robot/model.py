@@ -21,15 +21,14 @@ can go from one format to the other untouched. What only one of the formats has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple
 
 from lxml import etree
 from opencv_tools.robot.pose import Pose, Vector
-
-Color = tuple[float, float, float, float]  # red, green, blue, alpha from 0 to 1
+from opencv_tools.robot.shapes import Geometry, Material
 
 WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
 # |limit| from here on means none, as older SDF has it and as URDF, which has no infinity, is told.
@@ -99,64 +98,6 @@ class Inertial:
     placement: Placement
     mass: float
     inertia: tuple[float, float, float, float, float, float]
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box with its centre in the origin; its lengths along x, y and z in metres."""
-
-    size: Vector
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere with its centre in the origin; metres."""
-
-    radius: float
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder along z with its centre in the origin; metres."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A cylinder along z with half a sphere on either end, which ``length`` leaves out; metres."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """A mesh, scaled along x, y and z; None where no scale is written."""
-
-    uri: str
-    scale: Vector | None = None
-
-
-Geometry = Box | Sphere | Cylinder | Capsule | Mesh
-
-
-@dataclass(frozen=True)
-class Material:
-    """
-    What a surface looks like.
-
-    URDF has ``name``, ``color`` and ``texture`` only. A colour of URDF is SDF's diffuse and
-    ambient one, without any specular or emissive light.
-    """
-
-    name: str = ''
-    color: Color | None = None
-    ambient: Color | None = None
-    specular: Color | None = None
-    emissive: Color | None = None
-    texture: str = ''
 
 
 @dataclass(frozen=True)
@@ -292,6 +233,12 @@ class Robot:
     canonical_link: str = ''
     carried: Carried = NOTHING
     source: str = ''
+
+    def framed(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
+        """Give all that has a frame of its own, with what names it."""
+        for kind, things in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
+            for thing in things:
+                yield FrameId(kind, thing.name), thing
 
     def placed(self, place: Callable[[Placement], Placement]) -> Robot:
         """Give the robot with every placement in it as a function has it."""

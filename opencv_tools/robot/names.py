@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -40,16 +41,15 @@ def sdf_named(robot: Robot, report: Report) -> Robot:
     """
     taken = {WORLD}
     names: dict[FrameId, str] = {}
-    for kind, things in _by_kind(robot):
-        for thing in things:
-            if isinstance(thing, Link) and thing.is_world:
-                continue
-            name = _free(_allowed(thing.name), taken, f'_{kind}')
-            taken.add(name)
-            if name != thing.name:
-                names[FrameId(kind, thing.name)] = name
-                report.warn(kind, thing.name, thing.line, 'SDF wants each name once and has some '
-                            f'for itself; it is called {name!r} there')
+    for frame, thing in robot.framed():
+        if isinstance(thing, Link) and thing.is_world:
+            continue
+        name = _free(_allowed(thing.name), taken, f'_{frame.kind}')
+        taken.add(name)
+        if name != thing.name:
+            names[frame] = name
+            report.warn(frame.kind, thing.name, thing.line, 'SDF wants each name once and has '
+                        f'some for itself; it is called {name!r} there')
     robot = renamed(robot, names, keep=True)
     return replace(robot, links=tuple(_with_shape_names(link, report) for link in robot.links))
 
@@ -57,16 +57,17 @@ def sdf_named(robot: Robot, report: Report) -> Robot:
 def urdf_named(robot: Robot, report: Report) -> Robot:
     """Give links, joints and frames names without ``::``, which tf and others do not read."""
     names: dict[FrameId, str] = {}
-    for kind, things in _by_kind(robot):
-        taken = {thing.name for thing in things}
-        for thing in things:
-            if '::' in thing.name:
-                name = _free(thing.name.replace('::', '__'), taken, f'_{kind}')
-                taken.add(name)
-                names[FrameId(kind, thing.name)] = name
-                if not name.endswith('__model__'):
-                    report.warn(kind, thing.name, thing.line, 'URDF has no nested models; it is '
-                                f'called {name!r} there')
+    taken: dict[str, set[str]] = defaultdict(set)
+    for frame, _ in robot.framed():
+        taken[frame.kind].add(frame.name)
+    for frame, thing in robot.framed():
+        if '::' in thing.name:
+            name = _free(thing.name.replace('::', '__'), taken[frame.kind], f'_{frame.kind}')
+            taken[frame.kind].add(name)
+            names[frame] = name
+            if not name.endswith('__model__'):
+                report.warn(frame.kind, thing.name, thing.line, 'URDF has no nested models; it is '
+                            f'called {name!r} there')
     return renamed(robot, names)
 
 
@@ -76,16 +77,14 @@ def with_own_names(robot: Robot) -> Robot:
 
     :raises DescriptionError: one of them is taken.
     """
-    names = {FrameId(kind, thing.name): own for kind, things in _by_kind(robot)
-             for thing in things if (own := _own_name(thing.carried))}
-    for kind, things in _by_kind(robot):
-        taken: set[str] = set()
-        for thing in things:
-            name = names.get(FrameId(kind, thing.name), thing.name)
-            if name in taken:
-                raise DescriptionError(f'urdf:name={name!r} is the name of another {kind} too',
-                                       source=robot.source, line=thing.line, tag=kind)
-            taken.add(name)
+    names = {frame: own for frame, thing in robot.framed() if (own := _own_name(thing.carried))}
+    taken: set[FrameId] = set()
+    for frame, thing in robot.framed():
+        named = _id(frame, names)
+        if named in taken:
+            raise DescriptionError(f'urdf:name={named.name!r} is the name of another {frame.kind} '
+                                   'too', source=robot.source, line=thing.line, tag=frame.kind)
+        taken.add(named)
     robot = renamed(robot, names)
     return replace(
         robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
@@ -129,10 +128,6 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
                      for frame in robot.frames))
     return robot.placed(lambda placement: replace(
         placement, relative_to=_id(placement.relative_to, names)))
-
-
-def _by_kind(robot: Robot) -> tuple[tuple[str, Sequence[Link | Joint | Frame]], ...]:
-    return ('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)
 
 
 def _id(frame: FrameId, names: _Names) -> FrameId:

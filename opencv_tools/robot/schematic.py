@@ -24,8 +24,9 @@ from typing import Any
 from opencv_tools.robot.drawing import (
     AXIS_COLORS, DARK, GREY, hull, Labels, moved, outline, PALE, Point, SHAPE_COLORS, UNITS)
 from opencv_tools.robot.frames import joints_above, transform_of
-from opencv_tools.robot.model import Mesh, Robot, Shape
+from opencv_tools.robot.model import Robot, Shape
 from opencv_tools.robot.pose import Transform
+from opencv_tools.robot.shapes import Mesh
 
 _MOST_SIZES = 10
 _LEAST = 1e-6  # metres that are no distance

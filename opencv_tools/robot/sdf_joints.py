@@ -75,7 +75,9 @@ def with_axes(joint: Joint, element: Element, place: Place, kinematics: Kinemati
         if child is None:
             # The second axis may be left out, so may that of a joint that SDF does not have.
             if tag == AXES[0] and joint.type in SDF_TYPES:
-                raise DescriptionError(f'a {joint.type} joint has no <{tag}>', element)
+                place.report.warn('joint', joint.name, joint.line, f'a {joint.type} joint without '
+                                  '<axis>; it is taken for 0 0 1, as SDF has it')
+                axes.append(Axis((0.0, 0.0, 1.0)))
             continue
         axis = axis_from_element(child, _turn(child, joint, place, kinematics))
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))

@@ -160,8 +160,7 @@ def _check_placements(robot: Robot, names: Names) -> None:
 
     :raises DescriptionError: one is placed in itself.
     """
-    placed_in = {FrameId(kind, one.name): one.placement.relative_to for kind, group in (
-        ('link', robot.links), ('joint', robot.joints), ('frame', robot.frames)) for one in group}
+    placed_in = {frame: thing.placement.relative_to for frame, thing in robot.framed()}
     good = {MODEL}
     for start in placed_in:
         chain: dict[FrameId, None] = {}

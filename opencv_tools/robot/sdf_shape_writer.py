@@ -19,11 +19,11 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_COLLISION, SDF_VISUAL
-from opencv_tools.robot.model import (Box, Capsule, Cylinder, Geometry, Inertial, Material, Mesh,
-                                      Shape, Sphere)
+from opencv_tools.robot.model import Inertial, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import CAPSULE, PBR, pose_element, Version, version_text
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.xml import Element
 

@@ -23,15 +23,15 @@ from pathlib import Path
 from lxml import etree
 from opencv_tools.robot.carrying import carried, Known, leftovers, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_COLLISION, SDF_LINK, SDF_VISUAL
-from opencv_tools.robot.model import (Box, Capsule, Carried, Cylinder, FrameId, Geometry, Inertial,
-                                      Link, Material, Mesh, MODEL, Placement, Shape, Sphere)
+from opencv_tools.robot.model import Carried, FrameId, Inertial, Link, MODEL, Placement, Shape
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope
 from opencv_tools.robot.sdf_names import Names
 from opencv_tools.robot.sdf_shape_writer import COLORS, INERTIA
 from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, text_of
+from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.texts import number, vector
-from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named
+from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name, named
 
 _KNOWN = {'visual': SDF_VISUAL, 'collision': SDF_COLLISION}
 _KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
@@ -194,7 +194,7 @@ def _form(element: Element, place: Place) -> Geometry:
             raise DescriptionError('has no <uri>', element)
         return Mesh(place.uri(uri), None if scale is None else vector(scale.text, scale))
     if tag == 'box':
-        size = _child(element, 'size')
+        size = child_of(element, 'size')
         return Box(vector(size.text, size))
     if tag == 'sphere':
         return Sphere(_length(element, 'radius'))
@@ -203,15 +203,8 @@ def _form(element: Element, place: Place) -> Geometry:
 
 
 def _length(element: Element, tag: str) -> float:
-    child = _child(element, tag)
+    child = child_of(element, tag)
     return number(child.text, child)
-
-
-def _child(element: Element, tag: str) -> Element:
-    child = element.find(tag)
-    if child is None:
-        raise DescriptionError(f'has no <{tag}>', element)
-    return child
 
 
 def _material(element: Element, place: Place) -> Material:

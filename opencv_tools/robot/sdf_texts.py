@@ -19,9 +19,9 @@ from __future__ import annotations
 import math
 
 from lxml import etree
-from opencv_tools.robot.model import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import Color
 from opencv_tools.robot.texts import numbers, numbers_text
 from opencv_tools.robot.xml import DescriptionError, Element
 

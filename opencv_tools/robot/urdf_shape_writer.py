@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 from lxml import etree
 from opencv_tools.robot.carrying import carry, restore, SDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
-from opencv_tools.robot.model import (Box, Capsule, Color, Cylinder, Geometry, Inertial, Link,
-                                      Material, Robot, Shape, Sphere)
+from opencv_tools.robot.model import Inertial, Link, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import Box, Capsule, Color, Cylinder, Geometry, Material, Sphere
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.urdf_shapes import INERTIA, LIGHTS, lit, look_of, own_name
 from opencv_tools.robot.xml import Element, local_name

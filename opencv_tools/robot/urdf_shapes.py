@@ -22,12 +22,13 @@ from dataclasses import dataclass, replace
 
 from opencv_tools.robot.carrying import carried, leftovers, SDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
-from opencv_tools.robot.model import (Box, Capsule, Carried, Color, Cylinder, FrameId, Geometry,
-                                      Inertial, Material, Mesh, Placement, Shape, Sphere)
+from opencv_tools.robot.model import Carried, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, Geometry, Material, Mesh,
+                                       Sphere)
 from opencv_tools.robot.texts import number, numbers, vector
-from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name
+from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -74,7 +75,7 @@ def inertial_from_element(element: Element, home: FrameId, report: Report, link:
     :param home: the frame that URDF means by the link.
     :raises DescriptionError: mass or inertia are not there.
     """
-    mass, inertia = (_child(element, tag) for tag in ('mass', 'inertia'))
+    mass, inertia = (child_of(element, tag) for tag in ('mass', 'inertia'))
     value = _number(mass, 'value')
     if value < 0:
         report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
@@ -104,7 +105,7 @@ def shape_from_element(element: Element, home: FrameId, link: str, looks: Looks,
 
 
 def _geometry(shape: Element, report: Report, link: str) -> Geometry:
-    geometry = _child(shape, 'geometry')
+    geometry = child_of(shape, 'geometry')
     found = [child for child in geometry if not str(child.tag).startswith(_SDF)]
     if len(found) != 1 or found[0].tag not in _GEOMETRIES:
         kinds = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
@@ -212,13 +213,6 @@ def own_name(link: str, visual: str) -> str:
 def _color(text: str | None, element: Element, what: str = '') -> Color:
     red, green, blue, alpha = numbers(text, 4, element, what)
     return red, green, blue, alpha
-
-
-def _child(element: Element, tag: str) -> Element:
-    child = element.find(tag)
-    if child is None:
-        raise DescriptionError(f'has no <{tag}>', element)
-    return child
 
 
 def _attribute(element: Element, name: str) -> str:

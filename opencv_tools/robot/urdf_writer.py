@@ -97,8 +97,8 @@ def write_urdf(robot: Robot, report: Report) -> Element:
 
 def _frames_by_name(robot: Robot) -> dict[str, FrameId]:
     names = {'__model__': MODEL}
-    for kind, things in (('frame', robot.frames), ('joint', robot.joints), ('link', robot.links)):
-        names.update((thing.name, FrameId(kind, thing.name)) for thing in things)
+    for frame, thing in robot.framed():
+        names.setdefault(thing.name, frame)
     return names
 
 

@@ -163,6 +163,18 @@ def named(element: Element) -> str:
     return name
 
 
+def child_of(element: Element, tag: str) -> Element:
+    """
+    Give a child that an element has to have.
+
+    :raises DescriptionError: it has none.
+    """
+    child = element.find(tag)
+    if child is None:
+        raise DescriptionError(f'has no <{tag}>', element)
+    return child
+
+
 def to_bytes(root: Element) -> bytes:
     """Write a document, indented, with its declaration and no namespace that nothing uses."""
     etree.cleanup_namespaces(root)
