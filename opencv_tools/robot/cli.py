@@ -218,7 +218,7 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
         print_text(table(found))
         return 1
     print_text(f'the same robot: links {len(one.links)}, joints {len(one.joints)}; at zero and '
-                f'at {options.samples} random positions, to {options.tolerance:g}')
+               f'at {options.samples} random positions, to {options.tolerance:g}')
     return 0
 
 
