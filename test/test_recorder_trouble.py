@@ -36,7 +36,7 @@ import pytest
 Start = Callable[..., NodeProcess]
 Tell = Callable[[str], None]
 KILLS = 50
-AT_ONCE = 5
+AT_ONCE = 8
 # A root to whom the permissions of files mean what they say.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '

@@ -481,7 +481,8 @@ def test_long_chains_are_read_and_written_in_linear_time() -> None:
 @pytest.fixture(name='judge')
 def yourdfpy_judge(tmp_path: Path) -> Callable[[Robot], Any]:
     """Load what is written with a reader of others."""
-    yourdfpy = pytest.importorskip('yourdfpy')
+    yourdfpy = pytest.importorskip(
+        'yourdfpy', reason='no package of ROS has it: pip install yourdfpy')
 
     def load(model: Robot) -> Any:
         path = tmp_path / 'r.urdf'

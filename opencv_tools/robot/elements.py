@@ -141,3 +141,5 @@ GAZEBO: Mapping[str, frozenset[str]] = {
         'velocity_decay'}),
     'joint': frozenset({'sensor'}),
 }
+# Those of a link that have a pose of their own, in its frame where they do not say otherwise.
+POSED = frozenset({'audio_source', 'light', 'particle_emitter', 'projector', 'sensor'})

@@ -20,14 +20,13 @@ from dataclasses import replace
 
 from lxml import etree
 from opencv_tools.robot.carrying import detached
+from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
 from opencv_tools.robot.pose import Matrix, Pose, Vector
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xml import Element
 
-# Children of a link of SDF that are placed in it.
-_PLACED = ('audio_source', 'light', 'particle_emitter', 'projector', 'sensor')
 # What a <gazebo reference> says of a joint that is to stay.
 _KEEPERS = ('preserveFixedJoint', 'disableFixedJointLumping')
 
@@ -127,7 +126,7 @@ def _named_by(link: Link, host: Link, shape: Shape) -> Shape:
 def _placed_in(part: Element, frame: str) -> Element:
     """Copy an element of a link that is to be placed in a frame."""
     copy = detached(part)
-    if copy.tag in _PLACED:
+    if copy.tag in POSED:
         pose = copy.find('pose')
         if pose is None:
             pose = etree.SubElement(copy, 'pose')

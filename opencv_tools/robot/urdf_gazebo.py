@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from lxml import etree
 from opencv_tools.robot.carrying import detached
-from opencv_tools.robot.elements import GAZEBO
+from opencv_tools.robot.elements import GAZEBO, POSED
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
@@ -27,8 +27,6 @@ from opencv_tools.robot.texts import numbers_text
 from opencv_tools.robot.urdf_tree import TreeOfLinks
 from opencv_tools.robot.xml import Element, line_of
 
-# Elements of SDF that have a pose of their own, in the frame of their link.
-POSED = frozenset({'audio_source', 'light', 'particle_emitter', 'projector', 'sensor'})
 # What turning a pose there and back leaves of nothing.
 _NOTHING_LEFT = 1e-12
 

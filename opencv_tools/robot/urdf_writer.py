@@ -22,8 +22,8 @@ import math
 
 from lxml import etree
 from opencv_tools.robot.carrying import carry, detached, restore, SDF_NAMESPACE
-from opencv_tools.robot.elements import (GAZEBO, SDF_FRAME, SDF_JOINT, URDF_JOINTS, URDF_LINK,
-                                         URDF_ROBOT)
+from opencv_tools.robot.elements import (GAZEBO, POSED, SDF_FRAME, SDF_JOINT, URDF_JOINTS,
+                                         URDF_LINK, URDF_ROBOT)
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot,
                                       UNLIMITED, URDF_TYPES)
@@ -33,7 +33,6 @@ from opencv_tools.robot.sdf_texts import NEWEST, pose_of
 from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import listed
-from opencv_tools.robot.urdf_gazebo import POSED
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, note_carried,
                                                   origin_element, shape_element)
 from opencv_tools.robot.xml import DescriptionError, Element
