@@ -41,7 +41,7 @@ def read(content: str, version: str = '1.9', report: Report | None = None,
 
 def read_text(text: str, report: Report | None = None, model: str = '') -> Robot:
     report = report or Report()
-    return read_sdf(parse(text.encode(), 'robot.sdf', report, tolerant=True), report, model=model)
+    return read_sdf(parse(text.encode(), 'robot.sdf', report), report, model=model)
 
 
 def joint(content: str = '', kind: str = 'fixed', name: str = 'j', parent: str = 'a',

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-import re
 
 from lxml import etree
 from opencv_tools.robot.kinematics import with_mimics
@@ -79,7 +78,7 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
 def _root(path: str, report: Report, choices: Choices) -> Element:
     """Parse a file; of xacro, what it expands to."""
     data, source = read_bytes(path), name_of(path)
-    root = parse(data, source, report, tolerant=re.search(rb'<sdf[\s>]', data) is not None)
+    root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
         expanded = expand(path, data, choices.arguments, report)
         return parse(expanded, source, report)

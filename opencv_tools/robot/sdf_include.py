@@ -118,7 +118,7 @@ class Library:
 
     def _root(self, path: Path, include: Element) -> tuple[Element, Version]:
         if path not in self._read:
-            root = parse(read_bytes(str(path)), str(path), self._report, tolerant=True)
+            root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':
                 raise DescriptionError(f'{path} is a URDF; convert it by urdf_to_sdf and include '
                                        'that', include)
@@ -183,7 +183,7 @@ def _file_in(folder: Path, include: Element) -> Path:
     config = folder / 'model.config'
     if not config.is_file():
         return folder / 'model.sdf'
-    root = parse(read_bytes(str(config)), str(config), Report(), tolerant=True)
+    root = parse(read_bytes(str(config)), str(config), Report())
     entries = [((version_of(entry.get('version', '')) or (0, 0)), (entry.text or '').strip())
                for entry in root.findall('sdf')]
     known = [entry for entry in entries if entry[0] <= NEWEST] or entries

@@ -87,13 +87,14 @@ def name_of(path: str) -> str:
     return '<stdin>' if path == '-' else path
 
 
-def parse(data: bytes, source: str, report: Report, *, tolerant: bool = False) -> Element:
+def parse(data: bytes, source: str, report: Report) -> Element:
     """
     Read XML without entities, without the network, and without what overflows the stack.
 
+    What public files get wrong is read with a warning: a prefix that is not declared, ``--`` in a
+    comment, text before the declaration, a declaration of version 0.0.
+
     :param source: the name of the file, for messages.
-    :param tolerant: whether to read on, with a warning, what public SDF files get wrong: a prefix
-        that is not declared, ``--`` in a comment, text before the declaration.
     :returns: the root element.
     :raises DescriptionError: it is not XML, or declares entities.
     """
@@ -105,7 +106,7 @@ def parse(data: bytes, source: str, report: Report, *, tolerant: bool = False) -
         return _parsed(data, source)
     except etree.XMLSyntaxError as err:
         flaw = err
-    mended = _mended(data) if tolerant else None
+    mended = _mended(data)
     if mended is None:
         raise DescriptionError(_sentence(flaw), source=source, line=flaw.lineno or 0) from flaw
     try:
@@ -131,22 +132,25 @@ def _sentence(err: etree.XMLSyntaxError) -> str:
 
 
 def _mended(data: bytes) -> bytes | None:
-    """Mend what public SDF files get wrong, with every line where it was; None if nothing is."""
-    start = re.search(rb'<\?xml[\s?]|<sdf[\s>]', data)
+    """Mend what public files get wrong, with every line where it was; None if nothing is."""
+    start = re.search(rb'<\?xml[\s?]|<(sdf|robot)[\s>]', data)
     if start is None:
         return None
     # What stands before the declaration goes, its lines stay: they move into the root's tag.
     lines = data.count(b'\n', 0, start.start())
     mended = data[start.start():]
+    mended = re.sub(rb'^(<\?xml\s+version\s*=\s*["\'])[\d.]*', rb'\g<1>1.0', mended)
     mended = re.sub(rb'<!--(.*?)-->', lambda comment: b'<!--' + re.sub(
         rb'-(?=-)|-$', b' ', comment[1]) + b'-->', mended, flags=re.DOTALL)
     declared = set(re.findall(rb'xmlns:([\w.-]+)\s*=', mended))
     used = set(re.findall(rb'</?([A-Za-z_][\w.-]*):[\w.-]+', mended)) | set(
         re.findall(rb'\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*["\']', mended))
     missing = sorted(used - declared - {b'xmlns', b'xml'})
+    if b'xacro' in missing:  # what it says would not be done
+        return None
     declarations = b''.join(b' xmlns:%b="urn:undeclared:%b"' % (prefix, prefix)
                             for prefix in missing)
-    mended = re.sub(rb'<sdf(?=[\s>])', lambda tag: tag[0] + b'\n' * lines + declarations,
+    mended = re.sub(rb'<(sdf|robot)(?=[\s>])', lambda tag: tag[0] + b'\n' * lines + declarations,
                     mended, count=1)
     return mended if mended != data else None
 

@@ -99,7 +99,7 @@ def write_all(path: Path, folder: Path) -> Written:
     urdf.write_bytes(to_bytes(convert_to_urdf(robot, Report())))
     back, _ = read_robot(str(urdf), Report())
     if language == 'sdf':
-        root = parse(path.read_bytes(), str(path), Report(), tolerant=True)
+        root = parse(path.read_bytes(), str(path), Report())
         source, original = back, Case(path, read_sdf(root, Report()))
     return Written(original, list(write_sdf_of(source, path.name, folder)), [Case(urdf, back)])
 
