@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import read_sdf
@@ -69,7 +68,6 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
         robot = read_sdf(root, report, model=choices.model, search=choices.search)
     else:
         raise DescriptionError('is no robot; URDF begins with <robot>, SDF with <sdf>', root)
-    with_mimics(robot, {})  # finds circles
     if tag == 'sdf' and choices.root:
         robot = one_tree(robot, choices.root, report)
     return robot, URDF if tag == 'robot' else SDF

@@ -22,7 +22,7 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.carrying import carried, detached, Known, MANY, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_FRAME, SDF_MODEL
-from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (Carried, Frame, FrameId, Joint, Link, MODEL, Placement,
                                       Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
@@ -75,8 +75,10 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     in_world = _in_world(robot, scopes[0], names)
     robot = _with_axes(_with_world(robot, in_world), places)
     links = tuple(link.name for link in robot.links)
-    return replace(robot, joints=marked_loops(robot.joints, links, canonical),
-                   carried=_model_rest(places[0], in_world))
+    robot = replace(robot, joints=marked_loops(robot.joints, links, canonical),
+                    carried=_model_rest(places[0], in_world))
+    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    return robot
 
 
 def frame_from_element(element: Element, lookup: Callable[[str, Element], FrameId],
