@@ -449,7 +449,7 @@ def test_writing_again_writes_the_same_tags() -> None:
 
 def test_several_roots_are_not_written() -> None:
     model = replace(baked(), joints=())
-    with pytest.raises(DescriptionError, match="'a', 'b', 'c'; choose one by --root"):
+    with pytest.raises(DescriptionError, match="by --root: 'a', 'b', 'c'"):
         write_urdf(model, Report())
 
 

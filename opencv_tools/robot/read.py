@@ -63,14 +63,11 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
     root = _root(path, report, choices)
     tag = local_name(root)
     if tag == 'robot':
-        robot = read_urdf(root, report, root_link=choices.root)
-    elif tag == 'sdf':
-        robot = read_sdf(root, report, model=choices.model, search=choices.search)
-    else:
+        return read_urdf(root, report, root_link=choices.root), URDF
+    if tag != 'sdf':
         raise DescriptionError('is no robot; URDF begins with <robot>, SDF with <sdf>', root)
-    if tag == 'sdf' and choices.root:
-        robot = one_tree(robot, choices.root, report)
-    return robot, URDF if tag == 'robot' else SDF
+    robot = read_sdf(root, report, model=choices.model, search=choices.search)
+    return (one_tree(robot, choices.root, report) if choices.root else robot), SDF
 
 
 def _root(path: str, report: Report, choices: Choices) -> Element:

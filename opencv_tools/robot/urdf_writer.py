@@ -32,10 +32,10 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import NEWEST, pose_of
 from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element
 from opencv_tools.robot.texts import number_text, numbers_text
-from opencv_tools.robot.trees import listed
+from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, note_carried,
                                                   origin_element, shape_element)
-from opencv_tools.robot.xml import DescriptionError, Element
+from opencv_tools.robot.xml import Element
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
@@ -66,12 +66,8 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     :returns: the element ``<robot>``.
     :raises DescriptionError: several of its links hang on nothing.
     """
+    robot = one_tree(robot, '', report)
     kinematics = Kinematics(robot)
-    roots = kinematics.roots
-    if len(roots) > 1:
-        raise DescriptionError(f'{len(roots)} links hang on nothing, where URDF has one tree: '
-                               f'{listed(roots)}; choose one by --root, or another model by '
-                               '--model', source=robot.source)
     target = _Target(kinematics, report, Materials.of(robot), _frames_by_name(robot))
     root = etree.Element('robot', {'name': robot.name}, nsmap={'sdf': SDF_NAMESPACE})
     if robot.canonical_link:
