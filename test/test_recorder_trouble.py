@@ -64,7 +64,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 def test_killed_at_any_moment_it_leaves_whole_files(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
-    start('img_publisher', source='pattern:80x60@100', publish_rate=0)
+    start('img_publisher', source='pattern:80x60@60', publish_rate=0)
     parameters = {'output_dir': folder, 'file_name': 'f{seq:06d}.png', 'writers': 2}
     moments = random.Random(5)
     checked: set[Path] = set()

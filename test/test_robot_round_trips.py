@@ -33,7 +33,7 @@ import pytest
 import robots
 
 TOLERANCE = 1e-12
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True,
+PROPERTY = settings(max_examples=30, deadline=None, derandomize=True,
                     suppress_health_check=list(HealthCheck))
 SEEDS = st.integers(0, 2**32)
 SIZES = st.integers(1, 30)
