@@ -27,14 +27,21 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
+# Those of the robots need no ROS and wait for nothing: they run beside the others, which do.
+robots = test/test_robot_*.py
+
 # $(1): the command's environment; $(2): where build, install and log go
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
   --event-handlers console_stderr- || \
   { cat $(2)log/latest_build/opencv_tools/stdout_stderr.log; exit 1; }
-@rm -f $(2)build/opencv_tools/pytest.xml
-@$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
-  --return-code-on-test-failure --event-handlers console_direct+
+@rm -f $(2)build/opencv_tools/pytest.xml $(2)build/opencv_tools/robots.xml
+@PYTHONPATH="$(CURDIR):$$PYTHONPATH" $(1) nice python3 -m pytest --quiet $(robots) \
+  --junitxml=$(2)build/opencv_tools/robots.xml > $(2)log/robots.log 2>&1 & robots=$$!; \
+$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
+  --return-code-on-test-failure --event-handlers console_direct+ \
+  --pytest-args ' --ignore-glob=$(robots)'; status=$$?; \
+wait $$robots || { cat $(2)log/robots.log; status=1; }; exit $$status
 @$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
 endef
 

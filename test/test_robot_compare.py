@@ -369,6 +369,6 @@ def test_long_chains_take_linear_time() -> None:
                         on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))), (Axis(vector),))
                   for parent, child in pairwise(names)))
 
-    started = time.perf_counter()
+    started = time.process_time()
     assert differences(chain(5000), chain(5000), samples=2) == []
-    assert time.perf_counter() - started < 5
+    assert time.process_time() - started < 5

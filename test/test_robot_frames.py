@@ -226,9 +226,9 @@ def test_a_chain_of_5000_links_is_listed_in_linear_time_and_no_wide_lines() -> N
         tuple(Joint(f'j{child}', 'continuous', parent, child,
                     on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))), (Axis((0.0, 0.0, 1.0)),))
               for parent, child in pairwise(names)))
-    started = time.perf_counter()
+    started = time.process_time()
     lines = text(frames(robot, {})).splitlines()
-    assert time.perf_counter() - started < 4
+    assert time.process_time() - started < 4
     assert len(lines) == 5001
     assert max(map(len, lines)) < 160
     assert '(4999) l4999' in lines[-1]

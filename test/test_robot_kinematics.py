@@ -101,13 +101,13 @@ def test_a_chain_of_5000_links_takes_linear_time_and_no_recursion() -> None:
     pose = Pose((0.0, 0.0, 0.001))
     robot = chain([joint(f'j{index}', f'l{index}' if index else 'base', f'l{index + 1}', pose=pose)
                    for index in range(5000)])
-    started = time.perf_counter()
+    started = time.process_time()
     kinematics = Kinematics(robot)
     assert kinematics.pose(link_id('l5000')).translation[2] == pytest.approx(5)
     poses = kinematics.at({'j0': (0.5,)})
     assert poses[link_id('l5000')].pose().rpy == pytest.approx((0, 0, 0.5))
     assert kinematics.links_below(kinematics.roots)[-1] == 'l5000'
-    assert time.perf_counter() - started < 3
+    assert time.process_time() - started < 3
 
 
 @pytest.mark.parametrize(('type_', 'position', 'expected'), [
@@ -249,6 +249,6 @@ def test_a_long_chain_of_mimics_takes_linear_time() -> None:
     count = 5000
     robot = followers(*((f'j{index}', Mimic(f'j{index + 1}', 1.0, 1.0))
                         for index in range(count)), (f'j{count}', None))
-    started = time.perf_counter()
+    started = time.process_time()
     assert with_mimics(robot, {})['j0'] == (float(count),)
-    assert time.perf_counter() - started < 2
+    assert time.process_time() - started < 2

@@ -502,7 +502,7 @@ def test_long_chain_is_read_in_linear_time() -> None:
         f'</pose></link>' for index in range(5000))
     content += ''.join(joint(name=f'j{index}', parent=f'l{index}', child=f'l{index + 1}')
                        for index in range(4999))
-    start = time.perf_counter()
+    start = time.process_time()
     robot = read(content)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert Kinematics(robot).pose(FrameId('link', 'l4999')).translation == (0, 0, 5000)

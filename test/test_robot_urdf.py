@@ -473,9 +473,9 @@ def test_long_chains_are_read_and_written_in_linear_time() -> None:
     links = ''.join(f'<link name="l{index}"/>' for index in range(5000))
     joints = ''.join(f'<joint name="j{index}" type="fixed"><origin xyz="0 0 1"/><parent link="l'
                      f'{index}"/><child link="l{index + 1}"/></joint>' for index in range(4999))
-    start = time.perf_counter()
+    start = time.process_time()
     assert len(again(robot(links + joints)).joints) == 4999
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 @pytest.fixture(name='judge')

@@ -212,10 +212,10 @@ def test_failures_are_one_line_with_a_place(
         capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('NOT_SET_AT_ALL', raising=False)
     path = tmp_path / 'a.xacro'
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(DescriptionError) as caught:
         expanded(path, content)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
     text = str(caught.value)
     assert text.startswith(f'{path}:{line}: <{tag}>: '), text
     assert message in text
