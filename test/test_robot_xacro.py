@@ -26,6 +26,7 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
 from opencv_tools.robot.xml import DescriptionError, Element, parse
 import pytest
+import xacro
 
 HEAD = '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">'
 MESH = '<link name="a"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
@@ -269,7 +270,6 @@ def test_a_circle_of_includes_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize('content', ['<link name="a"/>', '<link name="${nothing}"/>', ENDLESS,
                                      '<xacro:include filename="none"/>'])
 def test_xacro_is_left_as_it_was(content: str, tmp_path: Path) -> None:
-    xacro = pytest.importorskip('xacro')
     substitution = sys.modules['xacro.substitution_args']
     names = ('parse', 'abs_filename_spec', 'handle_macro_call', 'filestack', 'macrostack',
              'verbosity', 'all_includes', 'substitution_args_context')

@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 
 from lxml import etree
+from opencv_tools.robot.report import Report
 from opencv_tools.robot.xml import Element, local_name
 
 # Elements and attributes that only the other format understands are kept in these namespaces.
@@ -35,6 +36,7 @@ _HELD = 'pose'
 # (all of it), MANY (all of each, however often it occurs) or a table for what is in the child.
 Known = Mapping[str, 'Known | None']
 MANY: Known = {}
+_UNKNOWN: Known = {'': None}
 
 
 def leftovers(element: Element, known: Known) -> Element | None:
@@ -52,7 +54,7 @@ def leftovers(element: Element, known: Known) -> Element | None:
         tag = child.tag
         if not isinstance(tag, str) or tag.startswith(_OURS):
             continue
-        inner = known.get(tag, MANY) if tag in known else _UNKNOWN
+        inner = known.get(tag, _UNKNOWN)
         if inner is _UNKNOWN or (tag in seen and inner is not MANY):
             part: Element | None = detached(child)
         elif inner is None or inner is MANY:
@@ -69,9 +71,6 @@ def leftovers(element: Element, known: Known) -> Element | None:
     rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
     rest.extend(parts)
     return rest
-
-
-_UNKNOWN: Known = {'': None}
 
 
 def detached(element: Element) -> Element:
@@ -162,3 +161,14 @@ def carried(element: Element, namespace: str, skip: tuple[str, ...] = ()) -> Ele
             copy.tag = local_name(child)
             rest.append(copy)
     return rest
+
+
+def note_carried(report: Report, namespace: str, name: str, line: int, tags: Iterable[str]
+                 ) -> None:
+    """Note each thing of `carry` that only one of the formats has a word for."""
+    other, prefix = ('SDF', 'urdf') if namespace == URDF_NAMESPACE else ('URDF', 'sdf')
+    for tag in tags:
+        # The name that a thing had is what its renaming notes already.
+        if tag != '@name':
+            kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
+            report.carry(tag, name, line, f'{other} has no word for it; kept as {kept}')

@@ -26,12 +26,12 @@ import math
 import random
 
 from opencv_tools.robot.facts import (Facts, is_continuous, of_axis, of_geometry, of_material,
-                                      own_name, texts, turned_tensor)
+                                      texts)
 from opencv_tools.robot.kinematics import AXES, Kinematics, with_mimics
 from opencv_tools.robot.model import (FrameId, Inertial, Joint, JOINT_TYPES, Link, MODEL,
                                       Placement, Robot, Shape)
-from opencv_tools.robot.names import with_own_names
-from opencv_tools.robot.pose import IDENTITY, Transform
+from opencv_tools.robot.names import flat_name, with_own_names
+from opencv_tools.robot.pose import IDENTITY, Transform, turned_tensor
 from opencv_tools.robot.samples import random_position
 
 Key = tuple[str, str]  # element and name
@@ -181,7 +181,7 @@ class _Side:
         offset = self._offset(link, inertial.placement)
         turned = home @ self.kinematics.pose(frame) @ offset
         return _Item(frame, Transform(translation=offset.translation), {
-            'mass': (inertial.mass,), 'inertia': turned_tensor(inertial.inertia, turned)})
+            'mass': (inertial.mass,), 'inertia': turned_tensor(inertial.inertia, turned.rotation)})
 
     def _of_shape(self, link: Link, shape: Shape) -> _Item:
         return _Item(FrameId('link', link.name), self._offset(link, shape.placement),
@@ -192,7 +192,7 @@ class _Side:
         endless = is_continuous(joint)
         facts: Facts = {
             'type': 'continuous' if endless else joint.type,
-            'parent': own_name(joint.parent), 'child': own_name(joint.child),
+            'parent': flat_name(joint.parent), 'child': flat_name(joint.child),
             'closes a loop': 'yes' if joint.is_loop else 'no'}
         for index, axis in enumerate(joint.axes[:AXES[JOINT_TYPES[joint.type]]]):
             suffix = '' if index == 0 else ' of axis2'
@@ -204,7 +204,7 @@ class _Side:
 def _keys(names: Iterable[str]) -> list[str]:
     """Give names as both formats have them; as they are where that would make two the same."""
     written = list(names)
-    keys = list(map(own_name, written))
+    keys = list(map(flat_name, written))
     return keys if len(set(keys)) == len(set(written)) else written
 
 

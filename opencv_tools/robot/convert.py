@@ -23,6 +23,7 @@ from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.names import sdf_named, urdf_named, with_own_names
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_texts import FRAMES, version_text, written_version
 from opencv_tools.robot.sdf_writer import write_sdf
 from opencv_tools.robot.shapes import Mesh
 from opencv_tools.robot.trees import listed, one_tree
@@ -55,9 +56,9 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     :raises DescriptionError: it cannot be written so.
     """
     if lump:
-        if version in ('1.4', '1.5', '1.6'):
+        if written_version(version) < FRAMES:
             raise DescriptionError(f'--fixed lump leaves frames, which SDF {version} has not; '
-                                   'take 1.7 or newer', source=robot.source)
+                                   f'take {version_text(FRAMES)} or newer', source=robot.source)
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
     return write_sdf(sdf_named(robot, report), report, version=version, relative=relative)

@@ -26,7 +26,8 @@ from collections.abc import Mapping
 
 from opencv_tools.robot.carrying import Known, MANY
 
-_INERTIA: tuple[str, ...] = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Moments of inertia, in the order in which they are kept.
+INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _VALUE: Known = {'#': None}  # the text of an element
 
 
@@ -59,7 +60,7 @@ URDF_VISUAL: Known = {
 URDF_LINK: Known = {
     '@name': None,
     'inertial': {'origin': _ORIGIN, 'mass': _attributes('value'),
-                 'inertia': _attributes(*_INERTIA)},
+                 'inertia': _attributes(*INERTIA)},
     'visual': MANY,
     'collision': MANY,
 }
@@ -108,7 +109,7 @@ SDF_VISUAL: Known = {
 SDF_LINK: Known = {
     '@name': None,
     'pose': _POSE,
-    'inertial': {'pose': _POSE, 'mass': _VALUE, 'inertia': _children(*_INERTIA)},
+    'inertial': {'pose': _POSE, 'mass': _VALUE, 'inertia': _children(*INERTIA)},
     'visual': MANY,
     'collision': MANY,
 }

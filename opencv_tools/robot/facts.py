@@ -17,23 +17,16 @@
 from __future__ import annotations
 
 from dataclasses import fields
-import operator
 
 from lxml import etree
 from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape, UNLIMITED
+from opencv_tools.robot.names import flat_name
 from opencv_tools.robot.pose import normalised, Transform
-from opencv_tools.robot.shapes import Color, Material, Mesh
+from opencv_tools.robot.shapes import Color, DARK, LIGHTS, Material, Mesh
 from opencv_tools.robot.xml import local_name
 
 Fact = str | tuple[float, ...]
 Facts = dict[str, Fact]
-
-_DARK: Color = (0.0, 0.0, 0.0, 1.0)  # the light of SDF where none is written
-
-
-def own_name(name: str) -> str:
-    """Write a name of a nested model as URDF has it."""
-    return name.replace('::', '__')
 
 
 def of_geometry(shape: Shape) -> Facts:
@@ -71,9 +64,9 @@ def of_material(material: Material | None) -> Facts:
     if material is None:
         return {}
     facts: Facts = {'color': material.color} if material.color else {}
-    for what in ('ambient', 'specular', 'emissive'):
+    for what in LIGHTS:
         color: Color | None = getattr(material, what)
-        if color is not None and color != _DARK:
+        if color is not None and color != DARK:
             facts[what] = color
     return {**facts, 'texture': _uri(material.texture)} if material.texture else facts
 
@@ -97,7 +90,7 @@ def of_axis(axis: Axis, turn: Transform) -> Facts:
         facts[what] = (value,) if abs(value) < UNLIMITED else 'unlimited'
     facts.update(damping=(dynamics.damping or 0.0,), friction=(dynamics.friction or 0.0,))
     if axis.mimic:
-        facts.update(mimics=own_name(axis.mimic.joint), multiplier=(axis.mimic.multiplier,),
+        facts.update(mimics=flat_name(axis.mimic.joint), multiplier=(axis.mimic.multiplier,),
                      offset=(axis.mimic.offset,))
     return facts
 
@@ -107,17 +100,6 @@ def is_continuous(joint: Joint) -> bool:
     limit = (joint.axes[0].limit if joint.axes else None) or Limit()
     return joint.type == 'continuous' or (
         joint.type == 'revolute' and min(-limit.lower, limit.upper) >= UNLIMITED)
-
-
-def turned_tensor(inertia: tuple[float, float, float, float, float, float], turn: Transform
-                  ) -> tuple[float, ...]:
-    """Give R I R' as ixx, ixy, ixz, iyy, iyz, izz."""
-    xx, xy, xz, yy, yz, zz = inertia
-    rows = [turn.rotation[start:start + 3] for start in (0, 3, 6)]
-    columns = [(row[0] * xx + row[1] * xy + row[2] * xz, row[0] * xy + row[1] * yy + row[2] * yz,
-                row[0] * xz + row[1] * yz + row[2] * zz) for row in rows]
-    return tuple(sum(map(operator.mul, columns[one], rows[other]))
-                 for one, other in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
 
 
 def texts(a: Fact, b: Fact) -> tuple[str, str]:

@@ -87,9 +87,7 @@ class Kinematics:
 
         :returns: the numbers as they were written, where they were written in that other frame.
         """
-        if frame in self._placements:
-            return self.within(base, Placement(Pose(), frame))
-        return self.within(base, Placement(Pose(), MODEL))
+        return self.within(base, Placement(Pose(), frame))
 
     def within(self, base: FrameId, placement: Placement) -> Pose:
         """Give where a placement is in a frame, by `between`'s rule."""

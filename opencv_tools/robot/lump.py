@@ -23,7 +23,7 @@ from opencv_tools.robot.carrying import detached
 from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
-from opencv_tools.robot.pose import Matrix, Pose, Vector
+from opencv_tools.robot.pose import Pose, turned_tensor, Vector
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xml import Element
 
@@ -147,7 +147,7 @@ def _sum(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Inert
     total = [0.0] * 6
     for inertial, pose in zip(inertials, poses):
         x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
-        turned = _turned(inertial.inertia, pose.rotation)
+        turned = turned_tensor(inertial.inertia, pose.rotation)
         shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
         total = [sum_ + own + inertial.mass * far
                  for sum_, own, far in zip(total, turned, shifted)]
@@ -159,13 +159,3 @@ def _weighted(points: list[Vector], weights: list[float]) -> Vector:
     x, y, z = (sum(weight * value for weight, value in zip(weights, values))
                for values in zip(*points))
     return (x, y, z)
-
-
-def _turned(inertia: tuple[float, ...], rotation: Matrix) -> tuple[float, ...]:
-    """Give R I transposed(R): moments of inertia seen along other axes."""
-    xx, xy, xz, yy, yz, zz = inertia
-    rows = (rotation[0:3], rotation[3:6], rotation[6:9])
-    tensor = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    return tuple(
-        sum(rows[i][k] * tensor[k][m] * rows[j][m] for k in range(3) for m in range(3))
-        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))

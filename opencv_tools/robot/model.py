@@ -27,7 +27,7 @@ import math
 from typing import NamedTuple
 
 from lxml import etree
-from opencv_tools.robot.pose import Pose, Vector
+from opencv_tools.robot.pose import Pose, Tensor, Vector
 from opencv_tools.robot.shapes import Geometry, Material
 
 WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
@@ -97,7 +97,7 @@ class Inertial:
 
     placement: Placement
     mass: float
-    inertia: tuple[float, float, float, float, float, float]
+    inertia: Tensor
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def urdf_named(robot: Robot, report: Report) -> Robot:
         taken[frame.kind].add(frame.name)
     for frame, thing in robot.framed():
         if '::' in thing.name:
-            name = _free(thing.name.replace('::', '__'), taken[frame.kind], f'_{frame.kind}')
+            name = _free(flat_name(thing.name), taken[frame.kind], f'_{frame.kind}')
             taken[frame.kind].add(name)
             names[frame] = name
             if not name.endswith('__model__'):
@@ -91,6 +91,11 @@ def with_own_names(robot: Robot) -> Robot:
         links=tuple(replace(link, visuals=_without_own_names(link.visuals),
                             collisions=_without_own_names(link.collisions))
                     for link in _without_own_names(robot.links)))
+
+
+def flat_name(name: str) -> str:
+    """Write a name of a nested model without ``::``."""
+    return name.replace('::', '__')
 
 
 def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
@@ -136,7 +141,7 @@ def _id(frame: FrameId, names: _Names) -> FrameId:
 
 def _allowed(name: str) -> str:
     """Take from a name what SDF keeps for itself."""
-    name = name.replace('::', '__')
+    name = flat_name(name)
     if name.startswith('__') and name.endswith('__'):
         name = name.strip('_') or 'unnamed'
     return name

@@ -19,12 +19,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+import operator
 from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w, x, y, z
 # Rows of a 3 x 3 matrix, one after the other.
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
+Tensor = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 _UNTURNED: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -158,6 +160,18 @@ def normalised(vector: Sequence[float]) -> tuple[float, ...]:
     if abs(largest * length - 1) < 4e-16:
         return tuple(vector)
     return tuple(value / length for value in scaled)
+
+
+def turned_tensor(tensor: Tensor, rotation: Matrix) -> Tensor:
+    """Give R T R', a symmetric tensor seen along the axes that its own are turned from by R."""
+    xx, xy, xz, yy, yz, zz = tensor
+    rows = [rotation[start:start + 3] for start in (0, 3, 6)]
+    columns = [(row[0] * xx + row[1] * xy + row[2] * xz, row[0] * xy + row[1] * yy + row[2] * yz,
+                row[0] * xz + row[1] * yz + row[2] * zz) for row in rows]
+    ixx, ixy, ixz, iyy, iyz, izz = (
+        sum(map(operator.mul, columns[one], rows[other]))
+        for one, other in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    return ixx, ixy, ixz, iyy, iyz, izz
 
 
 def _sum(one: Vector, other: Vector) -> Vector:

@@ -20,14 +20,14 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_JOINT
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, Limit, Mimic,
                                       SDF_TYPES, WORLD)
 from opencv_tools.robot.pose import normalised, Vector
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_shape_writer import note_carried, text_element
+from opencv_tools.robot.sdf_shape_writer import text_element
 from opencv_tools.robot.sdf_texts import (CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version,
                                           version_text)
 from opencv_tools.robot.texts import number_text, numbers_text
@@ -57,7 +57,7 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             report.carry('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
     restore(element, joint.carried.sdf, SDF_JOINT)
-    note_carried(report, joint.name, joint.line,
+    note_carried(report, URDF_NAMESPACE, joint.name, joint.line,
                  carry(element, joint.carried.urdf, URDF_NAMESPACE))
 
 

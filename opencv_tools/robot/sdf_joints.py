@@ -24,7 +24,7 @@ from opencv_tools.robot.carrying import Known, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_JOINT
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic,
-                                      SDF_TYPES, UNLIMITED)
+                                      SDF_TYPES)
 from opencv_tools.robot.pose import normalised, Vector, ZERO
 from opencv_tools.robot.sdf_joint_writer import AXES
 from opencv_tools.robot.sdf_models import MODEL_FRAME
@@ -238,16 +238,12 @@ def _limit(element: Element) -> Limit:
             values[tag] = limit_number(child.text, child)
     lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
     effort, velocity = (values.get(tag, -1.0) for tag in ('effort', 'velocity'))
-    return Limit(_unbounded(lower), _unbounded(upper), _enforced(effort), _enforced(velocity))
-
-
-def _unbounded(value: float) -> float:
-    return math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+    return Limit(lower, upper, _enforced(effort), _enforced(velocity))
 
 
 def _enforced(value: float) -> float:
     """Give an effort or a velocity, which is not enforced where it is negative."""
-    return math.inf if value < 0 else abs(_unbounded(value))
+    return math.inf if value < 0 else abs(value)
 
 
 def _dynamics(element: Element) -> Dynamics:

@@ -17,8 +17,8 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_COLLISION, SDF_VISUAL
+from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
+from opencv_tools.robot.elements import INERTIA, SDF_COLLISION, SDF_VISUAL
 from opencv_tools.robot.model import Inertial, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
@@ -27,7 +27,6 @@ from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.xml import Element
 
-INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # The colours of a material, with the field that has each.
 COLORS = {'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
@@ -67,17 +66,8 @@ def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Ve
     if shape.material is not None:
         _material_element(element, shape, shape.material, version, report)
     restore(element, shape.carried.sdf, SDF_VISUAL if tag == 'visual' else SDF_COLLISION)
-    note_carried(report, shape.name, shape.line,
+    note_carried(report, URDF_NAMESPACE, shape.name, shape.line,
                  carry(element, shape.carried.urdf, URDF_NAMESPACE))
-
-
-def note_carried(report: Report, name: str, line: int, tags: list[str]) -> None:
-    """Note each thing that only URDF has a word for."""
-    for tag in tags:
-        # The name that a thing had in URDF is what its renaming notes already.
-        if tag != '@name':
-            kept = f'attribute urdf:{tag[1:]}' if tag.startswith('@') else f'<urdf:{tag}>'
-            report.carry(tag, name, line, f'SDF has no word for it; kept as {kept}')
 
 
 def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:

@@ -22,12 +22,12 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.carrying import carried, Known, leftovers, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_COLLISION, SDF_LINK, SDF_VISUAL
+from opencv_tools.robot.elements import INERTIA, SDF_COLLISION, SDF_LINK, SDF_VISUAL
 from opencv_tools.robot.model import Carried, FrameId, Inertial, Link, MODEL, Placement, Shape
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope
 from opencv_tools.robot.sdf_names import Names
-from opencv_tools.robot.sdf_shape_writer import COLORS, INERTIA
+from opencv_tools.robot.sdf_shape_writer import COLORS
 from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, text_of
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.texts import number, vector

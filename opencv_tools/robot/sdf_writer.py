@@ -19,13 +19,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
 from opencv_tools.robot.elements import SDF_FRAME, SDF_LINK, SDF_MODEL
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import axis_to_element, joint_element
-from opencv_tools.robot.sdf_shape_writer import inertial_element, note_carried, shape_element
+from opencv_tools.robot.sdf_shape_writer import inertial_element, shape_element
 from opencv_tools.robot.sdf_texts import (FRAMES, pose_element, Version, version_text,
                                           written_version)
 from opencv_tools.robot.xml import DescriptionError, Element
@@ -66,7 +66,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         home = stand_ins.get(frame.attached_to, frame.attached_to)
         _add_frame(model, replace(frame, attached_to=home), kinematics, wanted, report)
     restore(model, robot.carried.sdf, SDF_MODEL)
-    note_carried(report, robot.name, 0, carry(model, robot.carried.urdf, URDF_NAMESPACE))
+    note_carried(report, URDF_NAMESPACE, robot.name, 0,
+                 carry(model, robot.carried.urdf, URDF_NAMESPACE))
     if wanted < FRAMES:
         _rename_references(root)
     return root
@@ -116,14 +117,15 @@ def _link_element(model: Element, link: Link, kinematics: Kinematics, version: V
             pose = kinematics.within(frame, shape.placement)
             shape_element(element, tag, shape, pose, version, report)
     restore(element, link.carried.sdf, SDF_LINK)
-    note_carried(report, link.name, link.line, carry(element, link.carried.urdf, URDF_NAMESPACE))
+    note_carried(report, URDF_NAMESPACE, link.name, link.line,
+                 carry(element, link.carried.urdf, URDF_NAMESPACE))
 
 
 def _add_frame(model: Element, frame: Frame, kinematics: Kinematics, version: Version,
                report: Report) -> None:
     element = frame_to_element(frame, kinematics)
     restore(element, frame.carried.sdf, SDF_FRAME)
-    note_carried(report, frame.name, frame.line,
+    note_carried(report, URDF_NAMESPACE, frame.name, frame.line,
                  carry(element, frame.carried.urdf, URDF_NAMESPACE))
     if version < FRAMES:
         element.tag = f'{{{URDF_NAMESPACE}}}frame'

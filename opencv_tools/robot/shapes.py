@@ -64,6 +64,12 @@ class Mesh:
 Geometry = Box | Sphere | Cylinder | Capsule | Mesh
 
 
+# What SDF takes a light of a material for that is not written: none.
+DARK: Color = (0.0, 0.0, 0.0, 1.0)
+# The colours of SDF that URDF has no word for.
+LIGHTS = ('ambient', 'specular', 'emissive')
+
+
 @dataclass(frozen=True)
 class Material:
     """

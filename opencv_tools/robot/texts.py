@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 
+from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.pose import Vector
 from opencv_tools.robot.xml import DescriptionError, Element
 
@@ -53,7 +54,7 @@ def vector(text: str | None, element: Element, what: str = '') -> Vector:
 
 
 def limit_number(text: str | None, element: Element, what: str = '') -> float:
-    """Read one number that may be infinite."""
+    """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
     try:
         value = _float((text or '').strip())
     except ValueError:
@@ -61,7 +62,7 @@ def limit_number(text: str | None, element: Element, what: str = '') -> float:
     if math.isnan(value):
         subject = f'{what}=' if what else ''
         raise DescriptionError(f'{subject}{quoted(text)} is not a number', element)
-    return value
+    return math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
 
 
 def quoted(text: str | None) -> str:

@@ -26,9 +26,11 @@ from opencv_tools.robot.elements import SDF_JOINT, URDF_JOINTS, URDF_LINK, URDF_
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Joint, JOINT_TYPES,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape,
-                                      UNLIMITED, URDF_TYPES)
+                                      URDF_TYPES)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_joint_writer import AXES
+from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_reader import axis_from_element, frame_from_element
 from opencv_tools.robot.sdf_texts import pose_of
 from opencv_tools.robot.texts import limit_number, number, vector
@@ -159,7 +161,7 @@ def _joint(element: Element, source: _Source) -> Joint:
         raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
     kept = _carried(element, URDF_JOINTS[kind], extra, ('pose', '@type'))
     rest = None if kept.sdf is None else leftovers(kept.sdf, SDF_JOINT)
-    found = (element.find(f'{_SDF}{tag}') for tag in ('axis', 'axis2'))
+    found = (element.find(f'{_SDF}{tag}') for tag in AXES)
     axes = tuple(axis_from_element(axis) for axis in found if axis is not None)
     return Joint(name, own, parent, child, placement, axes, is_loop, Carried(kept.urdf, rest),
                  line_of(element))
@@ -198,21 +200,15 @@ def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
     for attribute in ('effort', 'velocity'):
         if attribute not in limit.attrib and kind != 'planar':
             raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
-        strength.append(_limited(limit.get(attribute, 'inf'), limit, attribute))
+        strength.append(limit_number(limit.get(attribute, 'inf'), limit, attribute))
     if kind not in ('revolute', 'prismatic'):
         return Limit(effort=strength[0], velocity=strength[1])
-    lower, upper = (_limited(limit.get(attribute, '0'), limit, attribute)
+    lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
                     for attribute in ('lower', 'upper'))
     if lower > upper:
         source.report.warn('limit', named(element), line_of(limit),
                            f'lower={lower!r} is above upper={upper!r}')
     return Limit(lower, upper, strength[0], strength[1])
-
-
-def _limited(text: str, element: Element, what: str) -> float:
-    """Read a limit; one as large as the largest means none."""
-    value = limit_number(text, element, what)
-    return math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
 
 
 def _dynamics(element: Element) -> Dynamics | None:
@@ -240,7 +236,7 @@ def _mimic(element: Element, source: _Source) -> Mimic | None:
 
 def _frames(root: Element, tree: TreeOfLinks) -> tuple[Frame, ...]:
     elements = root.findall(f'{_SDF}frame')
-    ids = {'': MODEL, '__model__': MODEL}
+    ids = {'': MODEL, MODEL_FRAME: MODEL}
     for kind, names in (('frame', [named(element) for element in elements]),
                         ('joint', tree.joints), ('link', tree.links)):
         ids.update((name, FrameId(kind, name)) for name in names)

@@ -16,18 +16,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, restore, SDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
+from opencv_tools.robot.carrying import carry, note_carried, restore, SDF_NAMESPACE
+from opencv_tools.robot.elements import INERTIA, SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
 from opencv_tools.robot.model import Inertial, Link, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.shapes import Box, Capsule, Color, Cylinder, Geometry, Material, Sphere
+from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, Geometry, LIGHTS, Material,
+                                       Sphere)
 from opencv_tools.robot.texts import number_text, numbers_text
-from opencv_tools.robot.urdf_shapes import INERTIA, LIGHTS, lit, look_of, own_name
+from opencv_tools.robot.urdf_shapes import lit, look_of, material_name
 from opencv_tools.robot.xml import Element, local_name
 
 _Look = tuple[Color | None, str]
@@ -60,7 +60,7 @@ class Materials:
         look = (material.color, material.texture)
         if material.name and self.looks.setdefault(material.name, look) == look:
             return material.name
-        base = name = own_name(link.name, shape.name)
+        base = name = material_name(link.name, shape.name)
         count = 0
         while self.looks.get(name, look) != look or name in self.wanted:
             count += 1
@@ -109,16 +109,7 @@ def shape_element(parent: Element, tag: str, shape: Shape, pose: Pose, link: Lin
         _material_element(element, shape.material, shape, link, materials, report)
         rest = _with_lights(shape.material, rest)
     restore(element, shape.carried.urdf, URDF_VISUAL if tag == 'visual' else URDF_COLLISION)
-    note_carried(report, name, shape.line, carry(element, rest, SDF_NAMESPACE))
-
-
-def note_carried(report: Report, name: str, line: int, tags: Iterable[str]) -> None:
-    """Note each thing that only SDF has a word for."""
-    for tag in tags:
-        # The name that a thing had in SDF is what its renaming notes already.
-        if tag != '@name':
-            kept = f'attribute sdf:{tag[1:]}' if tag.startswith('@') else f'<sdf:{tag}>'
-            report.carry(tag, name, line, f'URDF has no word for it; kept as {kept}')
+    note_carried(report, SDF_NAMESPACE, name, shape.line, carry(element, rest, SDF_NAMESPACE))
 
 
 def _lack(shape: Shape) -> str:

@@ -21,20 +21,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from opencv_tools.robot.carrying import carried, leftovers, SDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
+from opencv_tools.robot.elements import INERTIA, SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
 from opencv_tools.robot.model import Carried, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, Geometry, Material, Mesh,
-                                       Sphere)
+from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHTS,
+                                       Material, Mesh, Sphere)
 from opencv_tools.robot.texts import number, numbers, vector
 from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
-INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-# The colours of SDF that URDF has no word for.
-LIGHTS = ('ambient', 'specular', 'emissive')
-_DARK: Color = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -189,7 +185,7 @@ def _material(visual: Element, kept: Element | None, looks: Looks, report: Repor
             report.warn('material', look.name, line_of(element),
                         f'is not defined; the visual of link {link!r} has no colour')
         look = looks.defined.get(look.name, look)
-    elif look.name in looks.single and look.name == own_name(link, visual.get('name', '')):
+    elif look.name in looks.single and look.name == material_name(link, visual.get('name', '')):
         look = replace(look, name='')  # the writer has to give one, and gives the same again
     if lights is not None:
         found = {child.tag: _color(child.text, child) for child in lights if child.tag in LIGHTS}
@@ -202,10 +198,10 @@ def lit(look: Material) -> Material:
     """Give a material of URDF the lights that SDF tells apart from its colour."""
     if look.color is None:
         return look
-    return Material(look.name, look.color, look.color, _DARK, _DARK, look.texture)
+    return Material(look.name, look.color, look.color, DARK, DARK, look.texture)
 
 
-def own_name(link: str, visual: str) -> str:
+def material_name(link: str, visual: str) -> str:
     """Name the material of a visual that has none."""
     return f'{link}_{visual or "visual"}'
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, detached, restore, SDF_NAMESPACE
+from opencv_tools.robot.carrying import carry, detached, note_carried, restore, SDF_NAMESPACE
 from opencv_tools.robot.elements import (GAZEBO, POSED, SDF_FRAME, SDF_JOINT, URDF_JOINTS,
                                          URDF_LINK, URDF_ROBOT)
 from opencv_tools.robot.kinematics import Kinematics
@@ -29,12 +29,14 @@ from opencv_tools.robot.model import (Axis, FrameId, Joint, Limit, Link, MODEL, 
                                       UNLIMITED, URDF_TYPES)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_joint_writer import AXES
+from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_texts import NEWEST, pose_of
 from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import one_tree
-from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, note_carried,
-                                                  origin_element, shape_element)
+from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, origin_element,
+                                                  shape_element)
 from opencv_tools.robot.xml import Element
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
@@ -72,7 +74,7 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     root = etree.Element('robot', {'name': robot.name}, nsmap={'sdf': SDF_NAMESPACE})
     if robot.canonical_link:
         root.set(f'{_SDF}canonical_link', robot.canonical_link)
-        note_carried(report, robot.name, 0, ['@canonical_link'])
+        note_carried(report, SDF_NAMESPACE, robot.name, 0, ['@canonical_link'])
     for link in robot.links:
         _link_element(root, link, target)
     for joint in robot.joints:
@@ -82,16 +84,16 @@ def write_urdf(robot: Robot, report: Report) -> Element:
         restore(element, frame.carried.sdf, SDF_FRAME)
         element.tag = f'{_SDF}frame'
         root.append(element)
-        note_carried(report, frame.name, frame.line, ['frame'])
+        note_carried(report, SDF_NAMESPACE, frame.name, frame.line, ['frame'])
     _gazebo_elements(root, robot, target)
     restore(root, robot.carried.urdf, URDF_ROBOT)
-    note_carried(report, robot.name, 0, carry(
+    note_carried(report, SDF_NAMESPACE, robot.name, 0, carry(
         root, _without(robot.carried.sdf, GAZEBO['model']), SDF_NAMESPACE))
     return root
 
 
 def _frames_by_name(robot: Robot) -> dict[str, FrameId]:
-    names = {'__model__': MODEL}
+    names = {MODEL_FRAME: MODEL}
     for frame, thing in robot.framed():
         names.setdefault(thing.name, frame)
     return names
@@ -109,7 +111,7 @@ def _link_element(root: Element, link: Link, target: _Target) -> None:
     if home.kind == 'link':
         _note_pose(element, kinematics.between(MODEL, home), link.name, link.line, target.report)
     restore(element, link.carried.urdf, URDF_LINK)
-    note_carried(target.report, link.name, link.line, carry(
+    note_carried(target.report, SDF_NAMESPACE, link.name, link.line, carry(
         element, _without(link.carried.sdf, GAZEBO['link']), SDF_NAMESPACE))
 
 
@@ -117,7 +119,7 @@ def _note_pose(element: Element, pose: Pose, name: str, line: int, report: Repor
     """Keep a pose that URDF has no word for."""
     if not pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-        note_carried(report, name, line, ['pose'])
+        note_carried(report, SDF_NAMESPACE, name, line, ['pose'])
 
 
 def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
@@ -145,7 +147,7 @@ def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
                     'floating one there')
         element.set(f'{_SDF}type', joint.type)
         rest = _with_axes(joint)
-    note_carried(report, joint.name, joint.line, carry(
+    note_carried(report, SDF_NAMESPACE, joint.name, joint.line, carry(
         element, _without(rest, _in_gazebo(joint.name, 'joint', target)), SDF_NAMESPACE))
 
 
@@ -176,7 +178,7 @@ def _limit_text(value: float) -> str:
 def _with_axes(joint: Joint) -> Element:
     """Give all that SDF says of a joint that URDF has no type for, the axes too."""
     holder = etree.Element('joint')
-    for axis, tag in zip(joint.axes, ('axis', 'axis2')):
+    for axis, tag in zip(joint.axes, AXES):
         holder.append(axis_to_element(axis, tag, NEWEST))
     restore(holder, joint.carried.sdf, SDF_JOINT)
     return holder

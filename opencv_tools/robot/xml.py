@@ -100,8 +100,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     """
     entity = re.search(rb'<!ENTITY[^>]{0,80}', data)
     if entity:
-        raise DescriptionError('entities are not read; write what they stand for', source=source,
-                               line=data.count(b'\n', 0, entity.start()) + 1, tag='!ENTITY')
+        raise _entities(source, data.count(b'\n', 0, entity.start()) + 1)
     try:
         return _parsed(data, source)
     except etree.XMLSyntaxError as err:
@@ -121,7 +120,17 @@ def parse(data: bytes, source: str, report: Report) -> Element:
 def _parsed(data: bytes, source: str) -> Element:
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False,
                              remove_comments=True, remove_pis=True)
-    return etree.fromstring(data, parser, base_url=source)
+    root = etree.fromstring(data, parser, base_url=source)
+    # In an encoding other than ASCII's the declarations do not show before they are parsed.
+    dtd = root.getroottree().docinfo.internalDTD
+    if dtd is not None and any(True for _ in dtd.iterentities()):
+        raise _entities(source)
+    return root
+
+
+def _entities(source: str, line: int = 0) -> DescriptionError:
+    return DescriptionError('entities are not read; write what they stand for', source=source,
+                            line=line, tag='!ENTITY')
 
 
 def _sentence(err: etree.XMLSyntaxError) -> str:
