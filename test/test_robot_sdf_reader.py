@@ -22,8 +22,8 @@ from opencv_tools.robot.model import (Dynamics, FrameId, Joint, Limit, Mimic, MO
                                       Robot)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_joints import marked_loops
-from opencv_tools.robot.sdf_reader import axis_from_element, frame_from_element, read_sdf
+from opencv_tools.robot.sdf_joints import axis_from_element, marked_loops
+from opencv_tools.robot.sdf_reader import frame_from_element, read_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError, parse
 import pytest

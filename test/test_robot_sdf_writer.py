@@ -23,8 +23,9 @@ from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, I
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_joint_writer import axis_to_element
 from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element, write_sdf
+from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest

@@ -28,14 +28,12 @@ from opencv_tools.robot.model import (Carried, Frame, FrameId, Joint, Link, MODE
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_include import first_file, Library
-from opencv_tools.robot.sdf_joints import axis_from_element, marked_loops, read_joint, with_axes
+from opencv_tools.robot.sdf_joints import marked_loops, read_joint, with_axes
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope, scopes_of
 from opencv_tools.robot.sdf_names import FRAME_TAGS, JOINTS, Names
 from opencv_tools.robot.sdf_shapes import Place, read_link
 from opencv_tools.robot.sdf_texts import flag, pose_element, pose_of
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
-
-__all__ = ['axis_from_element', 'frame_from_element', 'read_sdf']
 
 # What is read of <model> beyond the table: in the namespace of URDF.
 _OURS = ('joint', 'frame')

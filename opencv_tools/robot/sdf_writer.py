@@ -24,13 +24,11 @@ from opencv_tools.robot.elements import SDF_FRAME, SDF_LINK, SDF_MODEL
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_joint_writer import axis_to_element, joint_element
+from opencv_tools.robot.sdf_joint_writer import joint_element
 from opencv_tools.robot.sdf_shape_writer import inertial_element, shape_element
 from opencv_tools.robot.sdf_texts import (FRAMES, pose_element, Version, version_text,
                                           written_version)
 from opencv_tools.robot.xml import DescriptionError, Element
-
-__all__ = ['axis_to_element', 'frame_to_element', 'write_sdf']
 
 
 def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',

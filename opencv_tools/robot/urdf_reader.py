@@ -30,8 +30,9 @@ from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, J
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import AXES
+from opencv_tools.robot.sdf_joints import axis_from_element
 from opencv_tools.robot.sdf_models import MODEL_FRAME
-from opencv_tools.robot.sdf_reader import axis_from_element, frame_from_element
+from opencv_tools.robot.sdf_reader import frame_from_element
 from opencv_tools.robot.sdf_texts import pose_of
 from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree

@@ -29,10 +29,10 @@ from opencv_tools.robot.model import (Axis, FrameId, Joint, Limit, Link, MODEL, 
                                       UNLIMITED, URDF_TYPES)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_joint_writer import AXES
+from opencv_tools.robot.sdf_joint_writer import AXES, axis_to_element
 from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_texts import NEWEST, pose_of
-from opencv_tools.robot.sdf_writer import axis_to_element, frame_to_element
+from opencv_tools.robot.sdf_writer import frame_to_element
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, origin_element,
