@@ -50,7 +50,6 @@ from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo
 from std_srvs.srv import SetBool
 
-_ACKNOWLEDGE_SECONDS = 5
 _STOP_SECONDS = 5
 _RELEASE_SECONDS = 5
 
@@ -133,6 +132,8 @@ class ImagePublisher(Node):
         status = FAILED
         try:
             for frame in self._grabber.frames():
+                if not self._is_live():  # a file can wait, a camera cannot
+                    self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
                 self._publish(frame)
                 if self._settings['max_frames'] == self._progress.count > 0:
                     break
@@ -189,14 +190,16 @@ class ImagePublisher(Node):
         """
         if not self._progress.count:
             raise CaptureError(f'{self._settings["source"]}: no frame could be published')
-        if not self._topics.flush(_ACKNOWLEDGE_SECONDS):
-            self.get_logger().warning(
-                f'a subscriber did not confirm the last frames within {_ACKNOWLEDGE_SECONDS} s')
+        self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
         return open_source(
             self._settings['source'], camera_request(self._settings, self._controls.wanted),
             self._settings['read_timeout'])
+
+    def _is_live(self) -> bool:
+        source = self._grabber.source
+        return source is not None and source.live
 
     def _camera(self) -> CameraSource | None:
         source = self._grabber.source

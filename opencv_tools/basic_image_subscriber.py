@@ -33,7 +33,9 @@ from opencv_tools.ros.parameters import (
 )
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.received_frames import describe_message, message_to_frame
-from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
+from opencv_tools.ros.recording_parameters import (
+    limits, open_recorder, PARAMETERS, reception_depth,
+)
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
@@ -66,8 +68,8 @@ class ImageSubscriber(Node):
             settings, bounds, self._log, lambda: self._end(DONE))
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], settings['on_overflow'] == 'block',
-            self._log, self.listener_callback, self._refuse)
+            self, 'video_frames', settings['transport'], reception_depth(settings), self._log,
+            self.listener_callback, self._refuse)
         self._timeout = settings['timeout']
         self._patience = self._start_timer(self._timeout, self._give_up)
         for name in unknown_parameters(self, PARAMETERS):

@@ -44,7 +44,7 @@ from rclpy.parameter import Parameter
 
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
-DEADLINE = 30.0  # seconds that any wait may last
+DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
 # The first want a camera's driver, and run in a machine of their own; the second want root, the
 # third other people's parsers.
@@ -79,10 +79,14 @@ class NodeProcess:
 
     def wait_for(self, text: str) -> None:
         """Wait until a text is on the console."""
+        self.wait_until(lambda output: text in output, repr(text))
+
+    def wait_until(self, condition: Callable[[str], bool], name: str = 'the condition') -> None:
+        """Wait until a condition holds for what is on the console."""
         deadline = time.monotonic() + DEADLINE
-        while text not in self.output:
-            assert self._process.poll() is None, f'ended before {text!r}:\n{self.output}'
-            assert time.monotonic() < deadline, f'{text!r} did not come:\n{self.output}'
+        while not condition(self.output):
+            assert self._process.poll() is None, f'ended before {name}:\n{self.output}'
+            assert time.monotonic() < deadline, f'{name} did not come:\n{self.output}'
             time.sleep(0.02)
 
     def finish(self) -> int:
@@ -139,7 +143,7 @@ def free_domain() -> Iterator[int]:
     """Give a ROS domain that no other test on this machine has meanwhile."""
     for count in itertools.islice(_domains, 1000):
         number = 1 + count % 100
-        lock = _lock(Path(tempfile.gettempdir(), f'ros_domain_{number}'))
+        lock = _lock(_LOCKS / f'ros_domain_{number}')
         if lock:
             with lock:
                 yield number

@@ -92,7 +92,7 @@ def ours(_: bool) -> Iterator[Subscribe]:
 
     with transport_for_frames(0):
         yield lambda node, take: FrameSubscription(
-            node, TOPIC, 'raw', False, node.get_logger(), lambda frame, _: take(frame), _refuse)
+            node, TOPIC, 'raw', None, node.get_logger(), lambda frame, _: take(frame), _refuse)
 
 
 def main() -> None:

@@ -90,10 +90,10 @@ def subscribe(node: Node, received: Received) -> Iterator[Callable[..., FrameSub
     subscriptions: list[FrameSubscription] = []
 
     def _subscribe(
-        transport: str = 'auto', keep_all: bool = False, subscriber: Node = node,
+        transport: str = 'auto', depth: int | None = 10, subscriber: Node = node,
     ) -> FrameSubscription:
         subscriptions.append(FrameSubscription(
-            subscriber, 'video_frames', transport, keep_all, subscriber.get_logger(),
+            subscriber, 'video_frames', transport, depth, subscriber.get_logger(),
             received.take, received.errors.append))
         return subscriptions[-1]
 
@@ -206,7 +206,7 @@ def test_nothing_is_lost_or_doubled_when_a_best_effort_publisher_joins_and_leave
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
     stays = camera.create_publisher(Image, TOPIC, RELIABLE)
-    subscribe(keep_all=True)
+    subscribe(depth=None)
     spin_until(node, lambda: stays.get_subscription_count() == 1)
     stream = Stream(stays, 1000)
     try:
@@ -409,7 +409,7 @@ def test_the_numbers_of_a_publisher_that_took_anothers_place_unseen_are_not_take
 def test_keep_all_keeps_what_comes_while_nobody_takes_it(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscription = subscribe(keep_all=True)
+    subscription = subscribe(depth=None)
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     for number in range(300):
@@ -628,7 +628,7 @@ def test_a_slow_stream_and_a_single_latched_image_are_no_silence(
     subscription.destroy()
     slow = camera.create_publisher(Image, '/slow', RELIABLE)
     slowly = FrameSubscription(
-        node, '/slow', 'raw', False, node.get_logger(), received.take, received.errors.append)
+        node, '/slow', 'raw', 10, node.get_logger(), received.take, received.errors.append)
     spin_until(node, lambda: slow.get_subscription_count() == 1)
     slow.publish(image(0))
     spin_for(node, 0.45)
@@ -723,13 +723,14 @@ def test_nothing_is_left_when_it_is_destroyed(
     ((LATCHED, RELIABLE), 'RELIABLE', 'VOLATILE'),
     ((LATCHED, BEST_EFFORT), 'BEST_EFFORT', 'VOLATILE'),
     ((LATCHED_BEST_EFFORT,), 'BEST_EFFORT', 'VOLATILE')])
-@pytest.mark.parametrize('keep_all', [False, True])
+@pytest.mark.parametrize('depth', [10, 64, None])
 def test_what_is_asked_for_is_what_all_offer(
         offers: tuple[QoSProfile, ...], reliability: str, durability: str,
-        keep_all: bool) -> None:
-    qos = following_qos(offers, keep_all)
+        depth: int | None) -> None:
+    qos = following_qos(offers, depth)
     assert (qos.reliability.name, qos.durability.name) == (reliability, durability)
-    assert qos.history == (HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST)
+    assert qos.history == (HistoryPolicy.KEEP_LAST if depth else HistoryPolicy.KEEP_ALL)
+    assert depth in (qos.depth, None)
     assert [qos_mismatch(offer, qos) for offer in offers] == [''] * len(offers)
 
 

@@ -60,7 +60,7 @@ class FrameSubscription:
     """
 
     def __init__(
-        self, node: Node, topic: str, transport: str, keep_all: bool, log: Log,
+        self, node: Node, topic: str, transport: str, depth: int | None, log: Log,
         on_frame: Callable[[FrameMessage, int], None], on_broken: Callable[[CdrError], None],
     ) -> None:
         """
@@ -69,8 +69,8 @@ class FrameSubscription:
         :param node: the node that receives.
         :param topic: of the images, as in ``-r topic:=other``.
         :param transport: one of ``TRANSPORTS``.
-        :param keep_all: keep every frame until it is taken, as far as the middleware can, not only
-            the newest ten.
+        :param depth: how many of the newest frames the middleware keeps until they are taken; None
+            for every frame, as far as it can.
         :param log: where it is said what is received, and why nothing is.
         :param on_frame: takes a message, and when it was received: nanoseconds of the system
             clock.
@@ -78,7 +78,7 @@ class FrameSubscription:
         """
         self._node = node
         self._log = log
-        self._keep_all = keep_all
+        self._depth = depth
         self._on_frame = on_frame
         self._on_broken = on_broken
         self._sources = FrameSources(node, topic, transport)
@@ -122,7 +122,7 @@ class FrameSubscription:
     # Publishers and what they offer
 
     def _best_qos(self, offers: Iterable[TopicEndpointInfo]) -> QoSProfile:
-        return following_qos([info.qos_profile for info in offers], self._keep_all)
+        return following_qos([info.qos_profile for info in offers], self._depth)
 
     def _look(self) -> None:
         """Follow the publishers, and say so when frames are missing."""

@@ -24,11 +24,11 @@ from opencv_tools.capture.rendition import Rendition
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
 from opencv_tools.image.errors import ImageError
+from opencv_tools.ros.backlog import Backlog
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.rcl import publish_image
 from opencv_tools.ros.transport import Transport
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -69,6 +69,8 @@ class FrameTopics:
         self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
         self._infos = create_frame_publisher(
             node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
+        #: What reliable subscribers have not confirmed.
+        self.backlog = Backlog(self._publishers(), self._log)
         self._awaited = subscribers
         self._settled_at = 0.0
 
@@ -107,26 +109,18 @@ class FrameTopics:
                 self._check_room(rendition.image.nbytes)
                 publish_image(self.images.handle, self._bridge.cv2_to_wire(
                     rendition.image, rendition.encoding, header))
+                self.backlog.add(self.images)
             if to_infos:
                 self._infos.publish(self.calibration.message(header, *rendition.size))
+                self.backlog.add(self._infos)
         except ImageError as err:
             failure = err  # what cannot be read may still go as its camera has compressed it
         if to_compressed:
             self._compressed.publish(_compressed_cdr(rendition, header))
+            self.backlog.add(self._compressed)
         if failure:
             raise failure
         return to_images or to_compressed or to_infos
-
-    def flush(self, seconds: float) -> bool:
-        """
-        Wait until reliable subscribers have every frame: what is not sent ends with the process.
-
-        :param seconds: how long to wait at most for each topic.
-        :returns: whether all did.
-        """
-        confirmed = [publisher.wait_for_all_acked(Duration(seconds=seconds))
-                     for publisher in self._publishers()]
-        return all(confirmed)
 
     def _check_room(self, frame_bytes: int) -> None:
         """Say it when frames have become too large for the shared memory."""

@@ -53,13 +53,13 @@ def reliable_qos() -> QoSProfile:
         history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def following_qos(offers: Sequence[QoSProfile], keep_all: bool) -> QoSProfile:
+def following_qos(offers: Sequence[QoSProfile], depth: int | None) -> QoSProfile:
     """
     Make the profile that asks for the most that all publishers offer.
 
     :param offers: what each publisher offers; without any, frames are to arrive whole.
-    :param keep_all: keep every frame until it is taken, not only the newest ten. Fast DDS keeps
-        5000 frames at most, and memory for as many as were ever kept.
+    :param depth: how many of the newest frames to keep until they are taken; None for every frame,
+        of which Fast DDS keeps 5000 at most. It keeps the memory of as many as were ever kept.
     :returns: what to subscribe with.
     """
     reliable = all(offer.reliability != ReliabilityPolicy.BEST_EFFORT for offer in offers)
@@ -67,8 +67,8 @@ def following_qos(offers: Sequence[QoSProfile], keep_all: bool) -> QoSProfile:
     latched = bool(offers) and reliable and all(
         offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
-        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
-        depth=_DEPTH,
+        history=HistoryPolicy.KEEP_ALL if depth is None else HistoryPolicy.KEEP_LAST,
+        depth=_DEPTH if depth is None else depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 

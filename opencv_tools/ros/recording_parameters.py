@@ -32,6 +32,10 @@ from opencv_tools.ros.parameters import Parameter, ParameterError
 
 MODES = ('continuous', 'on_request')
 
+# Frames that the middleware keeps for a subscriber that is busy, at least and at most.
+_LEAST_DEPTH = 10
+_LARGEST_DEPTH = 1000
+
 
 def _check_file_name(template: str) -> None:
     check_format(FileNames(template).suffix)
@@ -95,6 +99,21 @@ def limits(values: Mapping[str, Any]) -> Limits:
         raise ParameterError('parameter ring is True: give max_frames, max_duration or '
                              'max_bytes as well, so that it has a size')
     return found
+
+
+def reception_depth(values: Mapping[str, Any]) -> int | None:
+    """
+    Return how many frames the middleware keeps until they are taken.
+
+    They are as many as the queue holds, for it is one more queue before it. With
+    ``on_overflow:=block`` the middleware keeps every frame, so that a publisher that can wait does.
+
+    :param values: of the parameters.
+    :returns: the number; None for every frame.
+    """
+    if values['on_overflow'] == 'block':
+        return None
+    return max(_LEAST_DEPTH, min(int(values['queue_size']), _LARGEST_DEPTH))
 
 
 def open_recorder(
