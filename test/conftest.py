@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import fcntl
 import hashlib
 import itertools
@@ -27,9 +27,8 @@ from pathlib import Path
 import shutil
 import signal
 import subprocess
-import tempfile
 import time
-from typing import Any, IO
+from typing import Any
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 import cv2
@@ -53,8 +52,9 @@ collect_ignore = [folder for folder, variable in (
     ('judges', 'OPENCV_TOOLS_JUDGES'),
 ) if variable not in os.environ]
 
-# Domains 1 to 100 are safe on Linux; a second run on the same machine begins elsewhere, and a lock
-# keeps it from those in use.
+# Domains 1 to 100 are safe on Linux. Each run and worker begins elsewhere, and a lock keeps it from
+# those in use. The locks are where Fast DDS meets other processes, also those of other containers.
+_LOCKS = Path('/dev/shm')
 _domains = itertools.count(os.getpid() * 7)
 
 
@@ -140,25 +140,38 @@ def executable(name: str) -> str:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Give a ROS domain that no other test on this machine has meanwhile."""
+    """Reserve a ROS domain that no other test on this machine has meanwhile."""
     for count in itertools.islice(_domains, 1000):
         number = 1 + count % 100
-        lock = _lock(_LOCKS / f'ros_domain_{number}')
-        if lock:
-            with lock:
+        path = _LOCKS / f'opencv_tools_test_domain_{number}'
+        lock = _lock(path)
+        if lock is not None:
+            try:
                 yield number
+            finally:
+                with suppress(PermissionError):  # of another user, who made it
+                    path.unlink()
+                os.close(lock)
             return
     pytest.fail('every ROS domain is in use')
 
 
-def _lock(path: Path) -> IO[str] | None:
-    """Open and lock a file, None where it is another's."""
-    try:
-        file = path.open('a')
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+def _lock(path: Path) -> int | None:
+    """Open and lock a file, None where another process has it."""
+    for flags in (os.O_RDONLY, os.O_RDONLY | os.O_CREAT | os.O_EXCL):
+        try:
+            file = os.open(path, flags | os.O_NOFOLLOW, 0o644)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if path.stat().st_ino == os.fstat(file).st_ino:  # else it was removed meanwhile
+                return file
+        except OSError:
+            pass
+        os.close(file)
         return None
-    return file
+    return None
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Receive frames until SIGINT or SIGTERM, then print the checksums of each node's as JSON."""
+"""Receive frames until SIGINT or SIGTERM, then print what each node got as JSON."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from contextlib import contextmanager
 import json
 import signal
 from threading import Event, Thread
-import time
 from typing import Any
 import zlib
 
@@ -34,10 +33,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 TOPIC = 'video_frames'
-QUIET_SECONDS = 0.3  # after the last frame; then no more are on their way
-DRAIN_SECONDS = 3.0  # at most
+IDLE_SPINS = 20  # without a frame; then the middleware has none that was confirmed
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-Subscribe = Callable[[Node, Callable[[Any], None]], object]
+Subscribe = Callable[[Node, Callable[[Any], None]], Any]
 
 
 class Receiver(Thread):
@@ -47,28 +45,35 @@ class Receiver(Thread):
         super().__init__()
         self.checksums: list[int] = []
         self._ended = ended
-        self._quiet_at = 0.0
         self._context = Context()
         rclpy.init(context=self._context)
         self._node = Node('frame_counter', context=self._context)
         self._subscription = subscribe(self._node, self._take)
 
+    @property
+    def lost(self) -> int | None:
+        """Return how many frames the subscription counts as lost, None where it counts none."""
+        return getattr(self._subscription, 'lost', None)
+
     def run(self) -> None:
-        """Receive until the end, and what is on its way then."""
+        """Receive until the end, and then what the middleware has received."""
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self._node)
         while not self._ended.is_set():
             executor.spin_once(timeout_sec=0.1)
-        ends_at = time.monotonic() + DRAIN_SECONDS
-        while time.monotonic() < min(self._quiet_at, ends_at):
-            executor.spin_once(timeout_sec=0.1)
+        idle = 0
+        while idle < IDLE_SPINS:
+            before = len(self.checksums)
+            executor.spin_once(timeout_sec=0.02)
+            idle = idle + 1 if len(self.checksums) == before else 0
         executor.shutdown()
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def _take(self, message: Any) -> None:
+        if not self.checksums:
+            print('the first frame', flush=True)
         self.checksums.append(zlib.crc32(message.data))
-        self._quiet_at = time.monotonic() + QUIET_SECONDS
 
 
 @contextmanager
@@ -111,7 +116,7 @@ def main() -> None:
     ended.set()
     for receiver in receivers:
         receiver.join()
-    print(json.dumps([receiver.checksums for receiver in receivers]))
+    print(json.dumps([(receiver.checksums, receiver.lost) for receiver in receivers]))
 
 
 if __name__ == '__main__':

@@ -36,33 +36,55 @@ def assert_same_frames(written: list[np.ndarray], expected: list[np.ndarray]) ->
     assert not different
 
 
-@pytest.mark.parametrize('reliability', ['reliable', 'best_effort'])
-def test_every_frame_of_the_clip_is_on_the_disk(
-        start: Start, tmp_path: Path, reliability: str) -> None:
+def test_every_frame_of_the_clip_is_on_the_disk(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=CLIP_FRAMES,
-                       timeout=20)
-    publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1,
-                      **{RELIABILITY: reliability})
+                       timeout=60, on_overflow='block')
+    publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1)
     assert publisher.finish() == 0, publisher.output
     assert subscriber.finish() == 0, subscriber.output
     assert_same_frames(read_pictures(tmp_path / 'out'), decode_clip())
-    published = re.search(r'Published 90 frames at ([\d.]+) Hz, 0 dropped', publisher.output)
-    assert 15 < float(published[1]) <= 25.5  # the clip's own rate; a busy machine is slower
-    assert re.search(r'Received 90 frames .*: 90 written to .*, 0 dropped, 0 failed',
+    assert re.search(r'Published 90 frames at [\d.]+ Hz, 0 dropped', publisher.output)
+    assert re.search(r'Received 90 frames .*: 90 written to .*, 0 dropped, 0 failed, 0 lost',
                      subscriber.output)
+
+
+def test_best_effort_frames_are_on_the_disk_or_counted_as_lost(
+        start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block')
+    publisher = start('img_publisher', source='pattern:1280x720@30', publish_rate=0,
+                      wait_for_subscribers=1, **{RELIABILITY: 'best_effort'})
+    subscriber.wait_until(lambda text: text.count('Receiving video frame') > 1)
+    for process in (subscriber, publisher):
+        process.interrupt()
+        assert process.finish() == 0, process.output
+    numbers = find_numbers(read_pictures(tmp_path / 'out'))
+    received, written, lost = map(int, re.search(
+        r'Received (\d+) .*: (\d+) written to .* (\d+) lost', subscriber.output).groups())
+    assert received == written == len(numbers)
+    assert received + lost == numbers[-1] - numbers[0] + 1
+
+
+def find_numbers(pictures: list[np.ndarray]) -> list[int]:
+    """Find which frames of the pattern pictures are, every pixel of them, in rising order."""
+    numbers = [-1]
+    for picture in pictures:
+        height, width = picture.shape[:2]
+        numbers.append(next(number for number in range(numbers[-1] + 1, 10_000)
+                            if np.array_equal(picture, draw_pattern(number, width, height))))
+    return numbers[1:]
 
 
 def test_best_effort_publisher_that_was_there_first(start: Start, tmp_path: Path) -> None:
     publisher = start('img_publisher', source='pattern:64x48', publish_rate=50,
                       **{RELIABILITY: 'best_effort'})
     publisher.wait_for('Publishing video frame 1:')
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=5, timeout=20)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=5, timeout=60)
     assert subscriber.finish() == 0, subscriber.output
     assert len(read_pictures(tmp_path / 'out')) == 5
 
 
 def test_two_subscribers_get_every_frame(start: Start, tmp_path: Path) -> None:
-    subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=20)
+    subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=60)
                    for name in ('first', 'second')]
     publisher = start('img_publisher', source='pattern:320x240@60', publish_rate=0, max_frames=30,
                       wait_for_subscribers=2)
@@ -73,22 +95,22 @@ def test_two_subscribers_get_every_frame(start: Start, tmp_path: Path) -> None:
         assert_same_frames(read_pictures(tmp_path / name), expected)
 
 
-def test_console_says_number_size_rate_and_drops_once_a_second(
+def test_console_says_number_size_rate_and_drops_now_and_then(
         start: Start, tmp_path: Path) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60, timeout=20)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60, timeout=60)
     publisher = start('img_publisher', source='pattern:64x48@30', publish_rate=0, max_frames=60,
                       wait_for_subscribers=1)
     assert publisher.finish() == subscriber.finish() == 0
     line = re.compile(r'video frame \d+: 64x48 bgr8, ([\d.]+ Hz, )?0 dropped')
     for process, phrase in ((publisher, 'Publishing'), (subscriber, 'Receiving')):
         lines = [text for text in process.output.splitlines() if f'{phrase} video frame' in text]
-        assert 2 <= len(lines) <= 4
+        assert 2 <= len(lines) < 60  # not one for each frame
         assert all(line.search(text) for text in lines), lines
 
 
 def test_numbering_goes_on_where_an_earlier_run_ended(start: Start, tmp_path: Path) -> None:
     for expected in (3, 6):
-        subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=20)
+        subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=60)
         start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=3,
               wait_for_subscribers=1)
         assert subscriber.finish() == 0, subscriber.output
@@ -99,7 +121,7 @@ def test_numbering_goes_on_where_an_earlier_run_ended(start: Start, tmp_path: Pa
 
 @pytest.mark.parametrize('file_name', ['frame_{seq}.tiff', 'frame_{seq:04d}.npy'])
 def test_the_extension_picks_the_format(start: Start, tmp_path: Path, file_name: str) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=20,
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60,
                        file_name=file_name)
     start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=2,
           wait_for_subscribers=1, encoding='rgb8')
@@ -115,7 +137,7 @@ def test_the_extension_picks_the_format(start: Start, tmp_path: Path, file_name:
 
 def test_a_frame_that_the_format_cannot_hold_is_reported_and_fails(
         start: Start, tmp_path: Path) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1, timeout=20,
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1, timeout=60,
                        file_name='{seq}.jpg'.join('""'))
     start('img_publisher', source='pattern:64x48', encoding='mono16', max_frames=1,
           wait_for_subscribers=1)

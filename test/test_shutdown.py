@@ -30,14 +30,21 @@ Start = Callable[..., NodeProcess]
 SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
+def is_of_other_domains(path: Path, domain: int) -> bool:
+    """Return whether a file of Fast DDS is a port that other domains use too."""
+    port = re.match(r'fastrtps_port(\d+)', path.name)
+    return port is not None and not 0 <= int(port[1]) - 7400 - 250 * domain < 250
+
+
 @SIGNALS
-def test_both_nodes_end_cleanly(start: Start, tmp_path: Path, number: int) -> None:
-    left_by_others = set(Path('/dev/shm').iterdir())  # killed processes leave ports behind
+def test_both_nodes_end_cleanly(
+        start: Start, tmp_path: Path, number: int, domain: int) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
     publisher = start('img_publisher', source='pattern:640x480@60', publish_rate=0,
                       wait_for_subscribers=1)
-    subscriber.wait_for('Hz, 0 dropped')
-    segments = (subscriber.segments() | publisher.segments()) - left_by_others
+    subscriber.wait_for(' Hz, ')
+    segments = {path for path in subscriber.segments() | publisher.segments()
+                if not is_of_other_domains(path, domain)}
     assert segments
 
     subscriber.interrupt(number)
@@ -47,7 +54,9 @@ def test_both_nodes_end_cleanly(start: Start, tmp_path: Path, number: int) -> No
 
     for process in (subscriber, publisher):
         assert '[ERROR]' not in process.output
-        assert '[WARN]' not in process.output
+        # A start that takes long is told, and is no fault of the end.
+        assert not [line for line in process.output.splitlines()
+                    if '[WARN]' in line and 'No frames: ' not in line]
     received = int(re.search(r'Received (\d+) frames', subscriber.output)[1])
     written = read_pictures(tmp_path / 'out')
     assert len(written) == received

@@ -17,16 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import itertools
 from pathlib import Path
 import re
 import signal
 import time
 
-from conftest import NodeProcess, read_pictures, spin_until
+from conftest import NodeProcess, read_pictures, recorded_files, spin_until
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
-import pytest
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
 
 Start = Callable[..., NodeProcess]
@@ -48,11 +49,10 @@ def test_the_tutorials_publisher_is_received_and_written(
     random = np.random.default_rng(1)
     frames = [random.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(10)]
     publisher = node.create_publisher(Image, 'video_frames', 10)
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=10, timeout=20)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=10, timeout=60)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     for frame in frames:
         publisher.publish(fill_as_the_tutorial_does(frame))
-        time.sleep(0.02)
     assert subscriber.finish() == 0, subscriber.output
     assert 'Receiving video frame 1: 64x48 8UC3' in subscriber.output
     written = read_pictures(tmp_path / 'out')
@@ -77,8 +77,7 @@ def test_a_plain_subscriber_reads_our_frames(start: Start, node: Node) -> None:
         assert np.array_equal(frame, draw_pattern(number, 65, 49))
         stamps.append(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
     assert began < stamps[0] < stamps[-1] < time.time()
-    assert all(np.diff(stamps) > 0)
-    assert np.mean(np.diff(stamps)) == pytest.approx(1 / 20, rel=0.05)
+    assert min(np.diff(stamps)) > 1 / 20 - 0.001  # a busy machine is later, none is earlier
 
 
 def test_the_names_of_the_tutorial(start: Start, node: Node) -> None:
@@ -106,11 +105,10 @@ def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_writte
             setattr(message, name, value)
         messages.append(message)
     publisher = node.create_publisher(Image, 'video_frames', 10)
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=20)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     for message in messages:
         publisher.publish(message)
-        time.sleep(0.02)
     assert subscriber.finish() == 1
     assert 'message left out: Unrecognized image encoding []' in subscriber.output
     assert ': 2 written to' in subscriber.output and '6 failed' in subscriber.output
@@ -123,19 +121,20 @@ def test_frames_of_a_second_publisher_are_not_missed_when_it_leaves(
         start: Start, node: Node, tmp_path: Path) -> None:
     message = fill_as_the_tutorial_does(np.zeros((48, 64, 3), np.uint8))
     stays, leaves = (node.create_publisher(Image, 'video_frames', 10) for _ in range(2))
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block')
     spin_until(node, lambda: stays.get_subscription_count() and leaves.get_subscription_count())
-    for _ in range(20):
-        stays.publish(message)
-        time.sleep(0.02)
-    leaves.publish(message)
-    time.sleep(0.5)
+
+    written = itertools.count(1)
+
+    def publish(publisher: Publisher, count: int) -> None:
+        for number in itertools.islice(written, count):
+            publisher.publish(message)
+            spin_until(node, lambda: len(recorded_files(tmp_path / 'out')) == number)
+
+    publish(stays, 20)
+    publish(leaves, 1)
     node.destroy_publisher(leaves)
-    time.sleep(0.5)
-    for _ in range(20):
-        stays.publish(message)
-        time.sleep(0.02)
-    time.sleep(0.5)
+    publish(stays, 20)
     subscriber.interrupt()
     assert subscriber.finish() == 0, subscriber.output
     assert re.search(r'Received 41 .*: 41 written to .*, 0 dropped', subscriber.output)
@@ -144,18 +143,20 @@ def test_frames_of_a_second_publisher_are_not_missed_when_it_leaves(
 def test_frames_that_do_not_arrive_are_counted(start: Start, node: Node, tmp_path: Path) -> None:
     message = fill_as_the_tutorial_does(np.zeros((720, 1280, 3), np.uint8))
     publisher = node.create_publisher(Image, 'video_frames', 10)
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{sec}.png')
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
-    publisher.publish(message)
-    subscriber.wait_for('Receiving video frame 1:')
-    subscriber.interrupt(signal.SIGSTOP)
-    for _ in range(59):  # of which the middleware keeps ten
+
+    def publish(number: int) -> Path:
+        message.header.stamp.sec = number
         publisher.publish(message)
+        return tmp_path / 'out' / f'f{number}.png'
+
+    spin_until(node, publish(0).exists)
+    subscriber.interrupt(signal.SIGSTOP)
+    for number in range(1, 60):  # of which the middleware keeps ten
+        last = publish(number)
     subscriber.interrupt(signal.SIGCONT)
-    before, after = -1, 0
-    while before != after:
-        time.sleep(1.5)
-        before, after = after, len(list((tmp_path / 'out').iterdir()))
+    spin_until(node, last.exists)
     subscriber.interrupt()
     assert subscriber.finish() == 0, subscriber.output
     received, written, lost = map(int, re.search(
