@@ -9,8 +9,9 @@
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included: demo, bench and soak what the package needs, the others what its tests need too. Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges, bench and soak
-# use that and install nothing but the parsers of test-judges, with apt-get.
+# Jazzy included: demo, bench and soak what the package needs (.venv/installed), the others what its
+# tests need too (.venv/dev). Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges,
+# bench and soak use that and install nothing but the parsers of test-judges, with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
