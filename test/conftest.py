@@ -27,6 +27,7 @@ from pathlib import Path
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from typing import Any
 
@@ -51,6 +52,10 @@ collect_ignore = [folder for folder, variable in (
     ('camera', 'OPENCV_TOOLS_CAMERA_MACHINE'), ('network', 'OPENCV_TOOLS_NETWORK'),
     ('judges', 'OPENCV_TOOLS_JUDGES'),
 ) if variable not in os.environ]
+
+# `make` says where ROS is; in a virtual environment that was merely activated it stands there.
+if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
+    os.environ['AMENT_PREFIX_PATH'] = sys.prefix
 
 # Domains 1 to 100 are safe on Linux. Each run and worker begins elsewhere, and a lock keeps it from
 # those in use. The locks are where Fast DDS meets other processes, also those of other containers.
@@ -130,12 +135,15 @@ def mapped_segments(pid: int) -> set[Path]:
 
 
 def executable(name: str) -> str:
-    """Find an executable where ``ros2 run`` does, else on the path."""
+    """Return the path of an executable: where ``ros2 run`` finds it, else beside python."""
     try:
         installed = Path(get_package_prefix('opencv_tools'), 'lib', 'opencv_tools', name)
+        if installed.exists():
+            return str(installed)
     except PackageNotFoundError:  # an editable installation has no resource index
-        return str(shutil.which(name))
-    return str(installed if installed.exists() else shutil.which(name))
+        pass
+    beside = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get('PATH', '')))
+    return str(shutil.which(name, path=beside))
 
 
 @contextmanager

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -25,6 +26,18 @@ from catkin_pkg.package import parse_package
 import pytest
 
 ROOT = Path(__file__).parent.parent
+# What package.xml may depend on. Each key was looked up in ros/rosdistro of 2026-08-22 and has an
+# apt package on Ubuntu 24.04: the first in jazzy/distribution.yaml, the others in rosdep/base.yaml
+# and rosdep/python.yaml. Before a key is added here: rosdep resolve KEY --os ubuntu:noble
+# --rosdistro jazzy. There is none for PyAV.
+RELEASED = {
+    'ament_copyright', 'ament_flake8', 'ament_index_python', 'ament_pep257', 'ament_xmllint',
+    'builtin_interfaces', 'diagnostic_msgs', 'launch', 'launch_ros', 'rcl_interfaces', 'rclpy',
+    'sensor_msgs', 'std_msgs', 'std_srvs', 'xacro'}
+SYSTEM_KEYS = {
+    'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
+    'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
+    'python3-tqdm', 'python3-yaml'}
 CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'setup.py')
 
 
@@ -32,7 +45,14 @@ def check(*command: str) -> None:
     """Run a checker from the root of the package; it has to find nothing."""
     finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300,
                               check=False)
-    assert finished.returncode == 0, finished.stdout + finished.stderr
+    if finished.returncode:
+        pytest.fail(findings(finished.stdout + finished.stderr), pytrace=False)
+
+
+def findings(output: str) -> str:
+    """Return the output of a checker without the lines that only name a file that was read."""
+    names = re.compile(r'(\* |checking |Checked files:|\s*$)')
+    return '\n'.join(line for line in output.splitlines() if not names.match(line))
 
 
 def tool(name: str, remedy: str) -> str:
@@ -47,6 +67,17 @@ def tool(name: str, remedy: str) -> str:
 @pytest.mark.flake8
 def test_flake8() -> None:
     check('ament_flake8', '--linelength', '99', *CODE)
+
+
+@pytest.mark.linter
+@pytest.mark.flake8
+def test_a_failure_shows_what_was_found_and_no_list_of_files(tmp_path: Path) -> None:
+    (tmp_path / 'good.py').write_text('')
+    (tmp_path / 'bad.py').write_text('import os\n')
+    with pytest.raises(pytest.fail.Exception) as failure:
+        check('ament_flake8', str(tmp_path))
+    assert re.search(r"bad\.py:1:1: F401 'os' imported but unused", str(failure.value))
+    assert 'good.py' not in str(failure.value)
 
 
 @pytest.mark.linter
@@ -84,6 +115,16 @@ def test_package_xml_is_what_colcon_and_rosdep_read() -> None:
     package.validate(warnings=warnings)
     assert not warnings
     assert (package.package_format, package.get_build_type()) == (3, 'ament_python')
+
+
+@pytest.mark.linter
+def test_rosdep_finds_every_dependency() -> None:
+    package = parse_package(ROOT / 'package.xml')
+    kinds = ('buildtool', 'build', 'build_export', 'buildtool_export', 'exec', 'test', 'doc')
+    keys = {dependency.name for kind in kinds
+            for dependency in getattr(package, f'{kind}_depends')}
+    assert len(keys) > 20
+    assert sorted(keys - RELEASED - SYSTEM_KEYS) == []
 
 
 @pytest.mark.linter
