@@ -1,5 +1,6 @@
 # make demo          a video through two ROS 2 nodes onto the disk, compared pixel for pixel
 # make test          build the package with colcon and run its tests
+# make unit          the tests that start no process, in less than a minute
 # make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
 # make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
 # make test-network  both nodes on two hosts and with little shared memory; needs root
@@ -15,7 +16,7 @@
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test test-oldest test-camera test-network test-judges bench soak clean
+.PHONY: demo test unit test-oldest test-camera test-network test-judges bench soak clean
 
 PYTHON ?= python3
 
@@ -28,22 +29,28 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
-# Those of the robots need no ROS and wait for nothing: they run beside the others, which do.
-robots = test/test_robot_*.py
+# The tests mostly wait for processes that they started: on two processors four at a time are best.
+WORKERS ?= 4
+
+# $(1): the command's environment
+workers = $(shell $(1) python3 -c 'import xdist' 2> /dev/null && \
+  echo '-p no:cacheprovider --numprocesses=$(WORKERS) --dist=worksteal')
 
 # $(1): the command's environment; $(2): where build, install and log go
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
   --event-handlers console_stderr- || \
   { cat $(2)log/latest_build/opencv_tools/stdout_stderr.log; exit 1; }
-@rm -f $(2)build/opencv_tools/pytest.xml $(2)build/opencv_tools/robots.xml
-@PYTHONPATH="$(CURDIR):$$PYTHONPATH" $(1) nice python3 -m pytest --quiet $(robots) \
-  --junitxml=$(2)build/opencv_tools/robots.xml > $(2)log/robots.log 2>&1 & robots=$$!; \
-$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
-  --return-code-on-test-failure --event-handlers console_direct+ \
-  --pytest-args ' --ignore-glob=$(robots)'; status=$$?; \
-wait $$robots || { cat $(2)log/robots.log; status=1; }; exit $$status
+@rm -f $(2)build/opencv_tools/pytest.xml
+@$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
+  --return-code-on-test-failure --event-handlers console_direct+ --pytest-args ' $(call workers,$(1))'
 @$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
+endef
+
+# $(1): the command's environment
+define unit_test
+@PYTHONPATH="$(CURDIR):$$PYTHONPATH" $(1) python3 -m pytest --quiet -m 'not process' \
+  $(patsubst --numprocesses=%,--numprocesses=2,$(call workers,$(1)))
 endef
 
 ifeq ($(sourced),yes)
@@ -62,6 +69,9 @@ test:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
 	$(call colcon_test,,)
+
+unit:
+	$(call unit_test,)
 
 test-network:
 	@command -v colcon > /dev/null || \
@@ -85,6 +95,9 @@ soak: .venv/installed
 
 test: .venv/dev
 	$(call colcon_test,$(call in_venv,.venv),)
+
+unit: .venv/dev
+	$(call unit_test,$(call in_venv,.venv))
 
 test-network: .venv/dev
 	@$(call in_venv,.venv) python test/network/run.py

@@ -146,6 +146,24 @@ def executable(name: str) -> str:
     return str(shutil.which(name, path=beside))
 
 
+@pytest.fixture(autouse=True)
+def _no_unmarked_process(
+        request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail where a test that is not marked as one of processes starts one, for `make unit`."""
+    if request.node.get_closest_marker('process') is None:
+        def _refuse(*_: object, **__: object) -> None:
+            pytest.fail('a test that starts a process has to be marked: pytest.mark.process')
+
+        monkeypatch.setattr(subprocess.Popen, '__init__', _refuse)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that start a process by a fixture."""
+    for item in items:
+        if {'start', 'count'} & set(getattr(item, 'fixturenames', ())):
+            item.add_marker(pytest.mark.process)
+
+
 @contextmanager
 def free_domain() -> Iterator[int]:
     """Reserve a ROS domain that no other test on this machine has meanwhile."""
