@@ -16,7 +16,7 @@
 The package's nodes against the tutorial's: what arrives, how old it is, and what it costs.
 
 Each way runs as two processes, the one on Fast DDS as the package sets it up, the other on its
-defaults, in turn. A frame's age is taken from when its publisher has it in hand to when its
+defaults, in turn. A third way is our publisher with the tutorial's subscriber. A frame's age is taken from when its publisher has it in hand to when its
 subscriber has it as an array. The first second of a run does not count for the ages.
 """
 
@@ -37,7 +37,9 @@ from node_process import enter_domain, NAMESPACE
 import numpy as np
 from transport_ends import command, Load, SETTLED_FRAMES
 
-WAYS = ('ours', 'tutorial')
+# Publisher and subscriber of each way.
+WAYS = {'ours': ('ours', 'ours'), 'plain subscriber': ('ours', 'tutorial'),
+        'tutorial': ('tutorial', 'tutorial')}
 STAGES = ('frame in hand to middleware', "to the subscriber's history", 'executor wakes up',
           'message is taken', 'message to array')
 FULL_HD = 1920 * 1080
@@ -97,12 +99,13 @@ def copy_ms(load: Load) -> float:
 
 def run_once(way: str, load: Load) -> Result:
     """Send frames one way."""
+    publishes, subscribes = WAYS[way]
     with tempfile.TemporaryFile('w+') as console:
         subscriber = subprocess.Popen(
-            command(way, 'subscriber', load), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            command(subscribes, 'subscriber', load), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=console)
         publisher = subprocess.Popen(
-            command(way, 'publisher', load), stdout=subprocess.PIPE, stderr=console)
+            command(publishes, 'publisher', load), stdout=subprocess.PIPE, stderr=console)
         try:
             sent = _answer(publisher, load.frames / load.rate + END_SECONDS, console)
             time.sleep(LATE_SECONDS)
@@ -144,7 +147,9 @@ def median(results: list[Result]) -> Result:
         max(result.growth for result in results), stages)
 
 
-def compare(load: Load, ours: Result, theirs: Result, copy: float) -> list[Figure]:
+def compare(
+    load: Load, ours: Result, plain: Result, theirs: Result, copy: float,
+) -> list[Figure]:
     """Make the figures of what was measured, with the goals for that load."""
     title = f'{load.width}x{load.height}@{load.rate:g} {load.qos.replace("_", " ")}'
     is_light = load.width * load.height * load.rate <= FULL_HD * 30
@@ -156,8 +161,10 @@ def compare(load: Load, ours: Result, theirs: Result, copy: float) -> list[Figur
         figures.append(Figure('transport', f'{title}: {name}', value, unit, goal, met))
 
     add('delivered', ours.delivered, '%', least=100)
+    add('delivered to a plain subscriber', plain.delivered, '%')
     add("delivered, tutorial's way", theirs.delivered, '%')
     add('age p50', ours.p50, 'ms')
+    add('age p50 at a plain subscriber', plain.p50, 'ms')
     add('age p99', ours.p99, 'ms')
     if load.qos == 'reliable':
         # The little that arrives of the tutorial's frames when they may be lost is what was quick.
@@ -199,7 +206,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def main() -> int:
-    """Run both ways in turn and print what became of the frames."""
+    """Run the ways in turn and print what became of the frames."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--size', type=parse_size, default='1920x1080', help='of the frames')
     parser.add_argument('--rate', type=float, default=30, help='frames per second')
@@ -222,13 +229,14 @@ def main() -> int:
         for way in WAYS:
             results[way].append(run_once(way, load))
             print_result(way, results[way][-1])
-    ours, theirs = (median(results[way]) for way in WAYS)
+    ours, plain, theirs = (median(results[way]) for way in WAYS)
     copy = statistics.median(copies)
     print_result('ours, median', ours)
+    print_result('plain, median', plain)
     print_result('tutorial, median', theirs)
     print_stages(ours, copy)
     print(f'{"one memcpy of the frame":30}{copy:7.2f}{1:8.1f}\n')
-    figures = compare(load, ours, theirs, copy)
+    figures = compare(load, ours, plain, theirs, copy)
     for figure in figures:
         verdict = '' if figure.met in (True, None) else '  missed'
         print(f'{figure.name:62}{figure.value:9.2f} {figure.unit:9}{figure.goal}{verdict}')
