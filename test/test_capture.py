@@ -25,13 +25,15 @@ from typing import Any
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip
 import cv2
+from images import oriented_jpeg, UPRIGHT
 import numpy as np
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
 from opencv_tools.capture.player import Pacer, Playback, Player
 from opencv_tools.capture.sequence import natural_order
-from opencv_tools.capture.source import check_source, open_source
+from opencv_tools.capture.source import check_source, expected_size, open_source
+from opencv_tools.capture.video import VideoSource
 import pytest
 from stepped_clock import BEGAN, SteppedClock
 
@@ -129,6 +131,36 @@ def test_picture_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None
     (frame,) = frames_of(open_source(str(tmp_path / name)))
     assert frame.encoding == encoding
     assert np.array_equal(frame.image, image)
+
+
+@pytest.mark.parametrize('orientation', UPRIGHT)
+def test_pictures_are_turned_upright(tmp_path: Path, orientation: int) -> None:
+    image = np.random.default_rng(3).integers(0, 255, (16, 24, 3), np.uint8)
+    jpeg = oriented_jpeg(image, orientation)
+    (tmp_path / 'lying.jpg').write_bytes(jpeg)
+    lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
+    for text in (tmp_path, tmp_path / 'lying.jpg'):
+        (frame,) = frames_of(open_source(str(text)))
+        np.testing.assert_array_equal(frame.image, UPRIGHT[orientation](lying), strict=True)
+        assert frame.encoding == 'bgr8'
+    width, height = (16, 24) if orientation >= 5 else (24, 16)
+    assert expected_size(str(tmp_path)) == (width, height)
+
+
+def test_pictures_of_every_suffix_are_found(tmp_path: Path) -> None:
+    suffixes = ['png', 'jpg', 'jpeg', 'jpe', 'jp2', 'bmp', 'dib', 'tif', 'tiff', 'webp', 'pbm',
+                'pgm', 'ppm', 'pnm', 'pxm', 'exr', 'hdr', 'pic', 'sr', 'ras', 'PNG']
+    picture = cv2.imencode('.png', np.zeros((2, 2), np.uint8))[1].tobytes()
+    for suffix in suffixes:
+        (tmp_path / f'picture.{suffix}').write_bytes(picture)
+    assert len(list(frames_of(open_source(str(tmp_path))))) == len(suffixes)
+
+
+def test_a_file_is_closed_once_its_size_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[str] = []
+    monkeypatch.setattr(VideoSource, 'close', lambda source: closed.append(source.name))
+    assert expected_size(str(CLIP)) == (1280, 720)
+    assert closed == [str(CLIP)]
 
 
 def test_folder_and_glob_are_read_in_natural_order(tmp_path: Path) -> None:
