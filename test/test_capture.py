@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+import errno
 from pathlib import Path
 from threading import Event
 import time
@@ -27,6 +28,7 @@ from conftest import CLIP, CLIP_FRAMES, decode_clip
 import cv2
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
+from opencv_tools.capture import camera_errors
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
@@ -106,7 +108,7 @@ def test_video_gives_every_frame_and_its_rate() -> None:
         assert frame.encoding == 'bgr8'
         assert np.array_equal(frame.image, expected)
     source.rewind()
-    assert np.array_equal(source.read().image, decode_clip()[0])
+    assert np.array_equal(source.read().image, decode_clip(1)[0])
     source.close()
 
 
@@ -199,6 +201,61 @@ def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / 'folder').mkdir()
     with pytest.raises(CaptureError, match=text):
         open_source(str(tmp_path / name))
+
+
+@pytest.mark.parametrize(('text', 'hint'), [
+    ('patern', '; did you mean pattern?'), ('Pattern', '; did you mean pattern?'),
+    ('pattren:320x240@5', '; did you mean pattern:320x240@5?'),
+    ('lantern', ''), ('pat', ''), ('patterns/in.mp4', ''), ('patern/*.png', '')])
+def test_a_mistyped_pattern_is_recognised(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, hint: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CaptureError) as caught:
+        open_source(text)
+    assert str(caught.value) == f'{text} cannot be opened: No such file or directory{hint}'
+
+
+def test_a_file_with_almost_that_name_is_opened(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('patern').write_text('hello')
+    with pytest.raises(CaptureError) as caught:
+        open_source('patern')
+    assert str(caught.value) == (
+        'patern cannot be opened as a video: it is damaged or not a video')
+
+
+def test_only_devices_that_can_capture_are_listed(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+
+    class Device:
+        """A device whose file says what it can do, or with which error it refuses."""
+
+        def __init__(self, path: Path) -> None:
+            content = path.read_text()
+            if content.isdecimal():
+                raise OSError(int(content), 'refused')
+            events.append(f'open {path.name}')
+            self._name = path.name
+            self.can_capture = content == 'video capture'
+
+        def close(self) -> None:
+            events.append(f'close {self._name}')
+
+    monkeypatch.setattr(camera_errors, 'VideoDevice', Device)
+    for name, content in {
+            'video0': 'video capture', 'video1': 'metadata capture', 'video2': 'video output',
+            'video3': str(errno.EACCES), 'video4': str(errno.EBUSY), 'video5': str(errno.ENOTTY),
+            'video10': 'video capture', 'media0': 'video capture'}.items():
+        (tmp_path / name).write_text(content)
+    (tmp_path / 'video11').symlink_to('gone')
+    listed = [path.name for path in camera_errors.list_cameras(tmp_path)]
+    assert listed == ['video0', 'video3', 'video4', 'video10']
+    assert events == [f'{what} {name}' for name in ('video0', 'video1', 'video2', 'video10')
+                      for what in ('open', 'close')]
+    assert [path.name for path in camera_errors.list_cameras(tmp_path)] == listed
+    assert len(events) == 8  # a device is not opened again as long as it is the same
 
 
 @pytest.mark.parametrize(('text', 'reason'), [

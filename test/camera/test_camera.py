@@ -160,14 +160,16 @@ def test_five_formats_are_negotiated_and_read_back(start: Start, viewer: Viewer)
     tell('formats', f'{", ".join(FORMATS)} as asked; MJPG 800x600 at 60 Hz refused in words')
 
 
-def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize('encoding', ['yuv422_yuy2', 'yuyv'])
+def test_raw_frames_are_recorded_bit_for_bit(
+        start: Start, tmp_path: Path, encoding: str) -> None:
     control('test_pattern=0', 'osd_text_mode=2')  # colour bars without a counter
     expected = tmp_path / 'expected.raw'
     run('v4l2-ctl', '-d', VIDEO, '--set-fmt-video=width=640,height=480,pixelformat=YUYV',
         '--stream-mmap', '--stream-count=1', f'--stream-to={expected}')
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.npy',
                        max_frames=10)
-    publisher = start('img_publisher', source=0, encoding='yuv422_yuy2', max_frames=10,
+    publisher = start('img_publisher', source=0, encoding=encoding, max_frames=10,
                       wait_for_subscribers=1)
     assert subscriber.finish() == 0, subscriber.output
     assert publisher.finish() == 0, publisher.output
@@ -176,7 +178,23 @@ def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> No
     files = recorded_files(tmp_path / 'out')
     assert len(files) == 10
     assert all(np.array_equal(np.load(file), reference) for file in files)
-    tell('raw YUYV', f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
+    tell(f'raw YUYV as {encoding}',
+         f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
+
+
+def test_encodings_are_known_by_both_of_their_names(start: Start, viewer: Viewer) -> None:
+    names = {'yuyv': 'YUYV', 'yuv422_yuy2': 'YUYV', 'uyvy': 'UYVY', 'yuv422': 'UYVY'}
+    publisher = start('img_publisher', source=0, encoding='yuyv', publish_rate=0)
+    for encoding, fourcc in names.items():
+        assert not set_parameters(viewer.node, encoding=encoding)
+        publisher.wait_for(f'opened: {fourcc} 640x480')
+        while viewer.wait_for(1)[0].encoding != encoding:
+            pass
+        image = viewer.images[-1]
+        assert (image.step, image.height, image.width) == (2 * 640, 480, 640)
+        assert f"'{fourcc}'" in run('v4l2-ctl', '-d', VIDEO, '--get-fmt-video')
+    assert 'left out' not in publisher.output
+    tell('names of encodings', f'{", ".join(names)} as asked')
 
 
 def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
@@ -456,6 +474,31 @@ def test_a_part_of_the_frames_is_missed_and_counted() -> None:
     finally:
         source.close()
     tell('missed', f'{source.missed} of {periods:.0f} frames that a slow reader could not take')
+
+
+def test_only_nodes_that_can_capture_are_listed_as_cameras() -> None:
+    run('rmmod', 'vivid')
+    try:
+        # Of node_types: 0x1 captures video, 0x100 shows it, 0x20000 captures metadata.
+        run('modprobe', 'vivid', 'n_devs=2', 'node_types=0x20101,0x1', 'num_inputs=1,1',
+            'input_types=0x0,0x0')
+        nodes = sorted(path.name for path in Path('/dev').glob('video*'))
+        able = [name for name in nodes
+                if 'Video Capture' in device_caps(run('v4l2-ctl', '-d', f'/dev/{name}', '-D'))]
+        with pytest.raises(CaptureError) as caught:
+            CameraSource(Path('/dev/video99'), CameraRequest())
+    finally:
+        run('rmmod', 'vivid')
+        run('modprobe', 'vivid', *WEBCAM)
+    assert len(able) == 2 < len(nodes)
+    listed = ', '.join(f'/dev/{name}' for name in able)
+    assert f'cameras on this machine: {listed}. ' in str(caught.value)
+    tell('nodes', f'{listed} of {", ".join(nodes)}')
+
+
+def device_caps(told: str) -> str:
+    """Give what v4l2-ctl tells of the node itself, not of the whole device."""
+    return told.partition('Device Caps')[2]
 
 
 def capture_bars(fourcc: str) -> np.ndarray:
