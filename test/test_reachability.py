@@ -39,6 +39,7 @@ def bound() -> Iterator[socket.socket]:
 def server() -> Iterator[str]:
     """Serve nothing but errors."""
     class Handler(BaseHTTPRequestHandler):
+
         def do_GET(self) -> None:
             self.send_error(404)
 
