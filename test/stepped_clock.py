@@ -27,7 +27,7 @@ class SteppedClock:
     """A clock of which every wait ends at once, with the time that it asked for gone by."""
 
     def __init__(self) -> None:
-        """Begin with nothing planned."""
+        """Create a clock with nothing planned."""
         self.now = BEGAN
         self.waits: list[float] = []
         self._planned: list[tuple[float, Callable[[], object]]] = []
@@ -42,12 +42,12 @@ class SteppedClock:
         return event.is_set()
 
     def plan(self, seconds: float, action: Callable[[], object]) -> None:
-        """Have something done when so many seconds have passed from now on."""
+        """Plan an action for when so many seconds have passed from now on."""
         self._planned.append((self.now + seconds, action))
         self._planned.sort(key=lambda planned: planned[0])
 
     def step_to(self, until: float, event: Event | None = None) -> None:
-        """Let time pass, and do what is planned meanwhile, until an event is set."""
+        """Step on, and do what is planned meanwhile, until an event is set."""
         while self._planned and self._planned[0][0] <= until:
             when, action = self._planned.pop(0)
             self.now = max(self.now, when)

@@ -29,7 +29,7 @@ import pytest
 
 @pytest.fixture
 def bound() -> Iterator[socket.socket]:
-    """Have a port of this machine, at which nobody listens."""
+    """Bind a port of this machine, at which nobody listens."""
     with socket.socket() as held:
         held.bind(('127.0.0.1', 0))
         yield held

@@ -77,7 +77,7 @@ class CheckedSource(StreamSource):
 
 @pytest.fixture
 def capture() -> Iterator[Capture]:
-    """Give a capture, and end its stream."""
+    """Create a capture, and end its stream."""
     made = Capture()
     yield made
     made.endless = False

@@ -34,7 +34,7 @@ from opencv_tools.capture.videodev import MAJOR
 @contextmanager
 def explained(name: str) -> Iterator[None]:
     """
-    Say in words why a device refuses.
+    Convert an error of a device to one that says what helps.
 
     :raises UnavailableError: it is not there, busy, or not ours to use.
     :raises CaptureError: it is no camera.
@@ -47,7 +47,7 @@ def explained(name: str) -> Iterator[None]:
 
 def check_device(device: Path) -> None:
     """
-    Find out whether a camera is there.
+    Check that a camera is there.
 
     :raises UnavailableError: there is no such device.
     :raises CaptureError: it is something else.

@@ -497,7 +497,7 @@ def test_only_nodes_that_can_capture_are_listed_as_cameras() -> None:
 
 
 def device_caps(told: str) -> str:
-    """Give what v4l2-ctl tells of the node itself, not of the whole device."""
+    """Return what v4l2-ctl prints of the node itself, not of the whole device."""
     return told.partition('Device Caps')[2]
 
 
