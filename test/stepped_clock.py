@@ -22,6 +22,10 @@ from threading import Event
 # Not 0.0, and exact in binary, as are all times that the tests add to it.
 BEGAN = 64.0
 
+# More than any test waits for; a mutant may wait for ever.
+_LONGEST = 3600.0
+_MOST_WAITS = 10_000
+
 
 class SteppedClock:
     """A clock of which every wait ends at once, with the time that it asked for gone by."""
@@ -37,6 +41,7 @@ class SteppedClock:
 
     def wait(self, event: Event, seconds: float) -> bool:
         self.waits.append(seconds)
+        assert len(self.waits) < _MOST_WAITS, 'it waits for ever'
         if not event.is_set():
             self.step_to(self.now + seconds, event)
         return event.is_set()
@@ -55,3 +60,4 @@ class SteppedClock:
             if event is not None and event.is_set():
                 return
         self.now = max(self.now, until)
+        assert self.now < BEGAN + _LONGEST, 'it waits for ever'

@@ -315,18 +315,28 @@ def test_a_pause_waits_until_the_camera_has_gone(
     frames = grabber.frames()
     next(frames)
 
-    def go_on_when_paused() -> None:
+    def let_go_when_paused() -> None:
         while not grabber.paused:
             pass
-        list(frames)
+        frames.close()
 
-    thread = Thread(target=go_on_when_paused)
+    thread = Thread(target=let_go_when_paused)
     thread.start()
     gone = grabber.pause(DEADLINE)
     closed = camera.closed
-    grabber.stop()
     thread.join()
     assert gone and closed
+
+
+def test_a_camera_that_is_away_need_not_be_let_go(
+        grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
+    grabber = grab(UnavailableError('not there'), camera)
+    gone = []
+    clock.plan(0.0625, lambda: gone.append(grabber.pause(0.0)))
+    clock.plan(10.0, grabber.resume)
+    next(grabber.frames())
+    assert gone == [True]
+    assert BEGAN + 10.0 < clock.now < BEGAN + 10.2
 
 
 def test_a_camera_is_opened_anew_when_something_else_is_wanted_of_it(
