@@ -321,9 +321,9 @@ def read_manifest(folder: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def decode_clip() -> list[np.ndarray]:
-    """Decode the clip, independently of the package."""
+def decode_clip(count: int = CLIP_FRAMES) -> list[np.ndarray]:
+    """Decode the first frames of the clip, independently of the package."""
     capture = cv2.VideoCapture(str(CLIP), cv2.CAP_FFMPEG)
-    frames = [capture.read()[1] for _ in range(CLIP_FRAMES)]
-    assert not capture.read()[0]
+    frames = [capture.read()[1] for _ in range(count)]
+    assert count < CLIP_FRAMES or not capture.read()[0]
     return frames

@@ -16,12 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 import pickle
 import shutil
+import struct
 import subprocess
 
+import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
 
@@ -64,6 +66,27 @@ def recorded_outcomes() -> dict[tuple[str, str], str | None]:
     desired = ['' if name == "''" else name for name in lines[0][1:]]
     return {(source, name): ERRORS[letter].format(source, name) if letter in ERRORS else None
             for source, letters in lines[1:] for name, letter in zip(desired, letters)}
+
+
+#: What turns a picture upright, by the orientation that its EXIF segment tells.
+UPRIGHT: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+    1: lambda image: image,
+    2: lambda image: image[:, ::-1],
+    3: lambda image: image[::-1, ::-1],
+    4: lambda image: image[::-1],
+    5: lambda image: np.swapaxes(image, 0, 1),
+    6: lambda image: np.rot90(image, -1),  # the camera was held with its left side up
+    7: lambda image: np.swapaxes(image[::-1, ::-1], 0, 1),
+    8: np.rot90,
+}
+
+
+def oriented_jpeg(image: np.ndarray, orientation: int) -> bytes:
+    """Make a JPEG that tells by an EXIF segment which way up it is."""
+    entry = struct.pack('>HHIHH', 0x0112, 3, 1, orientation, 0)
+    exif = b'Exif\0\0' + b'MM\0*' + struct.pack('>IH', 8, 1) + entry + bytes(4)
+    jpeg = cv2.imencode('.jpg', image)[1].tobytes()
+    return jpeg[:2] + b'\xff\xe1' + struct.pack('>H', 2 + len(exif)) + exif + jpeg[2:]
 
 
 _ORACLE = """

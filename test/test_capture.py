@@ -18,27 +18,39 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+import errno
 from pathlib import Path
-from threading import Event, Timer
+from threading import Event
 import time
 from typing import Any
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip
 import cv2
+from images import oriented_jpeg, UPRIGHT
 import numpy as np
+from opencv_tools.capture import camera_errors
+from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
 from opencv_tools.capture.player import Pacer, Playback, Player
 from opencv_tools.capture.sequence import natural_order
-from opencv_tools.capture.source import check_source, open_source
+from opencv_tools.capture.source import check_source, expected_size, open_source
+from opencv_tools.capture.video import VideoSource
 import pytest
+from stepped_clock import BEGAN, SteppedClock
 
 
 def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,
-         stopped: Event | None = None, **settings: Any) -> Player:
-    """Make a player that nothing holds."""
+         stopped: Event | None = None, clock: SteppedClock | None = None,
+         **settings: Any) -> Player:
+    """Make a player that nothing holds, by a clock whose waits take no time."""
     return Player(source, lambda: Playback(**settings), stopped or Event(), lambda: False,
-                  on_broken)
+                  on_broken, clock or SteppedClock())
+
+
+@pytest.fixture
+def clock() -> SteppedClock:
+    return SteppedClock()
 
 
 @pytest.fixture
@@ -96,7 +108,7 @@ def test_video_gives_every_frame_and_its_rate() -> None:
         assert frame.encoding == 'bgr8'
         assert np.array_equal(frame.image, expected)
     source.rewind()
-    assert np.array_equal(source.read().image, decode_clip()[0])
+    assert np.array_equal(source.read().image, decode_clip(1)[0])
     source.close()
 
 
@@ -121,6 +133,36 @@ def test_picture_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None
     (frame,) = frames_of(open_source(str(tmp_path / name)))
     assert frame.encoding == encoding
     assert np.array_equal(frame.image, image)
+
+
+@pytest.mark.parametrize('orientation', UPRIGHT)
+def test_pictures_are_turned_upright(tmp_path: Path, orientation: int) -> None:
+    image = np.random.default_rng(3).integers(0, 255, (16, 24, 3), np.uint8)
+    jpeg = oriented_jpeg(image, orientation)
+    (tmp_path / 'lying.jpg').write_bytes(jpeg)
+    lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
+    for text in (tmp_path, tmp_path / 'lying.jpg'):
+        (frame,) = frames_of(open_source(str(text)))
+        np.testing.assert_array_equal(frame.image, UPRIGHT[orientation](lying), strict=True)
+        assert frame.encoding == 'bgr8'
+    width, height = (16, 24) if orientation >= 5 else (24, 16)
+    assert expected_size(str(tmp_path)) == (width, height)
+
+
+def test_pictures_of_every_suffix_are_found(tmp_path: Path) -> None:
+    suffixes = ['png', 'jpg', 'jpeg', 'jpe', 'jp2', 'bmp', 'dib', 'tif', 'tiff', 'webp', 'pbm',
+                'pgm', 'ppm', 'pnm', 'pxm', 'exr', 'hdr', 'pic', 'sr', 'ras', 'PNG']
+    picture = cv2.imencode('.png', np.zeros((2, 2), np.uint8))[1].tobytes()
+    for suffix in suffixes:
+        (tmp_path / f'picture.{suffix}').write_bytes(picture)
+    assert len(list(frames_of(open_source(str(tmp_path))))) == len(suffixes)
+
+
+def test_a_file_is_closed_once_its_size_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[str] = []
+    monkeypatch.setattr(VideoSource, 'close', lambda source: closed.append(source.name))
+    assert expected_size(str(CLIP)) == (1280, 720)
+    assert closed == [str(CLIP)]
 
 
 def test_folder_and_glob_are_read_in_natural_order(tmp_path: Path) -> None:
@@ -161,6 +203,61 @@ def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
         open_source(str(tmp_path / name))
 
 
+@pytest.mark.parametrize(('text', 'hint'), [
+    ('patern', '; did you mean pattern?'), ('Pattern', '; did you mean pattern?'),
+    ('pattren:320x240@5', '; did you mean pattern:320x240@5?'),
+    ('lantern', ''), ('pat', ''), ('patterns/in.mp4', ''), ('patern/*.png', '')])
+def test_a_mistyped_pattern_is_recognised(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, hint: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CaptureError) as caught:
+        open_source(text)
+    assert str(caught.value) == f'{text} cannot be opened: No such file or directory{hint}'
+
+
+def test_a_file_with_almost_that_name_is_opened(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('patern').write_text('hello')
+    with pytest.raises(CaptureError) as caught:
+        open_source('patern')
+    assert str(caught.value) == (
+        'patern cannot be opened as a video: it is damaged or not a video')
+
+
+def test_only_devices_that_can_capture_are_listed(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
+
+    class Device:
+        """A device whose file says what it can do, or with which error it refuses."""
+
+        def __init__(self, path: Path) -> None:
+            content = path.read_text()
+            if content.isdecimal():
+                raise OSError(int(content), 'refused')
+            events.append(f'open {path.name}')
+            self._name = path.name
+            self.can_capture = content == 'video capture'
+
+        def close(self) -> None:
+            events.append(f'close {self._name}')
+
+    monkeypatch.setattr(camera_errors, 'VideoDevice', Device)
+    for name, content in {
+            'video0': 'video capture', 'video1': 'metadata capture', 'video2': 'video output',
+            'video3': str(errno.EACCES), 'video4': str(errno.EBUSY), 'video5': str(errno.ENOTTY),
+            'video10': 'video capture', 'media0': 'video capture'}.items():
+        (tmp_path / name).write_text(content)
+    (tmp_path / 'video11').symlink_to('gone')
+    listed = [path.name for path in camera_errors.list_cameras(tmp_path)]
+    assert listed == ['video0', 'video3', 'video4', 'video10']
+    assert events == [f'{what} {name}' for name in ('video0', 'video1', 'video2', 'video10')
+                      for what in ('open', 'close')]
+    assert [path.name for path in camera_errors.list_cameras(tmp_path)] == listed
+    assert len(events) == 8  # a device is not opened again as long as it is the same
+
+
 @pytest.mark.parametrize(('text', 'reason'), [
     ('987', 'there is no camera /dev/video987; cameras on this machine: '),
     ('/dev/v4l/by-id/none', 'there is no camera /dev/v4l/by-id/none'),
@@ -193,55 +290,81 @@ def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) 
         list(player.frames())
 
 
-def test_a_file_is_played_at_its_rate() -> None:
-    player = play(PatternSource(PatternSpec(8, 8, 50.0)))
-    began = time.monotonic()
-    assert len(numbers(player, 51)) == 51
-    assert time.monotonic() - began == pytest.approx(1.0, rel=0.05)
+@pytest.mark.parametrize(('settings', 'period'), [({}, 1 / 64), ({'rate': 8.0}, 1 / 8)])
+def test_a_file_is_played_at_its_rate_or_that_asked_for(
+        clock: SteppedClock, settings: dict[str, Any], period: float) -> None:
+    player = play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=51, **settings)
+    shown = [(clock.now, frame.stamp_ns) for frame in player.frames()]
+    due = [BEGAN + number * period for number in range(51)]
+    assert shown == [(seconds, int(seconds * 1e9)) for seconds in due]
 
 
-def test_time_that_was_lost_is_not_made_up_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr(time, 'monotonic', lambda: now)
-    pacer = Pacer()
-    pacer.advance(0.05)
+def test_pictures_are_shown_ten_times_a_second(numbered: Source, clock: SteppedClock) -> None:
+    shown = [clock.now for _ in play(numbered, clock=clock).frames()]
+    assert shown == pytest.approx([BEGAN, BEGAN + 0.1, BEGAN + 0.2, BEGAN + 0.3])
+
+
+def test_time_that_was_lost_is_not_made_up_for(clock: SteppedClock) -> None:
+    pacer = Pacer(clock)
+    pacer.advance(0.0625)
     assert not pacer.is_due()
-    assert pacer.is_due(early=0.05)
-    now = 100.22  # the frames due at 100.05, .10 and .15 are late; one of them is shown at once
+    assert not pacer.is_due(early=0.05)
+    assert pacer.is_due(early=0.0625)
+    # The frames due at 0.0625, 0.125 and 0.1875 are late; one of them is shown at once.
+    clock.step_to(BEGAN + 0.25)
     assert pacer.is_due()
-    pacer.advance(0.05)
+    pacer.advance(0.0625)
     assert pacer.is_due()
-    pacer.advance(0.05)
+    pacer.advance(0.0625)
     assert pacer.is_due()
-    pacer.advance(0.05)
+    pacer.advance(0.0625)
     assert not pacer.is_due()
-    now = 100.28
+    clock.step_to(BEGAN + 0.3125)
     assert pacer.is_due()
 
 
-def test_a_stop_ends_a_wait_at_once() -> None:
+def test_a_reader_that_was_late_gets_one_frame_at_once(clock: SteppedClock) -> None:
+    shown = []
+    for frame in play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=6).frames():
+        shown.append((64 * (clock.now - BEGAN), 64 * (frame.stamp_ns / 1e9 - BEGAN)))
+        if len(shown) == 2:
+            clock.step_to(clock.now + 10.5 / 64)
+    assert shown == [(0, 0), (1, 1), (11.5, 10.5), (11.5, 11.5), (12.5, 12.5), (13.5, 13.5)]
+
+
+def test_a_stop_ends_a_wait_at_once(clock: SteppedClock) -> None:
     stopped = Event()
-    player = play(PatternSource(PatternSpec(8, 8, 0.1)), stopped=stopped)
-    began = time.monotonic()
-    for _ in player.frames():
-        stopped.set()
-    assert time.monotonic() - began < 1.0
+    clock.plan(2.5, stopped.set)
+    player = play(PatternSource(PatternSpec(8, 8, 0.125)), stopped=stopped, clock=clock)
+    assert len(list(player.frames())) == 1
+    assert clock.now == BEGAN + 2.5
 
 
-def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost() -> None:
+def test_the_clock_of_the_system_waits_for_an_event_or_a_time() -> None:
+    assert time.monotonic() <= SYSTEM_CLOCK.monotonic() <= time.monotonic()
+    event = Event()
+    assert not SYSTEM_CLOCK.wait(event, 0.01)
+    event.set()
+    assert SYSTEM_CLOCK.wait(event, 3600.0)
+
+
+def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClock) -> None:
     held = Event()
-    source = PatternSource(PatternSpec(8, 8, 100.0))
-    player = Player(source, lambda: Playback(stop=20), Event(), held.is_set, pytest.fail)
-    stamps = []
+    source = PatternSource(PatternSpec(200, 3, 64.0))
+    player = Player(source, lambda: Playback(stop=20), Event(), held.is_set, pytest.fail, clock)
+    stamps, images = [], []
     for frame in player.frames():
-        stamps.append(frame.stamp_ns / 1e9)
+        stamps.append(frame.stamp_ns / 1e9 - BEGAN)
+        images.append(frame.image)
         if len(stamps) == 10:
             held.set()
-            Timer(0.5, held.clear).start()
-    assert len(stamps) == 20
+            clock.plan(0.5, held.clear)
     gaps = np.diff(stamps)
-    assert gaps[9] > 0.45
-    assert np.delete(gaps, 9) == pytest.approx(0.01, abs=0.005)
+    assert 0.5 <= gaps[9] < 0.5 + 0.05  # it is looked for 50 times a second
+    assert np.delete(gaps, 9) == pytest.approx(1 / 64)
+    for number, image in enumerate(images):
+        assert np.array_equal(image, draw_pattern(number, 200, 3))
+    assert len(images) == 20
 
 
 class StampedSource(PatternSource):
@@ -261,14 +384,12 @@ class StampedSource(PatternSource):
 @pytest.mark.parametrize(('rate', 'gaps'), [
     (0.0, [0.05, 0.2, 0.01, 0.04, 0.05, 0.2, 0.01]), (50.0, [0.02] * 7)])
 def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
-        rate: float, gaps: list[float]) -> None:
+        clock: SteppedClock, rate: float, gaps: list[float]) -> None:
     source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second time round there is a step back
-    player = play(source, rate=rate, plays=2)
-    began = time.monotonic()
-    stamps = [frame.stamp_ns / 1e9 for frame in player.frames()]
-    assert np.diff(stamps) == pytest.approx(gaps, abs=1e-6)
-    assert time.monotonic() - began == pytest.approx(sum(gaps), abs=0.1)
-    assert stamps[0] == pytest.approx(began, abs=0.05)
+    player = play(source, clock=clock, rate=rate, plays=2)
+    shown = [(frame.stamp_ns / 1e9, clock.now) for frame in player.frames()]
+    for times in zip(*shown, strict=True):
+        assert times == pytest.approx(BEGAN + np.cumsum([0.0, *gaps]))
 
 
 @pytest.mark.parametrize(('settings', 'expected'), [

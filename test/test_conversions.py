@@ -243,3 +243,23 @@ def test_every_luma_with_every_chroma() -> None:
         message = CvBridge().cv2_to_imgmsg(pairs, 'uyvy')
         np.testing.assert_array_equal(
             CvBridge().imgmsg_to_cv2(message, 'bgr8'), cv2.cvtColor(pairs, cv2.COLOR_YUV2BGR_UYVY))
+
+
+@pytest.mark.parametrize('source', [name for name in ENCODINGS if name.startswith('bayer_')])
+@pytest.mark.parametrize(('height', 'width'), [(5, 1), (5, 2), (3, 2), (1, 5), (2, 5)])
+def test_a_mosaic_of_nothing_but_edges_is_black(source: str, height: int, width: int) -> None:
+    image = np.full((height, width), 200, find_encoding(source).dtype)
+    message = CvBridge().cv2_to_imgmsg(image, source)
+    for desired in COLOR_ENCODINGS:
+        converted = CvBridge().imgmsg_to_cv2(message, desired)
+        assert converted.shape[:2] == (height, width)
+        assert not converted.any()
+
+
+@pytest.mark.parametrize(('height', 'width'), [(1, 1), (3, 5), (2, 7)])
+def test_nv24_of_odd_width_has_colours(height: int, width: int) -> None:
+    image = random_image('nv24', height, width)
+    message = CvBridge().cv2_to_imgmsg(image, 'nv24')
+    for desired in COLOR_ENCODINGS:
+        assert same(CvBridge().imgmsg_to_cv2(message, desired),
+                    opencv_conversion(image, 'nv24', desired))

@@ -330,8 +330,9 @@ def test_types_have_the_numbers_of_the_opencv_in_use() -> None:
     assert getCvType('yuv422') == cv2.CV_8UC2
     with pytest.raises(CvBridgeError, match=r'Unrecognized image encoding \[foo\]'):
         getCvType('foo')
-    with pytest.raises(CvBridgeError, match='-1 is not the number of a type'):
-        bridge.cvtype2_to_dtype_with_channels(-1)
+    for number in (-1, cv2.CV_16F):
+        with pytest.raises(CvBridgeError, match=f'^{number} is not the number of a type'):
+            bridge.cvtype2_to_dtype_with_channels(number)
 
 
 def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
@@ -341,6 +342,22 @@ def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                               timeout=30, check=True)
     assert finished.stdout.split() == ['16', '6']
+
+
+@pytest.mark.parametrize('use', [
+    'CvBridge().cv2_to_compressed_imgmsg(image)',
+    'CvBridge().compressed_imgmsg_to_cv2(CompressedImage(data=b"x"))',
+    'cvtColorForDisplay(image, "mono8", "bgr8", True, colormap=2)'])
+def test_what_needs_opencv_is_an_error_of_the_bridge_without_it(use: str) -> None:
+    script = ('import sys; sys.modules["cv2"] = None\n'
+              'import numpy as np\n'
+              'from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay\n'
+              'from sensor_msgs.msg import CompressedImage\n'
+              'image = np.zeros((2, 2), np.uint8)\n'
+              f'try:\n    {use}\nexcept CvBridgeError as err:\n    print(err)')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60, check=True)
+    assert finished.stdout.startswith('compressed images and colormaps need OpenCV: ')
 
 
 def test_anything_with_the_fields_of_a_message_is_read() -> None:

@@ -40,6 +40,7 @@ RATES = {
     (CameraRequest(width=1920, height=1080, fps=5.0), 'YUYV 1920x1080'),
     (CameraRequest(width=1920, height=1080, fourcc='YUYV'), 'YUYV 1920x1080'),
     (CameraRequest(width=1920, height=1080, encoding='yuv422_yuy2'), 'YUYV 1920x1080'),
+    (CameraRequest(width=1920, height=1080, encoding='yuyv'), 'YUYV 1920x1080'),
     (CameraRequest(height=700, encoding='bgr8'), 'MJPG 1280x720'),
     (CameraRequest(fps=60.0, width=1280), 'MJPG 1280x720'),
     (CameraRequest(width=9999, height=9999), 'MJPG 1920x1080'),
@@ -51,10 +52,24 @@ def test_the_mode_that_comes_nearest_is_chosen(request_: CameraRequest, chosen: 
 
 
 @pytest.mark.parametrize(('encoding', 'chosen'), [
-    ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'GREY'), ('mono16', 'Y16'), ('nv12', 'NV12')])
+    ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'GREY'), ('mono16', 'Y16'), ('nv12', 'NV12'),
+    ('yuv422_yuy2', 'YUYV'), ('yuyv', 'YUYV'), ('yuv422', 'UYVY'), ('uyvy', 'UYVY'),
+    ('16UC1', 'Z16')])
 def test_an_encoding_that_a_format_has_is_preferred(encoding: str, chosen: str) -> None:
-    modes = [Mode(fourcc, 640, 480) for fourcc in ('GREY', 'NV12', 'Y16', 'YUYV')]
+    modes = [Mode(fourcc, 640, 480)
+             for fourcc in ('GREY', 'NV12', 'Y16', 'YUYV', 'UYVY', 'MJPG', 'Z16')]
     assert choose_mode(modes, CameraRequest(encoding=encoding), lambda _: []).fourcc == chosen
+
+
+@pytest.mark.parametrize(('encoding', 'chosen'), [
+    ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'YUYV'), ('yuyv', 'YUYV'), ('bgr16', 'YUYV'),
+    ('nv12', 'NV12'), ('mono16', 'Y16')])
+def test_a_size_counts_more_than_a_format_that_others_can_become(
+        encoding: str, chosen: str) -> None:
+    modes = [Mode('BGR3', 640, 480), Mode('NV12', 640, 480), Mode('GREY', 640, 480),
+             Mode('Y16', 640, 480), Mode('YUYV', 1920, 1080)]
+    request = CameraRequest(width=1920, height=1080, encoding=encoding)
+    assert choose_mode(modes, request, lambda _: []).fourcc == chosen
 
 
 def test_a_camera_of_unknown_formats_has_no_mode() -> None:

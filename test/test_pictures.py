@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 import cv2
-from images import random_image
+from images import oriented_jpeg, random_image, UPRIGHT
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.color import convert
 from opencv_tools.image.compressed import CompressedFormat, parse_format
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
-from opencv_tools.pictures import convert_picture
+from opencv_tools.image.errors import ImageError
+from opencv_tools.pictures import convert_picture, decode_picture
+from opencv_tools.recording.frames import CompressedFrame
+from opencv_tools.recording.writers import encode_frame, Format
 import pytest
 from sensor_msgs.msg import CompressedImage
 
@@ -79,6 +82,31 @@ def test_16_bit_png_is_kept() -> None:
     message = bridge.cv2_to_compressed_imgmsg(depth, 'png')
     np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), depth)
     np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message, 'mono16'), depth)
+
+
+@pytest.mark.parametrize('orientation', UPRIGHT)
+def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
+    jpeg = oriented_jpeg(random_image('bgr8', 16, 24), orientation)
+    lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(decode_picture(jpeg), lying, strict=True)
+    np.testing.assert_array_equal(
+        decode_picture(jpeg, upright=True), UPRIGHT[orientation](lying), strict=True)
+    message = CompressedImage(format='jpeg')
+    message.data.frombytes(jpeg)
+    for desired in ('passthrough', '', 'bgr8'):
+        np.testing.assert_array_equal(
+            CvBridge().compressed_imgmsg_to_cv2(message, desired), lying, strict=True)
+    recorded = CompressedFrame(1, 'camera', 'jpeg', '/video_frames/compressed', 1, jpeg)
+    assert encode_frame(recorded, Format('.jpg')).data is jpeg
+    np.testing.assert_array_equal(recorded.decode().image, lying, strict=True)
+
+
+@pytest.mark.parametrize('upright', [False, True])
+def test_only_a_jpeg_is_turned_upright(upright: bool) -> None:
+    for encoding in ('mono16', 'bgra8', 'bgr8'):
+        image = random_image(encoding, 6, 9)
+        png = cv2.imencode('.png', image)[1]
+        np.testing.assert_array_equal(decode_picture(png, upright), image, strict=True)
 
 
 @pytest.mark.parametrize(('picture', 'suffix', 'text', 'desired', 'expected'), [
@@ -176,6 +204,15 @@ def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> No
     np.testing.assert_array_equal(in_color, np.repeat(shown[..., np.newaxis], 3, axis=2))
 
 
+@pytest.mark.parametrize(('image', 'shown'), [
+    (np.array([3e38, -3e38, 0.0], np.float32), [0, 0, 128]),  # a span that no float32 holds
+    (np.array([np.inf, -np.inf, np.nan, 0.0, 1.0], np.float32), [0, 0, 0, 0, 255]),
+    (np.array([0x7fa00000, 0, 0x3f800000], np.uint32).view(np.float32), [0, 0, 255])])
+def test_odd_numbers_are_shown_without_a_warning(image: np.ndarray, shown: list[int]) -> None:
+    with np.errstate(all='raise'):
+        assert cvtColorForDisplay(image[np.newaxis], '32FC1', 'mono8').tolist() == [shown]
+
+
 def test_float_colours_are_shown() -> None:
     image = np.array([[[0, 0.5, 1], [1, 0.25, 0]]], np.float32)
     assert cvtColorForDisplay(image, '32FC3', 'rgb8').tolist() == [
@@ -249,3 +286,32 @@ def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> 
             tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
             np.testing.assert_allclose(converted, expected, rtol=0, atol=tolerance)
             assert not np.shares_memory(converted, image)
+
+
+@pytest.mark.parametrize('source', [
+    name for name, encoding in ENCODINGS.items()
+    if encoding.dtype == 'uint8' and encoding.order not in ('nv24', 'rgba', 'bgra')])
+def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
+    left = ENCODINGS[source]
+    image = random_image(source, 12, 14)
+    targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
+    expected = [convert(image, left, target) for target in targets]
+    monkeypatch.setattr('opencv_tools.pictures.convert', lambda *_: pytest.fail('not by OpenCV'))
+    for target, wanted in zip(targets, expected, strict=True):
+        tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
+        np.testing.assert_allclose(
+            convert_picture(image, left, target), wanted, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])
+def test_half_a_pair_of_pixels_is_treated_as_without_opencv(source: str) -> None:
+    left = ENCODINGS[source]
+    image = random_image(source, 4, 5)
+    gray = convert_picture(image, left, ENCODINGS['mono8'])
+    np.testing.assert_array_equal(gray, convert(image, left, ENCODINGS['mono8']), strict=True)
+    if source == 'nv24':  # every pixel has its own chroma
+        colors = convert_picture(image, left, ENCODINGS['bgr8'])
+        np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
+        return
+    with pytest.raises(ImageError, match='a row of 5 pixels has no whole colours'):
+        convert_picture(image, left, ENCODINGS['bgr8'])

@@ -27,27 +27,54 @@ JPEG_BYTES = cv2.imencode('.jpg', PICTURE)[1].reshape(-1)
 DECODED = cv2.imdecode(JPEG_BYTES, cv2.IMREAD_UNCHANGED)
 
 
+NUMBERS = np.random.default_rng(4).integers(0, 256, (72, 64, 2), np.uint8)
+
+
 def frame_of(encoding: str) -> Frame:
     image = {
         'bgr8': PICTURE, 'mono8': cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY),
         'rgb8': PICTURE[..., ::-1], 'bgr16': PICTURE * np.uint16(257),
-        'yuv422_yuy2': np.full((48, 64, 2), 128, np.uint8),
-        'nv12': np.full((72, 64), 128, np.uint8),
-        'bayer_rggb8': np.full((48, 64), 9, np.uint8),
+        'yuv422_yuy2': NUMBERS[:48], 'yuyv': NUMBERS[:48], 'yuv422': NUMBERS[:48],
+        'nv12': NUMBERS[..., 0], 'bayer_rggb8': NUMBERS[:48, :, 1],
         '32FC1': np.ones((48, 64), np.float32), JPEG: JPEG_BYTES}[encoding]
     return Frame(image, encoding)
 
 
-@pytest.mark.parametrize(('captured', 'wanted', 'published'), [
-    ('bgr8', '', 'bgr8'), ('rgb8', 'bgr8', 'bgr8'), (JPEG, '', 'bgr8'), (JPEG, 'mono16', 'mono16'),
-    ('yuv422_yuy2', '', 'yuv422_yuy2'), ('yuv422_yuy2', 'yuv422_yuy2', 'yuv422_yuy2'),
-    ('nv12', 'bgr8', 'bgr8'), ('32FC1', '', '32FC1'), ('bayer_rggb8', 'mono8', 'mono8')])
-def test_pixels_are_what_is_wanted(captured: str, wanted: str, published: str) -> None:
-    rendition = Rendition(frame_of(captured), Look(wanted))
+@pytest.mark.parametrize(('captured', 'wanted'), [
+    ('bgr8', ''), ('bgr8', 'bgr8'), ('yuv422_yuy2', ''), ('32FC1', ''), ('nv12', 'nv12'),
+    ('yuv422_yuy2', 'yuv422_yuy2'), ('yuv422_yuy2', 'yuyv'), ('yuyv', 'yuv422_yuy2'),
+    ('yuv422', 'uyvy')])
+def test_pixels_that_are_what_is_wanted_are_not_copied(captured: str, wanted: str) -> None:
+    frame = frame_of(captured)
+    rendition = Rendition(frame, Look(wanted))
+    assert rendition.image is frame.image
+    assert rendition.encoding == (wanted or captured)
+    assert rendition.size == (64, 48)
+
+
+@pytest.mark.parametrize(('captured', 'wanted', 'published', 'code'), [
+    ('rgb8', 'bgr8', 'bgr8', cv2.COLOR_RGB2BGR), ('bgr8', 'rgba8', 'rgba8', cv2.COLOR_BGR2RGBA),
+    (JPEG, '', 'bgr8', None), (JPEG, 'rgb8', 'rgb8', cv2.COLOR_BGR2RGB),
+    (JPEG, 'mono8', 'mono8', cv2.COLOR_BGR2GRAY),
+    ('yuv422_yuy2', 'bgr8', 'bgr8', cv2.COLOR_YUV2BGR_YUYV),
+    ('yuv422', 'rgb8', 'rgb8', cv2.COLOR_YUV2RGB_UYVY),
+    ('nv12', 'bgr8', 'bgr8', cv2.COLOR_YUV2BGR_NV12),
+    ('bayer_rggb8', 'bgr8', 'bgr8', cv2.COLOR_BayerBG2BGR)])
+def test_pixels_are_what_is_wanted(
+        captured: str, wanted: str, published: str, code: int | None) -> None:
+    frame = frame_of(captured)
+    rendition = Rendition(frame, Look(wanted))
     assert rendition.encoding == published
     assert rendition.size == (64, 48)
-    if captured == published == 'bgr8':
-        assert rendition.image is PICTURE
+    image = DECODED if captured == JPEG else np.ascontiguousarray(frame.image)
+    expected = image if code is None else cv2.cvtColor(image, code)
+    np.testing.assert_array_equal(rendition.image, expected, strict=True)
+
+
+def test_colours_come_before_depth() -> None:
+    rendition = Rendition(frame_of(JPEG), Look('mono16'))
+    gray = cv2.cvtColor(DECODED, cv2.COLOR_BGR2GRAY)
+    np.testing.assert_array_equal(rendition.image, gray * np.uint16(257), strict=True)
 
 
 def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
@@ -92,7 +119,8 @@ def test_quality_makes_jpegs_larger() -> None:
 
 
 @pytest.mark.parametrize(('captured', 'look'), [
-    ('32FC1', Look('bgr8')), ('bgr8', Look('yuv422_yuy2')), ('nv12', Look(rotate=90))])
+    ('32FC1', Look('bgr8')), ('bgr8', Look('yuv422_yuy2')), ('yuv422_yuy2', Look('uyvy')),
+    ('nv12', Look(rotate=90))])
 def test_what_cannot_be_is_refused(captured: str, look: Look) -> None:
     with pytest.raises(ImageError):
         _ = Rendition(frame_of(captured), look).image

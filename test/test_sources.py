@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+import itertools
 from pathlib import Path
 from threading import Thread
 import time
@@ -70,7 +71,7 @@ def test_pattern(start: Start, node: Node) -> None:
 
 def test_video_file(start: Start, node: Node) -> None:
     received = receive(start, node, 5, source=CLIP, max_frames=5)
-    assert_equal(received, decode_clip()[:5])
+    assert_equal(received, decode_clip(5))
 
 
 @pytest.mark.parametrize('name', ['in', 'in/*.png', 'in/[0-2].png'])
@@ -115,7 +116,11 @@ def test_empty_encoding_keeps_the_depth_of_a_picture(
 
 
 class StreamHandler(BaseHTTPRequestHandler):
-    """A web server with the clip, and with a camera whose frames count upwards, 30 a second."""
+    """
+    A web server with the clip, and with a camera of about 30 frames a second.
+
+    The gray of their left and right half are the low and the high byte of their number.
+    """
 
     def do_GET(self) -> None:
         if self.path == '/clip.mp4':
@@ -124,9 +129,9 @@ class StreamHandler(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header('Content-Type', 'multipart/x-mixed-replace; boundary=frame')
         self.end_headers()
-        for number in range(15 if self.path == '/broken.mjpg' else 256):
-            self.server.number = number
-            picture = cv2.imencode('.jpg', np.full((48, 64), number, np.uint8))[1].tobytes()
+        for number in range(15) if self.path == '/broken.mjpg' else itertools.count():
+            halves = np.array([[number % 256, number // 256]], np.uint8)
+            picture = cv2.imencode('.jpg', halves.repeat(48, 0).repeat(32, 1))[1].tobytes()
             head = f'--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n'
             try:
                 self.wfile.write(head.encode() + picture + b'\r\n')
@@ -163,23 +168,18 @@ def test_a_file_on_a_web_server_is_shown_whole(
     assert_equal(receive(start, node, 90, source=url), decode_clip())
 
 
-def test_of_a_stream_the_newest_frame_is_shown(
+def test_a_stream_is_shown_in_order_until_a_signal(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
-    behind = []
-    shown = []
-
-    def compare(message: Image) -> None:
-        shown.append(int(np.frombuffer(message.data, np.uint8)[0]))
-        behind.append(server.number - shown[-1])
-
-    node.create_subscription(Image, 'video_frames', compare, 10)
+    shown: list[int] = []
+    node.create_subscription(
+        Image, 'video_frames',
+        lambda message: shown.append(message.data[0] + 256 * message.data[-1]), 10)
     url = f'http://127.0.0.1:{server.server_port}/camera.mjpg'
-    publisher = start('img_publisher', source=url, publish_rate=10, max_frames=30,
-                      wait_for_subscribers=1)
-    spin_until(node, lambda: len(shown) == 30)
+    publisher = start('img_publisher', source=url, publish_rate=10)
+    spin_until(node, lambda: len(shown) >= 5)
+    publisher.interrupt()  # while the stream goes on, which never ends
     assert publisher.finish() == 0, publisher.output
-    assert 2 < np.mean(np.diff(shown)) < 4  # ten of thirty a second
-    assert np.median(behind) <= 3
+    assert shown == sorted(set(shown))
 
 
 def test_a_stream_that_breaks_is_opened_again(

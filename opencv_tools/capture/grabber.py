@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from threading import Event
-import time
 from typing import Protocol
 
+from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, LiveSource, Source, UnavailableError,
 )
@@ -70,7 +70,7 @@ class Grabber:
 
     def __init__(
         self, open_source: Callable[[], Source], playback: Playback,
-        watcher: Watcher, audience: Audience,
+        watcher: Watcher, audience: Audience, clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
         Prepare to open.
@@ -80,6 +80,7 @@ class Grabber:
         :param playback: how it is shown; may be replaced at any time.
         :param watcher: told how it goes.
         :param audience: whom the frames are for; a camera's that nobody sees are not decoded.
+        :param clock: tells when a frame is due, and how long a source is away.
         """
         self.playback = playback
         self.source: Source | None = None
@@ -88,13 +89,14 @@ class Grabber:
         self._open_source = open_source
         self._watcher = watcher
         self._audience = audience
+        self._clock = clock
         self._stopped = Event()
         self._paused = Event()
         self._reopened = Event()
         self._released = Event()
         self._released.set()
         self.trouble = ''
-        self._heard_at = time.monotonic()
+        self._heard_at = self._clock.monotonic()
         self._delay = 0.0
 
     @property
@@ -119,7 +121,7 @@ class Grabber:
 
     def resume(self) -> None:
         """Go on after a pause."""
-        self._heard_at = time.monotonic()
+        self._heard_at = self._clock.monotonic()
         self._paused.clear()
 
     @property
@@ -147,7 +149,7 @@ class Grabber:
             try:
                 if not source.live:
                     yield from Player(source, lambda: self.playback, self._stopped, self._is_held,
-                                      self._watcher.broken).frames()
+                                      self._watcher.broken, self._clock).frames()
                     return
                 yield from self._show(source)
             except UnavailableError as err:
@@ -168,7 +170,7 @@ class Grabber:
         :returns: the source, or None when it was asked to stop.
         :raises CaptureError: it cannot be opened, or stayed away too long.
         """
-        while not self._stopped.wait(self._delay):
+        while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
                 self._delay = _SLICE_SECONDS
                 continue
@@ -190,7 +192,7 @@ class Grabber:
 
         :raises CaptureError: it has been for too long.
         """
-        away = time.monotonic() - self._heard_at
+        away = self._clock.monotonic() - self._heard_at
         left = self.playback.reconnect - away
         if left <= 0:
             raise CaptureError(
@@ -204,10 +206,10 @@ class Grabber:
         """Take note that a frame came."""
         if self.trouble:
             self.reconnects += 1
-            self._watcher.returned(source, time.monotonic() - self._heard_at)
+            self._watcher.returned(source, self._clock.monotonic() - self._heard_at)
         self.trouble = ''
         self._delay = 0.0
-        self._heard_at = time.monotonic()
+        self._heard_at = self._clock.monotonic()
 
     def _show(self, source: LiveSource) -> Iterator[Frame | None]:
         """
@@ -215,14 +217,14 @@ class Grabber:
 
         :raises UnavailableError: the source has gone or stalled.
         """
-        pacer = Pacer()
+        pacer = Pacer(self._clock)
         # A frame that comes half its period early is nearer to its slot than the next.
         early = 0.5 / source.rate if source.rate else 0.0
-        quiet_since = time.monotonic()
+        quiet_since = self._clock.monotonic()
         while not (self._stopped.is_set() or self._paused.is_set() or self._reopened.is_set()):
             if not source.wait(_SLICE_SECONDS):
                 timeout = self.playback.read_timeout
-                if time.monotonic() - quiet_since > timeout:
+                if self._clock.monotonic() - quiet_since > timeout:
                     raise UnavailableError(f'{source.name} has given no frame for {timeout:g} s')
                 continue
             self._note_frame(source)
@@ -236,7 +238,7 @@ class Grabber:
                     yield frame
             else:
                 source.skip()
-            quiet_since = time.monotonic()
+            quiet_since = self._clock.monotonic()
 
     def _take(self, source: LiveSource) -> Frame | None:
         """

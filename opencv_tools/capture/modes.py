@@ -19,8 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from opencv_tools.capture.frame import JPEG
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS
-from opencv_tools.image.encodings import COLOR_ENCODINGS
+from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 
 #: What OpenCV asks a camera for, which most can do: width and height, frames per second.
 USUAL_SIZE = (640, 480)
@@ -88,11 +89,18 @@ def choose_mode(
                for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
 
     def badness(mode: Mode) -> tuple[object, ...]:
-        same = PIXEL_FORMATS[mode.fourcc].encoding == request.encoding
+        same = _is_sent(mode, request.encoding)
         return (not same and not _can_be_made(request.encoding), _size_distance(mode, request),
                 _rate_distance(rates(mode), request.fps), not same, order.index(mode.fourcc))
 
     return min(nearest, key=badness, default=None)
+
+
+def _is_sent(mode: Mode, encoding: str) -> bool:
+    """Return whether the frames of a mode have the layout of an encoding, by any of its names."""
+    sent = PIXEL_FORMATS[mode.fourcc].encoding
+    return (sent != JPEG and bool(encoding)
+            and find_encoding(sent).has_layout_of(find_encoding(encoding)))
 
 
 def _can_be_made(encoding: str) -> bool:

@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 import math
 from threading import Event
-import time
 
+from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, FileSource, Frame
 
 ON_END = ('stop', 'loop', 'hold')
@@ -57,8 +57,9 @@ class Playback:
 class Pacer:
     """Say when the next frame is due."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
         """Start at once: the first frame is due now."""
+        self._clock = clock
         self._due = 0.0
 
     def is_due(self, early: float = 0.0) -> bool:
@@ -67,7 +68,7 @@ class Pacer:
 
         :param early: seconds that it may be ahead of its time.
         """
-        return time.monotonic() >= self._due - early
+        return self._clock.monotonic() >= self._due - early
 
     def wait(self, stopped: Event) -> int:
         """
@@ -75,10 +76,10 @@ class Pacer:
 
         :returns: when it was due, in nanoseconds of CLOCK_MONOTONIC.
         """
-        self._due = self._due or time.monotonic()
-        delay = self._due - time.monotonic()
+        self._due = self._due or self._clock.monotonic()
+        delay = self._due - self._clock.monotonic()
         if delay > 0:
-            stopped.wait(delay)
+            self._clock.wait(stopped, delay)
         return int(self._due * 1e9)
 
     def advance(self, interval: float) -> None:
@@ -87,7 +88,7 @@ class Pacer:
 
         :param interval: seconds until the next.
         """
-        now = time.monotonic()
+        now = self._clock.monotonic()
         self._due = max((self._due or now) + interval, now - interval)
 
     def restart(self) -> None:
@@ -101,6 +102,7 @@ class Player:
     def __init__(
         self, source: FileSource, playback: Callable[[], Playback], stopped: Event,
         is_held: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
         Prepare to play.
@@ -110,12 +112,14 @@ class Player:
         :param stopped: set by another thread to end the playing.
         :param is_held: tells whether nothing shall be shown for now.
         :param on_broken: told of each frame that cannot be read and is left out.
+        :param clock: tells when a frame is due.
         """
         self._source = source
         self._playback = playback
         self._stopped = stopped
         self._is_held = is_held
         self._on_broken = on_broken
+        self._clock = clock
 
     def frames(self) -> Iterator[Frame]:
         """
@@ -123,12 +127,12 @@ class Player:
 
         :raises CaptureError: the source broke, or has no frame that can be read.
         """
-        pacer = Pacer()
+        pacer = Pacer(self._clock)
         last: Frame | None = None
         for frame in self._sequence():
             if last is not None:
                 pacer.advance(self._interval(last, frame))
-            while self._is_held() and not self._stopped.wait(_HELD_SECONDS):
+            while self._is_held() and not self._clock.wait(self._stopped, _HELD_SECONDS):
                 pacer.restart()
             due_ns = pacer.wait(self._stopped)
             if self._stopped.is_set():

@@ -130,6 +130,6 @@ class Rendition:
         else:
             encoding = find_encoding(self._frame.encoding)
         wanted = find_encoding(self._look.encoding) if self._look.encoding else encoding
-        if wanted != encoding:
-            image, encoding = convert_picture(image, encoding, wanted), wanted
-        return orient(image, encoding, self._look.flip, self._look.rotate)
+        if not wanted.has_layout_of(encoding):
+            image = convert_picture(image, encoding, wanted)
+        return orient(image, wanted, self._look.flip, self._look.rotate)

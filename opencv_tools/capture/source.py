@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+import difflib
 import glob
 import os
 from pathlib import Path
@@ -30,6 +31,9 @@ from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, Pictu
 from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2 import CameraSource
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
+
+# How much of a name has to be as in ``pattern`` for it to be mistyped: 0.0 nothing, 1.0 all.
+_CLOSE = 0.8
 
 
 def check_source(text: str) -> None:
@@ -133,7 +137,8 @@ def _open_path(path: Path) -> Source:
         matches = [Path(match) for match in glob.glob(str(path))]
         if matches:
             return PictureSequence(_pictures(matches), str(path))
-        raise CaptureError(f'{path} cannot be opened: {err.strerror}') from err
+        hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
+        raise CaptureError(f'{path} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
         raise CaptureError(f'no permission to read {path}')
     if stat.S_ISDIR(mode):
@@ -141,6 +146,13 @@ def _open_path(path: Path) -> Source:
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return PictureSequence([path], str(path))
     return VideoSource(str(path), open_video(str(path)))
+
+
+def _suggestion(path: Path) -> str:
+    """Return a hint to ``pattern``, where that may have been meant by a file that is missing."""
+    name, colon, size = str(path).partition(':')
+    is_close = difflib.get_close_matches(name, ['pattern'], cutoff=_CLOSE)
+    return f'; did you mean pattern{colon}{size}?' if is_close else ''
 
 
 def _pictures(paths: Iterable[Path]) -> list[Path]:

@@ -16,16 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-import errno
-import grp
-import os
+from contextlib import suppress
 from pathlib import Path
-import stat
 import time
 from typing import Literal
 
+from opencv_tools.capture.camera_errors import check_device, explained
 from opencv_tools.capture.controls import Control
 from opencv_tools.capture.device import Captured, VideoDevice
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
@@ -33,7 +29,6 @@ from opencv_tools.capture.modes import (
     CameraRequest, choose_mode, describe_modes, Mode, USUAL_RATE, USUAL_SIZE,
 )
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS, read_pixels
-from opencv_tools.capture.videodev import MAJOR
 
 # A driver may give a frame away before its end, which it stamps: vivid does, by most of a period.
 _AHEAD_NANOSECONDS = 100_000_000
@@ -63,31 +58,31 @@ class CameraSource:
         self.remarks: list[str] = []
         self._sequence = -1
         self._held: Captured | None = None
-        _check_device(device)
-        with _explained(self.name):
+        check_device(device)
+        with explained(self.name):
             self._device = VideoDevice(device)
         try:
-            with _explained(self.name):
+            with explained(self.name):
                 self._start(request)
         except CaptureError:
             self.close()
             raise
 
     def wait(self, seconds: float) -> bool:
-        with _explained(self.name):
+        with explained(self.name):
             if self._device.wait(seconds):
                 self._hold_newest()
         return self._held is not None
 
     def skip(self) -> None:
-        with _explained(self.name):
+        with explained(self.name):
             self._give_back()
 
     def read(self) -> Frame:
         if self._held is None:
             raise BrokenFrameError(f'camera {self.name} has no frame yet')
         held = self._held
-        with _explained(self.name):
+        with explained(self.name):
             try:
                 return self._copy(held)
             finally:
@@ -103,7 +98,7 @@ class CameraSource:
         :raises UnavailableError: the camera has gone.
         """
         values = {}
-        with _explained(self.name):
+        with explained(self.name):
             for control in self._device.controls():
                 with suppress(OSError):  # some that a camera lists it does not have
                     values[control] = self._device.control(control)
@@ -220,78 +215,3 @@ class CameraSource:
         if self._held:
             held, self._held = self._held, None
             self._device.requeue(held.index)
-
-
-@contextmanager
-def _explained(name: str) -> Iterator[None]:
-    """
-    Say in words why a device refuses.
-
-    :raises UnavailableError: it is not there, busy, or not ours to use.
-    :raises CaptureError: it is no camera.
-    """
-    try:
-        yield
-    except OSError as err:
-        raise _explain(name, err) from err
-
-
-def _check_device(device: Path) -> None:
-    """
-    Find out whether a camera is there.
-
-    :raises UnavailableError: there is no such device.
-    :raises CaptureError: it is something else.
-    """
-    try:
-        status = device.stat()
-    except OSError as err:
-        present = ', '.join(sorted(str(path) for path in Path('/dev').glob('video*'))) or 'none'
-        raise UnavailableError(
-            f'there is no camera {device}; cameras on this machine: {present}. '
-            'To try without one: source:=pattern') from err
-    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
-        raise CaptureError(f'{device} is not a camera')
-
-
-def _explain(name: str, err: OSError) -> CaptureError:
-    """Say what an error of a camera means and what helps."""
-    if err.errno in (errno.EACCES, errno.EPERM):
-        return UnavailableError(
-            f'no permission to use camera {name}; add yourself to its group: '
-            f'sudo usermod -aG {_group_name(name)} $USER, then log in again')
-    if err.errno == errno.EBUSY:
-        return UnavailableError(f'camera {name} is used by another program{_users(name)}')
-    if err.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
-        return UnavailableError(f'camera {name} has gone; is it still plugged in?')
-    if err.errno == errno.ENOTTY:
-        return CaptureError(f'{name} is not a camera that V4L2 knows')
-    return UnavailableError(f'camera {name} has failed: {err.strerror or err}')
-
-
-def _group_name(name: str) -> str:
-    """Name the group of a device; one that has no name, as in some containers, by its number."""
-    try:
-        number = Path(name).stat().st_gid
-        return grp.getgrgid(number).gr_name
-    except OSError:
-        return 'video'
-    except KeyError:
-        return str(number)
-
-
-def _users(name: str) -> str:
-    """Name the programs that hold a device, as far as we may know."""
-    try:
-        device = Path(name).stat().st_rdev
-    except OSError:
-        return ''
-    users = []
-    for process in Path('/proc').glob('[0-9]*'):
-        try:
-            held = any(file.stat().st_rdev == device for file in (process / 'fd').iterdir())
-            if held and process.name != str(os.getpid()):
-                users.append(f'{(process / "comm").read_text().strip()} (pid {process.name})')
-        except OSError:
-            continue  # it has ended, or is not ours to look at
-    return f': {", ".join(users)}' if users else ''

@@ -22,6 +22,7 @@ from typing import Literal
 
 import cv2
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MAX_RATE
+from opencv_tools.capture.reachability import describe_failure
 
 # Files of these kinds have a list of their frames; of others OpenCV guesses how many there are.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
@@ -99,8 +100,9 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
     """
     capture = cv2.VideoCapture(location, cv2.CAP_FFMPEG, options)
     if not capture.isOpened():
-        raise CaptureError(f'{location} cannot be opened as a video: it is damaged, '
-                           'not a video, or not reachable')
+        raise CaptureError(describe_failure(location) if '://' in location else
+                           f'{location} cannot be opened as a video: '
+                           'it is damaged or not a video')
     return capture
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 import re
 from typing import Any
@@ -66,6 +66,10 @@ class Encoding:
     def height(self, rows: int) -> int:
         """Give the height of the picture that takes so many rows of data."""
         return int(rows / self.planes)
+
+    def has_layout_of(self, other: Encoding) -> bool:
+        """Return whether two encodings differ in their names at most, as yuyv and yuv422_yuy2."""
+        return replace(self, name=other.name) == other
 
     def is_possible(self, height: int, width: int) -> bool:
         """Tell whether a size leaves no pixel without the chroma that four of them share."""

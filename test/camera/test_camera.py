@@ -160,14 +160,16 @@ def test_five_formats_are_negotiated_and_read_back(start: Start, viewer: Viewer)
     tell('formats', f'{", ".join(FORMATS)} as asked; MJPG 800x600 at 60 Hz refused in words')
 
 
-def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize('encoding', ['yuv422_yuy2', 'yuyv'])
+def test_raw_frames_are_recorded_bit_for_bit(
+        start: Start, tmp_path: Path, encoding: str) -> None:
     control('test_pattern=0', 'osd_text_mode=2')  # colour bars without a counter
     expected = tmp_path / 'expected.raw'
     run('v4l2-ctl', '-d', VIDEO, '--set-fmt-video=width=640,height=480,pixelformat=YUYV',
         '--stream-mmap', '--stream-count=1', f'--stream-to={expected}')
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.npy',
                        max_frames=10)
-    publisher = start('img_publisher', source=0, encoding='yuv422_yuy2', max_frames=10,
+    publisher = start('img_publisher', source=0, encoding=encoding, max_frames=10,
                       wait_for_subscribers=1)
     assert subscriber.finish() == 0, subscriber.output
     assert publisher.finish() == 0, publisher.output
@@ -176,7 +178,23 @@ def test_raw_frames_are_recorded_bit_for_bit(start: Start, tmp_path: Path) -> No
     files = recorded_files(tmp_path / 'out')
     assert len(files) == 10
     assert all(np.array_equal(np.load(file), reference) for file in files)
-    tell('raw YUYV', f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
+    tell(f'raw YUYV as {encoding}',
+         f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
+
+
+def test_encodings_are_known_by_both_of_their_names(start: Start, viewer: Viewer) -> None:
+    names = {'yuyv': 'YUYV', 'yuv422_yuy2': 'YUYV', 'uyvy': 'UYVY', 'yuv422': 'UYVY'}
+    publisher = start('img_publisher', source=0, encoding='yuyv', publish_rate=0)
+    for encoding, fourcc in names.items():
+        assert not set_parameters(viewer.node, encoding=encoding)
+        publisher.wait_for(f'opened: {fourcc} 640x480')
+        while viewer.wait_for(1)[0].encoding != encoding:
+            pass
+        image = viewer.images[-1]
+        assert (image.step, image.height, image.width) == (2 * 640, 480, 640)
+        assert f"'{fourcc}'" in run('v4l2-ctl', '-d', VIDEO, '--get-fmt-video')
+    assert 'left out' not in publisher.output
+    tell('names of encodings', f'{", ".join(names)} as asked')
 
 
 def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
@@ -248,13 +266,22 @@ def trace(event: str) -> Iterator[None]:
         switch.write_text('0')
 
 
+def monotonic_to_wall() -> float:
+    """Return the seconds from CLOCK_MONOTONIC to the time of day, by the quickest reading."""
+    readings = []
+    for _ in range(100):
+        before, now, after = time.monotonic(), time.time(), time.monotonic()
+        readings.append((after - before, now - (before + after) / 2))
+    return min(readings)[1]
+
+
 def test_stamps_are_those_of_the_driver(start: Start, viewer: Viewer) -> None:
     with trace('v4l2/v4l2_dqbuf'):
         start('img_publisher', source=0, publish_rate=0, width=320, height=180)
         viewer.wait_for(30)
         events = TRACE.joinpath('trace').read_text()
     monotonic = [int(text) / 1e9 for text in re.findall(r'timestamp = (\d+)', events)]
-    driver = np.array(monotonic) + (time.time() - time.monotonic())
+    driver = np.array(monotonic) + monotonic_to_wall()
     stamps = np.array(viewer.stamps()[5:30])
     off = [float(np.abs(driver - stamp).min()) for stamp in stamps]
     tell('stamps', f'{len(stamps)} within {1000 * max(off):.2f} ms of what the kernel traced, '
@@ -456,6 +483,33 @@ def test_a_part_of_the_frames_is_missed_and_counted() -> None:
     finally:
         source.close()
     tell('missed', f'{source.missed} of {periods:.0f} frames that a slow reader could not take')
+
+
+def test_only_nodes_that_can_capture_are_listed_as_cameras() -> None:
+    run('rmmod', 'vivid')
+    try:
+        # Of node_types: 0x1 captures video, 0x100 shows it, 0x20000 captures metadata.
+        run('modprobe', 'vivid', 'n_devs=2', 'node_types=0x20101,0x1', 'num_inputs=1,1',
+            'input_types=0x0,0x0')
+        nodes = sorted(path.name for path in Path('/dev').glob('video*'))
+        able = [name for name in nodes if 'Video Capture' in device_caps(Path('/dev') / name)]
+        with pytest.raises(CaptureError) as caught:
+            CameraSource(Path('/dev/video99'), CameraRequest())
+    finally:
+        run('rmmod', 'vivid')
+        run('modprobe', 'vivid', *WEBCAM)
+    assert len(able) == 2 < len(nodes)
+    listed = ', '.join(f'/dev/{name}' for name in able)
+    assert f'cameras on this machine: {listed}. ' in str(caught.value)
+    tell('nodes', f'{listed} of {", ".join(nodes)}')
+
+
+def device_caps(node: Path) -> str:
+    """Return what v4l2-ctl prints of a node itself, not of the whole device."""
+    told = subprocess.run(  # it looks for every node among the media's entities, and complains
+        ['v4l2-ctl', '-d', node, '-D'], check=True, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, timeout=DEADLINE).stdout
+    return told.partition('Device Caps')[2]
 
 
 def capture_bars(fourcc: str) -> np.ndarray:

@@ -1,0 +1,132 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Why a camera cannot be used, in words, and which cameras there are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import errno
+from functools import lru_cache
+import grp
+import os
+from pathlib import Path
+import stat
+
+from opencv_tools.capture.device import VideoDevice
+from opencv_tools.capture.frame import CaptureError, UnavailableError
+from opencv_tools.capture.sequence import natural_order
+from opencv_tools.capture.videodev import MAJOR
+
+
+@contextmanager
+def explained(name: str) -> Iterator[None]:
+    """
+    Convert an error of a device to one that says what helps.
+
+    :raises UnavailableError: it is not there, busy, or not ours to use.
+    :raises CaptureError: it is no camera.
+    """
+    try:
+        yield
+    except OSError as err:
+        raise _explain(name, err) from err
+
+
+def check_device(device: Path) -> None:
+    """
+    Check that a camera is there.
+
+    :raises UnavailableError: there is no such device.
+    :raises CaptureError: it is something else.
+    """
+    try:
+        status = device.stat()
+    except OSError as err:
+        present = ', '.join(map(str, list_cameras())) or 'none'
+        raise UnavailableError(
+            f'there is no camera {device}; cameras on this machine: {present}. '
+            'To try without one: source:=pattern') from err
+    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
+        raise CaptureError(f'{device} is not a camera')
+
+
+def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
+    """
+    List the devices that capture video, and those that may not be opened to find out.
+
+    :param folder: where the devices are.
+    :returns: their paths, ``video2`` before ``video10``.
+    """
+    cameras = []
+    for path in sorted(folder.glob('video*'), key=natural_order):
+        with suppress(OSError):  # it has gone meanwhile
+            if _captures(path, path.stat().st_ctime_ns):
+                cameras.append(path)
+    return cameras
+
+
+@lru_cache(maxsize=64)  # asked for while a camera is away; opening another may wake that up
+def _captures(path: Path, _changed_ns: int) -> bool:
+    """Return whether a device captures video, as far as it may be opened."""
+    try:
+        device = VideoDevice(path)
+    except OSError as err:
+        return err.errno != errno.ENOTTY
+    device.close()
+    return device.can_capture
+
+
+def _explain(name: str, err: OSError) -> CaptureError:
+    """Say what an error of a camera means and what helps."""
+    if err.errno in (errno.EACCES, errno.EPERM):
+        return UnavailableError(
+            f'no permission to use camera {name}; add yourself to its group: '
+            f'sudo usermod -aG {_group_name(name)} $USER, then log in again')
+    if err.errno == errno.EBUSY:
+        return UnavailableError(f'camera {name} is used by another program{_users(name)}')
+    if err.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
+        return UnavailableError(f'camera {name} has gone; is it still plugged in?')
+    if err.errno == errno.ENOTTY:
+        return CaptureError(f'{name} is not a camera that V4L2 knows')
+    return UnavailableError(f'camera {name} has failed: {err.strerror or err}')
+
+
+def _group_name(name: str) -> str:
+    """Name the group of a device; one that has no name, as in some containers, by its number."""
+    try:
+        number = Path(name).stat().st_gid
+        return grp.getgrgid(number).gr_name
+    except OSError:
+        return 'video'
+    except KeyError:
+        return str(number)
+
+
+def _users(name: str) -> str:
+    """Name the programs that hold a device, as far as we may know."""
+    try:
+        device = Path(name).stat().st_rdev
+    except OSError:
+        return ''
+    users = []
+    for process in Path('/proc').glob('[0-9]*'):
+        try:
+            held = any(file.stat().st_rdev == device for file in (process / 'fd').iterdir())
+            if held and process.name != str(os.getpid()):
+                users.append(f'{(process / "comm").read_text().strip()} (pid {process.name})')
+        except OSError:
+            continue  # it has ended, or is not ours to look at
+    return f': {", ".join(users)}' if users else ''

@@ -1,0 +1,51 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The clock that sources are shown by; a test may use one of its own."""
+
+from __future__ import annotations
+
+from threading import Event
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """A monotonic clock, and waits that end by it."""
+
+    def monotonic(self) -> float:
+        """Return the seconds of CLOCK_MONOTONIC."""
+
+    def wait(self, event: Event, seconds: float) -> bool:
+        """
+        Wait until an event is set, or some seconds have passed.
+
+        :returns: whether the event is set.
+        """
+
+
+class SystemClock:
+    """The clock of the machine."""
+
+    def monotonic(self) -> float:
+        """Return the seconds of CLOCK_MONOTONIC."""
+        return time.monotonic()
+
+    def wait(self, event: Event, seconds: float) -> bool:
+        """Wait until an event is set, or some seconds have passed; return whether it is set."""
+        return event.wait(seconds)
+
+
+#: The default of everything that takes a clock.
+SYSTEM_CLOCK = SystemClock()

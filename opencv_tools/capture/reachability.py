@@ -1,0 +1,52 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Why a stream cannot be opened: its server cannot be reached, or sends no video."""
+
+from __future__ import annotations
+
+import socket
+from urllib.parse import urlsplit
+
+# What FFmpeg opens over TCP, and the port where none is named.
+_PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
+          'ftp': 21, 'tcp': 0}
+
+# How long each address of the server may take to answer.
+_ANSWER_SECONDS = 2.0
+
+
+def describe_failure(url: str) -> str:
+    """
+    Describe why a stream was not opened, for which its server is called once more.
+
+    :param url: of the stream.
+    :returns: a sentence with the host, the port and the reason, as far as they can be known.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
+        if parts.scheme not in _PORTS or not host or not port:
+            return f'{url} cannot be opened as a video: it is not reachable, or sends no video'
+        socket.create_connection((host, port), _ANSWER_SECONDS).close()
+    except ValueError as err:
+        return f'{url} is not a URL: {err}'
+    except TimeoutError:
+        reason = f'no answer in {_ANSWER_SECONDS:g} s'
+    except OSError as err:
+        reason = err.strerror or str(err)
+    else:
+        return (f'{url} cannot be opened as a video: {host} port {port} is reachable, '
+                'but sends no video that can be read')
+    return f'{url} is not reachable: {host} port {port}: {reason}'

@@ -1,0 +1,150 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Streams as a source, from a camera whose frames the test sends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from queue import SimpleQueue
+from threading import Thread
+
+import numpy as np
+from opencv_tools.capture.frame import BrokenFrameError, Frame, UnavailableError
+from opencv_tools.capture.stream import StreamSource
+import pytest
+
+DEADLINE = 30.0
+
+
+class Capture:
+    """What OpenCV opens, with frames that the test puts in; None ends the stream."""
+
+    def __init__(self) -> None:
+        self.coming: SimpleQueue[int | None] = SimpleQueue()
+        self.reads: SimpleQueue[None] = SimpleQueue()
+        self.released = False
+        self.endless = False
+
+    def get(self, _: int) -> float:
+        return 25.0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        self.reads.put(None)
+        number = 0 if self.endless else self.coming.get()
+        return number is not None, None if number is None else np.full((1, 1), number, np.uint8)
+
+    def release(self) -> None:
+        self.released = True
+
+
+class CheckedSource(StreamSource):
+    """A stream whose newest frame is only touched by who holds the lock."""
+
+    @property
+    def _newest(self) -> Frame | None:
+        assert self._changed._is_owned(), 'read without the lock'
+        return self._checked
+
+    @_newest.setter
+    def _newest(self, frame: Frame | None) -> None:
+        assert self._is_being_made() or self._changed._is_owned(), 'written without the lock'
+        self._checked = frame
+
+    @property
+    def _ended(self) -> bool:
+        return self._has_ended
+
+    @_ended.setter
+    def _ended(self, ended: bool) -> None:
+        assert self._is_being_made() or self._changed._is_owned(), 'ended without the lock'
+        self._has_ended = ended
+
+    def _is_being_made(self) -> bool:
+        return not hasattr(self, '_thread')
+
+
+@pytest.fixture
+def capture() -> Iterator[Capture]:
+    """Create a capture, and end its stream."""
+    made = Capture()
+    yield made
+    made.endless = False
+    made.coming.put(None)
+
+
+@pytest.fixture
+def source(capture: Capture) -> StreamSource:
+    return CheckedSource('rtsp://camera', capture)
+
+
+def send(capture: Capture, *numbers: int | None) -> None:
+    """Send frames, or the end, and wait until the last has been taken."""
+    for number in numbers:
+        capture.reads.get(timeout=DEADLINE)  # the reader waits for this frame
+        capture.coming.put(number)
+    if None not in numbers:
+        capture.reads.get(timeout=DEADLINE)  # it is done with this one, and waits for the next
+        capture.reads.put(None)
+
+
+def test_the_newest_frame_is_read_and_the_others_are_missed(
+        capture: Capture, source: StreamSource) -> None:
+    send(capture, *range(1, 11))
+    assert source.wait(0.0)
+    assert source.read().image.tolist() == [[10]]
+    assert source.missed == 9
+    assert not source.wait(0.0)
+    send(capture, 11)
+    assert source.read().image.tolist() == [[11]]
+    assert source.missed == 9
+    assert (source.name, source.rate, source.live) == ('rtsp://camera', 25.0, True)
+
+
+def test_a_wait_ends_with_the_next_frame(capture: Capture, source: StreamSource) -> None:
+    Thread(target=lambda: send(capture, 1)).start()
+    assert source.wait(DEADLINE)
+    assert source.read().image.tolist() == [[1]]
+
+
+def test_a_frame_that_is_passed_over_is_not_read(capture: Capture, source: StreamSource) -> None:
+    send(capture, 1)
+    source.skip()
+    assert not source.wait(0.0)
+    with pytest.raises(BrokenFrameError, match='rtsp://camera has no frame yet'):
+        source.read()
+    send(capture, 2)
+    assert source.missed == 0
+
+
+def test_the_last_frame_is_read_before_the_end_is_told(
+        capture: Capture, source: StreamSource) -> None:
+    send(capture, 1, None)
+    assert source.wait(0.0)
+    source.read()
+    with pytest.raises(UnavailableError, match='has ended, or is not reachable any more'):
+        source.wait(DEADLINE)
+    source.close()
+    assert capture.released
+
+
+def test_a_stream_that_goes_on_can_be_closed_twice(capture: Capture) -> None:
+    capture.endless = True
+    source = CheckedSource('rtsp://camera', capture)
+    assert source.wait(DEADLINE)
+    closing = Thread(target=lambda: (source.close(), source.close()), daemon=True)
+    closing.start()
+    closing.join(DEADLINE)
+    assert not closing.is_alive()
+    assert capture.released
