@@ -143,6 +143,9 @@ WRONG = {
     'an unknown encoding': Bad('<?xml version="1.0" encoding="klingon"?><robot name="a"/>', (
         'not well-formed XML',)),
     'cut off': Bad((ROBOTS / 'ok_arm.urdf').read_text()[:500], ('not well-formed XML',)),
+    'an undeclared prefix and a tag that is not closed': Bad(
+        '<robot name="a">\n<link name="b"><x:y/>\n</robot>', (
+            'robot.urdf:3: ', 'not well-formed XML', 'link line 2')),
     'two roots': Bad('<robot name="a"><link name="b"/></robot>\n<robot name="c"/>', (
         'robot.urdf:2: ', 'not well-formed XML')),
     'a number of 100,000 digits': Bad(

@@ -43,7 +43,7 @@ ARM = """<robot name="arm">
 """
 FOREST = """<sdf version="1.9"><world name="garden">
   <light name="sun" type="directional"/>
-  <model name="oak"><link name="trunk"/><link name="bench"/></model>
+  <model name="oak" canonical_link="trunk"><link name="trunk"/><link name="bench"/></model>
   <model name="elm"><link name="trunk"/></model>
 </world></sdf>
 """
@@ -137,6 +137,7 @@ def test_one_of_several_models_and_roots_is_chosen(forest: str, capsys: Text) ->
     out, err = capsys.readouterr()
     assert '<link name="bench"/>' in out and 'trunk' not in out
     assert "'trunk'" in err and 'sun' in err
+    assert 'canonical_link' not in out  # it is left out
     assert sdf_to_urdf([forest, '--model', 'elm', '--root', 'acorn']) == 2
     assert "'acorn'" in capsys.readouterr().err
 
@@ -201,7 +202,9 @@ def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
 
 def test_frames_as_json(capsys: Text) -> None:
     assert robot_frames([str(MODEL), '--format', 'json']) == 0
-    listing = json.loads(capsys.readouterr().out)
+    out = capsys.readouterr().out
+    assert out.startswith('{\n  "robot": "my_robot",\n')
+    listing = json.loads(out)
     assert set(listing) == {'robot', 'root', 'links', 'joints'}
     assert listing['links']['base_link']['pose'] == [0, 0, 0.2, 1, 0, 0, 0]
     assert listing['links']['base_link']['collisions'][0]['pose'][2] == pytest.approx(0.05)

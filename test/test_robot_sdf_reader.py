@@ -268,11 +268,13 @@ def test_axis_that_stands_for_a_fixed_joint_is_not_kept() -> None:
     assert (made.type, made.axes, made.carried.sdf) == ('fixed', (), None)
 
 
-def test_limits_the_wrong_way_round_are_reported() -> None:
+@pytest.mark.parametrize(('lower', 'reported'), [
+    ('2', ['lower 2.0 is above upper 1.0; kept as it is']), ('1', []), ('0', [])])
+def test_limits_the_wrong_way_round_are_reported(lower: str, reported: list[str]) -> None:
     report = Report()
-    read(TWO + joint('<axis><limit><lower>2</lower><upper>1</upper></limit></axis>', 'revolute'),
-         report=report)
-    assert 'above upper' in report.warnings[0].message
+    read(TWO + joint(f'<axis><limit><lower>{lower}</lower><upper>1</upper></limit></axis>',
+                     'revolute'), report=report)
+    assert [note.message for note in report.warnings] == reported
 
 
 def test_mimic_with_its_reference() -> None:
@@ -433,6 +435,17 @@ def test_model_in_a_model_in_a_model() -> None:
     rest = robot.links[0].carried.sdf
     assert rest is not None
     assert rest.xpath('sensor/pose/@relative_to') == ['x::y::a']
+
+
+def test_static_model_without_links_moves_with_the_model_around_it() -> None:
+    robot = read('<link name="a"/><model name="n"><pose>1 0 0 0 0 0</pose><static>true</static>'
+                 '<frame name="f"><pose>0 2 0 0 0 0</pose></frame></model>' + joint(child='n::f')
+                 .replace('>a<', '>world<'))
+    assert [frame.name for frame in robot.frames] == ['n::__model__', 'n::f']
+    kinematics = Kinematics(robot)
+    assert set(kinematics.carriers().values()) == {FrameId('link', 'a')}
+    assert kinematics.pose(FrameId('frame', 'n::f')).translation == (1, 2, 0)
+    assert (robot.joints[0].parent, robot.joints[0].child) == ('world', 'a')
 
 
 def test_what_is_not_read_is_kept() -> None:

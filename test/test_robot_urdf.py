@@ -239,6 +239,12 @@ def test_geometry_there_and_back(written_geometry: str, geometry: object, tag: s
     assert again(model) == model
 
 
+def test_what_is_sdfs_beside_a_shape_is_no_second_shape() -> None:
+    model = robot(visual('<geometry><sdf:cone/><sphere radius="0.1"/><sdf:plane/></geometry>'))
+    assert model.links[0].visuals[0].geometry == Sphere(0.1)
+    assert again(model) == model
+
+
 @pytest.mark.parametrize(('kind', 'content', 'axes'), [
     ('fixed', '', ()),
     ('fixed', '<axis xyz="0 0 0"/><limit/>', ()),
