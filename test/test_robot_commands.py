@@ -28,6 +28,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 MY_ROBOT = ROOT / 'urdf' / 'my_robot.urdf'
+XACRO = ROOT / 'urdf' / 'my_robot.urdf.xacro'
 MODEL = ROOT / 'sdf' / 'my_robot' / 'model.sdf'
 Text = pytest.CaptureFixture[str]
 
@@ -181,7 +182,8 @@ def test_versions_that_cannot_be_written(arguments: list[str], capsys: Text) -> 
 
 
 @pytest.mark.parametrize('arguments', [
-    ['--poses', 'global'], ['--arg', 'x=1'], ['--no-such-option'], []])
+    ['--poses', 'global'], ['--arg', 'x'], ['--arg', ':=1'], ['--arg', '=1'], ['--no-such-option'],
+    []])
 def test_usage_errors(arguments: list[str], capsys: Text) -> None:
     with pytest.raises(SystemExit) as exit_:
         urdf_to_sdf([str(MY_ROBOT), *arguments] if arguments else [])
@@ -192,10 +194,19 @@ def test_usage_errors(arguments: list[str], capsys: Text) -> None:
 def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
     path = tmp_path / 'arm.urdf.xacro'
     path.write_text('<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-                    '<xacro:arg name="size" default="1"/><link name="base"><collision><geometry>'
+                    '<xacro:arg name="size" default="1"/><xacro:arg name="name" default="base"/>'
+                    '<link name="$(arg name)"><collision><geometry>'
                     '<sphere radius="${2 * $(arg size)}"/></geometry></collision></link></robot>')
-    assert urdf_to_sdf([str(path), '--arg', 'size:=0.25']) == 0
-    assert '<radius>0.5</radius>' in capsys.readouterr().out
+    for argument, written in [
+            ('size:=0.25', '<radius>0.5</radius>'), ('size=0.25', '<radius>0.5</radius>'),
+            ('name=a:=b', '<link name="a:=b">'), ('name:=a=b', '<link name="a=b">')]:
+        assert urdf_to_sdf([str(path), '--arg', argument]) == 0
+        assert written in capsys.readouterr().out
+    assert urdf_to_sdf([str(path), '--arg', 'sise:=0.25']) == 0
+    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is no argument of this file, "
+            "which has 'name', 'size'; it is ignored\n") in capsys.readouterr().err
+    assert urdf_to_sdf([str(XACRO), '--arg', 'size=1']) == 0
+    assert 'which has none; it is ignored' in capsys.readouterr().err
     assert urdf_to_sdf([str(MY_ROBOT), '--arg', 'size:=1']) == 0
     assert "'size'" in capsys.readouterr().err
 
@@ -215,12 +226,14 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
     path.write_text('<robot name="lift"><link name="a"/><link name="b"/><joint name="up" '
                     'type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 0 2"/>'
                     '<limit upper="1" effort="1" velocity="1"/></joint></robot>')
-    assert robot_frames([str(path), '--joint', 'up=0.5', '--format', 'json']) == 0
-    assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
+    for position in ('up=0.5', 'up:=0.5'):
+        assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
+        assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
     assert "'down'" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        robot_frames([str(path), '--joint', 'up=nan'])
+    for wrong in ('up=nan', 'up', '=1', ':=1'):
+        with pytest.raises(SystemExit):
+            robot_frames([str(path), '--joint', wrong])
 
 
 def test_the_picture_is_beside_the_text(tmp_path: Path, capsys: Text) -> None:

@@ -166,7 +166,8 @@ def test_an_argument_that_a_file_does_not_have_is_said(tmp_path: Path) -> None:
     report = Report()
     expanded(tmp_path / 'a.xacro', '<xacro:arg name="a" default="1"/><link name="$(arg b)"/>',
              {'a': '1', 'b': '2', 'c': '3'}, report)
-    assert [note.name for note in report.warnings] == ['c']
+    assert [(note.name, note.message) for note in report.warnings] == [
+        ('c', "is no argument of this file, which has 'a', 'b'; it is ignored")]
 
 
 def test_what_xacro_says_is_a_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
