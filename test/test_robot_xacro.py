@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 import sys
-import time
 
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
@@ -214,10 +213,8 @@ def test_failures_are_one_line_with_a_place(
         capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('NOT_SET_AT_ALL', raising=False)
     path = tmp_path / 'a.xacro'
-    start = time.process_time()
     with pytest.raises(DescriptionError) as caught:
         expanded(path, content)
-    assert time.process_time() - start < 1
     text = str(caught.value)
     assert text.startswith(f'{path}:{line}: <{tag}>: '), text
     assert message in text
