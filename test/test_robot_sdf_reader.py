@@ -519,5 +519,4 @@ def test_long_chain_is_read_in_linear_time() -> None:
         last = FrameId('link', f'l{count - 1}')
         assert Kinematics(read(content)).pose(last).translation == (0, 0, count)
 
-    check(5000)
     assert robots.is_linear(check)
