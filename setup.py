@@ -29,6 +29,7 @@ setup(
         (f'share/{package_name}/launch', glob('launch/*.launch.py')),
         (f'share/{package_name}/config', glob('config/*.yaml')),
         (f'share/{package_name}/urdf', glob('urdf/*')),
+        (f'share/{package_name}/sdf/my_arm', glob('sdf/my_arm/*')),
         (f'share/{package_name}/sdf/my_robot', glob('sdf/my_robot/*')),
         (f'share/{package_name}/meshes/my_robot', glob('meshes/my_robot/*')),
     ],

@@ -12,13 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots made up of whatever URDF and SDF allow, for tests of what holds of all of them."""
+"""What the tests of robots share: robots made up of whatever is allowed, and counted calls."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 import math
 from random import Random
+import sys
+from types import FrameType
 import xml.etree.ElementTree as ElementTree
 
 Element = ElementTree.Element
@@ -282,3 +285,31 @@ def _walk(element: Element, path: str) -> list[tuple[str, Element]]:
     for child in element:
         found.extend(_walk(child, f'{path}/{child.tag}'))
     return found
+
+
+def calls(function: Callable[[], object]) -> int:
+    """Count the calls of functions that a function makes: the same on every machine."""
+    count = 0
+
+    def profile(_: FrameType, event: str, __: object) -> None:
+        nonlocal count
+        count += event in ('call', 'c_call')
+
+    before = sys.getprofile()
+    sys.setprofile(profile)
+    try:
+        function()
+    finally:
+        sys.setprofile(before)
+    return count
+
+
+def is_linear(function: Callable[[int], object]) -> bool:
+    """
+    Return whether a function makes about four times as many calls for four times as much.
+
+    Neither may recurse: what is made of 1200 things is deeper than Python's limit.
+    """
+    function(10)  # what is only done once is done now
+    few, many = calls(lambda: function(300)), calls(lambda: function(1200))
+    return 3 * few < many < 4.5 * few

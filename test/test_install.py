@@ -104,12 +104,15 @@ def test_gazebo_is_told_where_the_robot_and_its_mesh_are(share: Path) -> None:
     model = ElementTree.parse(share / 'sdf' / 'my_robot' / 'model.sdf')
     uri = model.findtext('.//mesh/uri', '').removeprefix('model://')
     assert any((path / uri).is_file() for path in paths)
-    assert any((path / 'my_robot' / 'model.config').is_file() for path in paths)
+    for robot in ('my_robot', 'my_arm'):
+        assert any((path / robot / 'model.config').is_file() for path in paths)
 
 
 def test_launch_config_and_robots_are_installed(share: Path) -> None:
-    for file in ('urdf/my_robot.urdf.xacro', 'urdf/my_robot.urdf', 'sdf/my_robot/model.sdf',
-                 'sdf/my_robot/model.config', 'meshes/my_robot/robot_base.stl'):
+    for file in ('urdf/my_robot.urdf.xacro', 'urdf/my_robot.urdf', 'urdf/my_arm.urdf',
+                 'sdf/my_robot/model.sdf', 'sdf/my_robot/model.config',
+                 'sdf/my_arm/model.sdf', 'sdf/my_arm/model.config',
+                 'meshes/my_robot/robot_base.stl'):
         assert (share / file).is_file(), file
     assert (share / 'launch' / 'camera.launch.py').is_file()
     assert (share / 'launch' / 'cameras.launch.py').is_file()

@@ -130,7 +130,7 @@ def test_rosdep_finds_every_dependency() -> None:
 @pytest.mark.linter
 def test_xml_files_are_well_formed() -> None:
     files = [path for folder in ('urdf', 'sdf') for path in (ROOT / folder).rglob('*.*')]
-    assert len(files) == 4
+    assert len(files) == 7
     for path in files:
         ElementTree.parse(path)
 

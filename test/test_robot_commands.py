@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from io import BytesIO, TextIOWrapper
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -28,6 +29,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 MY_ROBOT = ROOT / 'urdf' / 'my_robot.urdf'
+XACRO = ROOT / 'urdf' / 'my_robot.urdf.xacro'
 MODEL = ROOT / 'sdf' / 'my_robot' / 'model.sdf'
 Text = pytest.CaptureFixture[str]
 
@@ -43,7 +45,7 @@ ARM = """<robot name="arm">
 """
 FOREST = """<sdf version="1.9"><world name="garden">
   <light name="sun" type="directional"/>
-  <model name="oak"><link name="trunk"/><link name="bench"/></model>
+  <model name="oak" canonical_link="trunk"><link name="trunk"/><link name="bench"/></model>
   <model name="elm"><link name="trunk"/></model>
 </world></sdf>
 """
@@ -73,6 +75,30 @@ def test_they_are_a_pipe() -> None:
                           capture_output=True, check=True, timeout=30)
     assert same.stdout.startswith(b'the same robot: links 2, joints 1;')
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
+
+
+def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
+    section = (ROOT / 'README.md').read_text().split('\n## One robot in URDF and SDF\n')[1]
+    lines = section.split('```console\n')[1].split('```')[0].splitlines()
+    commands = [line.removeprefix('$ ') for line in lines if line.startswith('$ ')]
+    # A folder that looks as the root of the repository does after `make demo`.
+    (tmp_path / '.venv' / 'bin').mkdir(parents=True)
+    (tmp_path / 'demo').mkdir()
+    for folder in ('urdf', 'sdf'):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    for name in ('urdf_to_sdf', 'sdf_to_urdf', 'robot_compare', 'robot_frames'):
+        assert any(name in command for command in commands)
+        script = tmp_path / '.venv' / 'bin' / name
+        script.write_text(
+            f'#!/bin/sh\nexec "{sys.executable}" -m opencv_tools.robot.cli {name} "$@"\n')
+        script.chmod(0o755)
+    done = subprocess.run(
+        ['bash', '-e', '-o', 'pipefail'], input='\n'.join(commands), cwd=tmp_path, check=True,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=120)
+    assert done.stderr == ''
+    assert done.stdout.splitlines() == [line for line in lines if not line.startswith('$ ')]
+    written = sorted(path.name for path in (tmp_path / 'demo').iterdir())
+    assert written == ['frames.png', 'my_arm.sdf', 'my_arm.urdf']
 
 
 def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: Text) -> None:
@@ -137,6 +163,7 @@ def test_one_of_several_models_and_roots_is_chosen(forest: str, capsys: Text) ->
     out, err = capsys.readouterr()
     assert '<link name="bench"/>' in out and 'trunk' not in out
     assert "'trunk'" in err and 'sun' in err
+    assert 'canonical_link' not in out  # it is left out
     assert sdf_to_urdf([forest, '--model', 'elm', '--root', 'acorn']) == 2
     assert "'acorn'" in capsys.readouterr().err
 
@@ -180,7 +207,8 @@ def test_versions_that_cannot_be_written(arguments: list[str], capsys: Text) -> 
 
 
 @pytest.mark.parametrize('arguments', [
-    ['--poses', 'global'], ['--arg', 'x=1'], ['--no-such-option'], []])
+    ['--poses', 'global'], ['--arg', 'x'], ['--arg', ':=1'], ['--arg', '=1'], ['--no-such-option'],
+    []])
 def test_usage_errors(arguments: list[str], capsys: Text) -> None:
     with pytest.raises(SystemExit) as exit_:
         urdf_to_sdf([str(MY_ROBOT), *arguments] if arguments else [])
@@ -191,17 +219,28 @@ def test_usage_errors(arguments: list[str], capsys: Text) -> None:
 def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
     path = tmp_path / 'arm.urdf.xacro'
     path.write_text('<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-                    '<xacro:arg name="size" default="1"/><link name="base"><collision><geometry>'
+                    '<xacro:arg name="size" default="1"/><xacro:arg name="name" default="base"/>'
+                    '<link name="$(arg name)"><collision><geometry>'
                     '<sphere radius="${2 * $(arg size)}"/></geometry></collision></link></robot>')
-    assert urdf_to_sdf([str(path), '--arg', 'size:=0.25']) == 0
-    assert '<radius>0.5</radius>' in capsys.readouterr().out
+    for argument, written in [
+            ('size:=0.25', '<radius>0.5</radius>'), ('size=0.25', '<radius>0.5</radius>'),
+            ('name=a:=b', '<link name="a:=b">'), ('name:=a=b', '<link name="a=b">')]:
+        assert urdf_to_sdf([str(path), '--arg', argument]) == 0
+        assert written in capsys.readouterr().out
+    assert urdf_to_sdf([str(path), '--arg', 'sise:=0.25']) == 0
+    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is no argument of this file, "
+            "which has 'name', 'size'; it is ignored\n") in capsys.readouterr().err
+    assert urdf_to_sdf([str(XACRO), '--arg', 'size=1']) == 0
+    assert 'which has none; it is ignored' in capsys.readouterr().err
     assert urdf_to_sdf([str(MY_ROBOT), '--arg', 'size:=1']) == 0
     assert "'size'" in capsys.readouterr().err
 
 
 def test_frames_as_json(capsys: Text) -> None:
     assert robot_frames([str(MODEL), '--format', 'json']) == 0
-    listing = json.loads(capsys.readouterr().out)
+    out = capsys.readouterr().out
+    assert out.startswith('{\n  "robot": "my_robot",\n')
+    listing = json.loads(out)
     assert set(listing) == {'robot', 'root', 'links', 'joints'}
     assert listing['links']['base_link']['pose'] == [0, 0, 0.2, 1, 0, 0, 0]
     assert listing['links']['base_link']['collisions'][0]['pose'][2] == pytest.approx(0.05)
@@ -212,12 +251,14 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
     path.write_text('<robot name="lift"><link name="a"/><link name="b"/><joint name="up" '
                     'type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 0 2"/>'
                     '<limit upper="1" effort="1" velocity="1"/></joint></robot>')
-    assert robot_frames([str(path), '--joint', 'up=0.5', '--format', 'json']) == 0
-    assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
+    for position in ('up=0.5', 'up:=0.5'):
+        assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
+        assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
     assert "'down'" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        robot_frames([str(path), '--joint', 'up=nan'])
+    for wrong in ('up=nan', 'up', '=1', ':=1'):
+        with pytest.raises(SystemExit):
+            robot_frames([str(path), '--joint', wrong])
 
 
 def test_the_picture_is_beside_the_text(tmp_path: Path, capsys: Text) -> None:

@@ -18,7 +18,6 @@ from dataclasses import replace
 from itertools import pairwise
 import json
 import math
-import time
 from typing import Any
 
 from opencv_tools.robot.frames import frames, text
@@ -29,6 +28,7 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Box
 from opencv_tools.robot.xml import DescriptionError
 import pytest
+import robots
 
 HALF = math.pi / 2
 ROOT_HALF = math.sqrt(0.5)
@@ -129,7 +129,7 @@ def test_the_first_axis_of_two_does_not_turn_with_the_second() -> None:
 
 
 @pytest.mark.parametrize(('position', 'message'), [
-    ({'nothing': 1.0}, "there is no joint 'nothing'; those that can be put are 'turn'"),
+    ({'nothing': 1.0}, "there is no joint 'nothing'; the movable joints are 'turn'$"),
     ({'base_joint': 1.0}, "joint 'base_joint' is fixed, which one number .*'turn'"),
     ({'push': 1.0}, "joint 'push' mimics 'turn'; put that one"),
     ({'turn': math.nan}, "'turn' cannot be put to nan"),
@@ -142,8 +142,19 @@ def test_positions_that_no_joint_can_have_are_errors(position: dict[str, float],
 
 
 def test_a_joint_of_several_numbers_is_an_error() -> None:
-    with pytest.raises(DescriptionError, match="'turn' is floating"):
+    with pytest.raises(DescriptionError, match=r"'turn' is floating, .*; the robot has no joint "
+                       r"that one number moves; its joints are 'base_joint', 'turn', 'push'$"):
         frames(movable(type='floating'), {'turn': 1.0})
+
+
+@pytest.mark.parametrize(('count', 'message'), [
+    (1, 'the robot has no movable joint$'),
+    (2, "the robot has no movable joint; its joints are 'base_joint'$")])
+def test_a_robot_without_movable_joints_is_said_to_have_none(count: int, message: str) -> None:
+    robot = replace(tutorial(), links=tutorial().links[:count],
+                    joints=tutorial().joints[:count - 1])
+    with pytest.raises(DescriptionError, match=f"there is no joint 'arm'; {message}"):
+        frames(robot, {'arm': 0.5})
 
 
 def test_a_position_outside_the_limits_is_noted_and_taken() -> None:
@@ -220,15 +231,16 @@ def test_text_says_what_closes_a_loop() -> None:
 
 
 def test_a_chain_of_5000_links_is_listed_in_linear_time_and_no_wide_lines() -> None:
-    names = [f'l{index}' for index in range(5000)]
-    robot = Robot('chain', (Link('l0', Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
-        tuple(Joint(f'j{child}', 'continuous', parent, child,
-                    on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))), (Axis((0.0, 0.0, 1.0)),))
-              for parent, child in pairwise(names)))
-    started = time.process_time()
-    lines = text(frames(robot, {})).splitlines()
-    assert time.process_time() - started < 4
+    def listed(count: int) -> str:
+        names = [f'l{index}' for index in range(count)]
+        return text(frames(Robot('chain', (Link('l0', Placement(Pose(), MODEL)), *(
+            Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
+            tuple(Joint(f'j{child}', 'continuous', parent, child,
+                        on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
+                        (Axis((0.0, 0.0, 1.0)),)) for parent, child in pairwise(names))), {}))
+
+    assert robots.is_linear(listed)
+    lines = listed(5000).splitlines()
     assert len(lines) == 5001
     assert max(map(len, lines)) < 160
     assert '(4999) l4999' in lines[-1]

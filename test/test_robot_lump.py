@@ -91,6 +91,16 @@ def test_sensors_of_a_lumped_link_stay_in_its_frame() -> None:
     assert frame is not None and frame.get('attached_to') == 'base'
 
 
+def test_names_of_shapes_in_a_lump_begin_with_the_link_that_they_were_on() -> None:
+    shape = '<visual{}><geometry><sphere radius="1"/></geometry></visual>'
+    own = shape.format(' name="base"').encode()
+    unnamed = shape.format('').encode()
+    robot = urdf(ARM.replace(b'<link name="base">', b'<link name="base">' + own)
+                 .replace(b'<link name="plate">', b'<link name="plate">' + unnamed))
+    names = [visual.name for visual in lump_fixed(robot, Report()).links[0].visuals]
+    assert names == ['base', '', 'plate_base']
+
+
 def test_a_joint_that_is_to_be_preserved_stays() -> None:
     block = b'<gazebo reference="screws"><preserveFixedJoint>true</preserveFixedJoint></gazebo>'
     robot = lump_fixed(urdf(ARM.replace(b'</robot>', block + b'</robot>')), Report())

@@ -14,6 +14,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import functools
 from itertools import combinations, pairwise
 import math
 import os
@@ -23,11 +26,13 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
 from opencv_tools.robot import drawing
-from opencv_tools.robot.drawing import hull, outline
+from opencv_tools.robot.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
+from opencv_tools.robot.frames import frames
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
-from opencv_tools.robot.plot import plot
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.plot import draw, plot
+from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.xml import DescriptionError
 import pytest
@@ -95,43 +100,402 @@ def test_the_file_is_the_same_every_time_and_has_no_date(tmp_path: Path) -> None
     assert '<dc:date>' not in one.read_text()
 
 
-def test_positions_are_shown(tmp_path: Path) -> None:
-    one, other = tmp_path / 'one.svg', tmp_path / 'other.svg'
-    plot(chain(3), {}, str(one))
-    plot(chain(3), {'to_link_1': 0.5}, str(other))
-    assert 'chain   to_link_1 = 0.5' in words(other)
-    assert one.read_text() != other.read_text()
+ARM = Robot('arm', (
+    Link('base', Placement(Pose(), MODEL), visuals=(
+        Shape('', on('base', Pose((0.0, 0.0, 0.05))), Box((0.2, 0.2, 0.1))),)),
+    Link('arm', Placement(Pose(), FrameId('joint', 'elbow'))),
+    Link('tool', Placement(Pose(), FrameId('joint', 'slide')), collisions=(
+        Shape('', on('tool', Pose((0.1, 0.0, 0.0))), Sphere(0.05)),))), (
+    Joint('elbow', 'continuous', 'base', 'arm', on('base', Pose((0.0, 0.0, 0.4))),
+          (Axis((0.0, 1.0, 0.0)),)),
+    Joint('slide', 'prismatic', 'arm', 'tool', on('arm', Pose((0.0, 0.0, 0.5))),
+          (Axis((0.0, 0.0, 1.0)),))))
+UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+BENT = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def test_many_links_have_no_schematic_and_names_that_can_be_read(tmp_path: Path) -> None:
-    path = tmp_path / 'robot.svg'
-    plot(chain(62), {}, str(path))
-    found = words(path)
-    assert 'and 2 more links' in found
-    assert 'names of 40 of 62 links' in found
-    assert not any(word.startswith('Side view') for word in found)
+@dataclass(frozen=True)
+class Layout:
+    """
+    Where all of the arm is, at some positions of its joints, and how it is drawn.
+
+    :param tool: where the link of this name is.
+    :param center: of the sphere on it.
+    :param axes: of the two links that move.
+    :param middle: of what the view in space shows, and how far it reaches from there.
+    :param lengths: of the axes of a frame in space and in the side view.
+    :param sizes: in the side view: from where to where, the colour, and the text and its place.
+    """
+
+    positions: dict[str, float]
+    tool: Vector
+    center: Vector
+    axes: Sequence[Vector]
+    middle: Vector
+    reach: Vector
+    lengths: tuple[float, float]
+    sizes: Sequence[tuple[tuple[float, float, float, float], str, str, tuple[float, float]]]
+    box: tuple[float, float, float, float]
+    unit: float
+
+    @property
+    def places(self) -> dict[str, tuple[Vector, Sequence[Vector]]]:
+        return {'base': ((0.0, 0.0, 0.0), UPRIGHT), 'arm': ((0.0, 0.0, 0.4), self.axes),
+                'tool': (self.tool, self.axes)}
+
+
+VISUAL, COLLISION = SHAPE_COLORS['visual'], SHAPE_COLORS['collision']
+LAYOUTS = pytest.mark.parametrize('layout', [
+    Layout({}, (0.0, 0.0, 0.9), (0.1, 0.0, 0.9), UPRIGHT, (0.025, 0.0, 0.475),
+           (0.2128, 0.2128, 0.532), (0.1425, 0.152), (
+               ((-0.252, 0.0, -0.252, 0.4), DARK, '0.4', (-0.2615, 0.2)),
+               ((-0.347, 0.4, -0.347, 0.9), DARK, '0.5', (-0.3565, 0.65)),
+               ((-0.442, 0.0, -0.442, 0.05), VISUAL, '0.05', (-0.4515, 0.025)),
+               ((0.0, 1.14, 0.1, 1.14), COLLISION, '0.1', (0.05, 1.1495))),
+           (-0.1, 0.15, 0.0, 0.95), 0.95),
+    Layout({'elbow': math.pi / 2, 'slide': 0.1}, (0.6, 0.0, 0.4), (0.6, 0.0, 0.3), BENT,
+           (0.275, 0.0, 0.2), (0.42, 0.168, 0.224), (0.1125, 0.12), (
+               ((-0.22, 0.0, -0.22, 0.4), DARK, '0.4', (-0.2275, 0.2)),
+               ((0.0, 0.55, 0.6, 0.55), DARK, '0.6', (0.3, 0.5575)),
+               ((-0.295, 0.0, -0.295, 0.05), VISUAL, '0.05', (-0.3025, 0.025)),
+               ((-0.37, 0.4, -0.37, 0.3), COLLISION, '0.1', (-0.3775, 0.35))),
+           (-0.1, 0.65, 0.0, 0.4), 0.75)], ids=['at zero', 'moved'])
+
+
+def drawn(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
+    """List the views of the picture of a robot, which tests share and do not change."""
+    return _drawn(robot, tuple((positions or {}).items()))
+
+
+@functools.cache
+def _drawn(robot: Robot, items: tuple[tuple[str, float], ...]) -> list[Any]:
+    positions = dict(items)
+    return list(draw(robot, frames(robot, positions), positions).axes)
+
+
+def near(one: Any, other: Any) -> bool:
+    """Tell whether points are the same, and as many."""
+    one, other = np.array(one, float), np.array(other, float)
+    return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) < 1e-9)
+
+
+def in_view(axes: Any, *points: Vector) -> list[tuple[float, float]]:
+    """Give where points in space are in a view of it."""
+    from mpl_toolkits.mplot3d.proj3d import proj_transform
+    return [proj_transform(*point, axes.get_proj())[:2] for point in points]
+
+
+def segments(axes: Any, color: str) -> Any:
+    """Give all lines of a colour in a view in space, as they are seen."""
+    from matplotlib.colors import to_rgba
+    return [line for one in axes.collections for line in one.get_segments()
+            if tuple(one.get_edgecolor()[0]) == to_rgba(color)]
+
+
+def marks(axes: Any, marker: str) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for line in axes.lines if line.get_marker() == marker
+            for x, y in zip(*line.get_data())]
+
+
+def arrows(axes: Any, style: str, color: str) -> list[tuple[float, ...]]:
+    """Give from where to where arrows go."""
+    return [(*one.xyann, *one.xy) for one in axes.texts
+            if (getattr(one, 'arrowprops', None) or {}).get('arrowstyle') == style
+            and one.arrowprops['color'] == color]
+
+
+def named(axes: Any) -> dict[str, tuple[float, float]]:
+    """Give the points that texts are about."""
+    return {one.get_text(): getattr(one, 'xy', one.get_position()) for one in axes.texts
+            if one.get_text()}
+
+
+def tip(place: Vector, axis: Vector, length: float) -> Vector:
+    x, y, z = (start + length * part for start, part in zip(place, axis))
+    return x, y, z
+
+
+@LAYOUTS
+def test_frames_in_space_are_where_kinematics_puts_them(layout: Layout) -> None:
+    space = drawn(ARM, layout.positions)[0]
+    places = layout.places
+    assert near(segments(space, GREY), [
+        in_view(space, places[above][0], places[below][0])
+        for above, below in (('base', 'arm'), ('arm', 'tool'))])
+    for index, color in enumerate(AXIS_COLORS):
+        assert near(segments(space, color), [
+            in_view(space, place, tip(place, axes[index], layout.lengths[0]))
+            for place, axes in places.values()])
+    for name, (place, _) in places.items():
+        assert near(named(space)[name], in_view(space, place)[0])
+    for limits, middle, half in zip((space.get_xlim(), space.get_ylim(), space.get_zlim()),
+                                    layout.middle, layout.reach):
+        assert limits == pytest.approx((middle - half, middle + half))
+    assert [space.get_xlabel(), space.get_ylabel(), space.get_zlabel()] == [
+        'x [m]', 'y [m]', 'z [m]']
+    assert (space.elev, space.azim) == (22, -55)
+    assert space.get_title() == 'Frames of the links (collision, visual in thin lines)'
+
+
+@LAYOUTS
+def test_shapes_in_space_are_where_their_links_are(layout: Layout) -> None:
+    space = drawn(ARM, layout.positions)[0]
+    edges = {frozenset((a, b)) for a, b in combinations(
+        [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.1)], 2)
+        if sum(one != other for one, other in zip(a, b)) == 1}
+    seen = [in_view(space, *edge) for edge in edges]
+    lines = segments(space, VISUAL)
+    found = [[near(line, edge) or near(line, edge[::-1]) for edge in seen] for line in lines]
+    assert len(seen) == 12
+    assert all(map(any, found)) and all(map(any, zip(*found)))
+    points = np.array(segments(space, COLLISION)).reshape(-1, 2)
+    for axis in UPRIGHT:
+        for radius in (-0.05, 0.05):
+            pole = in_view(space, tip(layout.center, axis, radius))[0]
+            assert np.hypot(*(points - pole).T).min() < 1e-9
+
+
+@LAYOUTS
+def test_side_view_is_where_kinematics_puts_it(layout: Layout) -> None:
+    side = drawn(ARM, layout.positions)[2]
+    x, _, z = layout.center
+    assert near(marks(side, 'D'), [(0.0, 0.05)])
+    assert near(marks(side, 's'), [(x, z)])
+    places = [(place[::2], [axis[::2] for axis in axes])
+              for place, axes in layout.places.values()]
+    # The axis y points away: a circle with a cross.
+    for marker in 'ox':
+        assert near(marks(side, marker), [place for place, _ in places])
+    for index in (0, 2):
+        assert near(arrows(side, '-|>', AXIS_COLORS[index]), [
+            (*place, *(start + layout.lengths[1] * part
+                       for start, part in zip(place, axes[index]))) for place, axes in places])
+    outlines = [patch.get_xy() for patch in side.patches]
+    assert near(outlines[0], [(-0.1, 0), (0.1, 0), (0.1, 0.1), (-0.1, 0.1), (-0.1, 0)])
+    assert np.abs(np.hypot(*(outlines[1] - (x, z)).T) - 0.05).max() < 1e-9
+    assert near([outlines[1].min(axis=0), outlines[1].max(axis=0)],
+                [(x - 0.05, z - 0.05), (x + 0.05, z + 0.05)])
+    for one in outlines:
+        assert any(near(line.get_xydata(), one) for line in side.lines)
+    texts = named(side)
+    for name, (place, _) in layout.places.items():
+        assert near(texts[name], place[::2])
+    assert near(texts['visual of base (box)'], (0.0, 0.05))
+    assert near(texts['collision of tool (sphere)'], (x, z))
+
+
+@LAYOUTS
+def test_side_view_says_how_far_things_are_apart(layout: Layout) -> None:
+    side = drawn(ARM, layout.positions)[2]
+    for color in (DARK, VISUAL, COLLISION):
+        wanted = [size for size in layout.sizes if size[1] == color]
+        assert near(arrows(side, '<|-|>', color), [size[0] for size in wanted])
+        texts = [text for text in side.texts if text.get_color() == color
+                 and not getattr(text, 'arrowprops', None) and text.get_text()[0].isdigit()]
+        assert [text.get_text() for text in texts] == [size[2] for size in wanted]
+        assert near([text.get_position() for text in texts], [size[3] for size in wanted])
+    for size, *_ in layout.sizes:
+        assert any(near(line.get_xydata().ravel(), size) for line in side.lines)
+    # Thin lines lead from what is measured to the arrows.
+    ends = [end for size, *_ in layout.sizes for end in (size[:2], size[2:])]
+    thin = [line.get_xydata() for line in side.lines if line.get_color() == drawing.PALE]
+    assert near([line[1] for line in thin], ends)
+    known = [place[::2] for place, _ in layout.places.values()]
+    known += [layout.center[::2], (0.0, 0.05)]
+    assert all(any(near(line[0], place) for place in known) for line in thin)
+
+
+@LAYOUTS
+def test_side_view_stands_on_the_ground(layout: Layout) -> None:
+    side = drawn(ARM, layout.positions)[2]
+    left, right, low, _ = layout.box
+    ends = left - 0.5 * layout.unit, right + 0.5 * layout.unit
+    assert near(side.lines[0].get_xydata(), [(ends[0], low), (ends[1], low)])
+    ground = side.collections[0].get_paths()[0].get_extents()
+    assert (ground.x0, ground.x1) == pytest.approx(ends)
+    assert (ground.y0, ground.y1) == pytest.approx((-0.03 * layout.unit, 0.0))
+    assert side.get_aspect() == 1.0 and side.get_adjustable() == 'datalim'
+    assert not side.axison
+
+
+def test_joints_in_the_side_view_are_bent_arrows_with_their_poses() -> None:
+    side = drawn(ARM, {'elbow': math.pi / 2, 'slide': 0.1})[2]
+    curves = [line.get_xydata() for line in side.lines if line.get_linestyle() == '--']
+    assert len(curves) == 2 and len(curves[1]) == 19
+    # A parabola from (0, 0.4) to (0.6, 0.4) that begins towards (0.3, 0.61).
+    assert near(curves[1][[0, 9, 18]], [(0.03, 0.41995), (0.3, 0.505), (0.57, 0.41995)])
+    assert near(curves[0][9], (-0.07, 0.2))
+    assert near(arrows(side, '-|>', GREY), [(*curve[-2], *curve[-1]) for curve in curves])
+    texts = named(side)
+    assert near(texts['elbow (continuous)\nxyz 0 0 0.4\nrpy 0 1.571 0'], (0.0, 0.2))
+    assert near(texts['slide (prismatic)\nxyz 0 0 0.6\nrpy 0 0 0'], (0.3, 0.4))
+
+
+@pytest.mark.parametrize(('turn', 'marker'), [(0.0, 'x'), (math.pi, '.')])
+def test_axes_that_point_away_or_at_who_looks(turn: float, marker: str) -> None:
+    robot = Robot('one', (Link('only', Placement(Pose(), MODEL)),
+                          Link('other', on('only', Pose((1.0, 0.0, 0.0), (turn, 0.0, 0.0))))))
+    assert (1.0, 0.0) in marks(drawn(robot)[2], marker)
+
+
+def row(*steps: float) -> Robot:
+    """Build links in a row along x."""
+    names = [f'link_{index}' for index in range(len(steps) + 1)]
+    return Robot('row', (Link(names[0], Placement(Pose(), MODEL)), *(
+        Link(name, Placement(Pose(), FrameId('joint', f'to_{name}'))) for name in names[1:])),
+        tuple(Joint(f'to_{child}', 'fixed', parent, child, on(parent, Pose((step, 0.0, 0.0))))
+              for (parent, child), step in zip(pairwise(names), steps)))
+
+
+@pytest.mark.parametrize(('steps', 'in_space', 'beside'), [
+    ((0.1, 0.1, 0.1), 0.045, 0.048), ((0.02, 0.02, 0.3), 0.0102, 0.0204),
+    ((0.2, 0.9, 1.0), 0.315, 0.126), ((0.05, 0.5), 0.0825, 0.033), ((0.5,), 0.075, 0.08)])
+def test_axes_are_long_enough_to_be_seen_and_do_not_touch(
+        steps: tuple[float, ...], in_space: float, beside: float) -> None:
+    space, _, side = drawn(row(*steps))
+    assert near(segments(space, AXIS_COLORS[2])[0],
+                in_view(space, (0.0, 0.0, 0.0), (0.0, 0.0, in_space)))
+    assert near(arrows(side, '-|>', AXIS_COLORS[2])[0], (0.0, 0.0, 0.0, beside))
+
+
+def test_tree_has_a_row_for_each_link_below_what_it_hangs_on() -> None:
+    tree = drawn(ARM)[1]
+    spots = [(0.02, 0), (0.09, 1), (0.16, 2)]
+    assert near(marks(tree, 'o'), spots)
+    assert near([named(tree)[name] for name in ('base', 'arm', 'tool')],
+                [(x + 0.022, y) for x, y in spots])
+    assert near([line.get_xydata() for line in tree.lines if line.get_marker() == 'None'], [
+        [(a, b + 0.2), (a, d), (c, d)] for (a, b), (c, d) in pairwise(spots)])
+    joints = {one.get_text().strip(): (one.xycoords.get_text(), one.xy) for one in tree.texts
+              if hasattr(one, 'xycoords')}
+    assert joints == {'elbow (continuous)': ('arm', (1, 0.5)),
+                      'slide (prismatic)': ('tool', (1, 0.5))}
+    assert (tree.get_xlim(), tree.get_ylim()) == ((0, 1), (10, -0.5))
+
+
+@pytest.mark.parametrize(('count', 'bottom', 'height'), [
+    (5, 10, 7.5), (40, 40, 10.6), (62, 61, 15.4)])
+def test_long_trees_and_names_that_are_left_out(count: int, bottom: float, height: float) -> None:
+    space, tree = drawn(chain(count))
+    rows = min(count, 60)
+    step = min(0.07, 0.45 / (rows - 1))
+    assert near(marks(tree, 'o'), [(0.02 + step * index, index) for index in range(rows)])
+    assert tree.get_ylim() == (bottom, -0.5)
+    assert space.figure.get_size_inches() == pytest.approx((13.0, height))
+    named_links = sum(name.startswith('link_') for name in named(space))
+    assert named_links == min(count, 40)
+    assert (f'names of 40 of {count} links' in named(space)) == (count > 40)
+    if count > 60:
+        assert named(tree)['and 2 more links'] == (0.02, 60)
+
+
+def test_only_small_robots_have_a_side_view() -> None:
+    assert [len(drawn(chain(count))) for count in (1, 4, 5)] == [3, 3, 2]
+    assert drawn(chain(4))[0].figure.get_size_inches() == pytest.approx((13.0, 10.0))
+
+
+@pytest.mark.parametrize(('count', 'title'), [
+    (0, 'chain'), (1, 'chain   to_link_1 = 0.5'),
+    (4, 'chain   to_link_1 = 0.5, to_link_2 = 0.5, to_link_3 = 0.5, to_link_4 = 0.5'),
+    (5, 'chain   to_link_1 = 0.5, to_link_2 = 0.5, to_link_3 = 0.5, to_link_4 = 0.5, ...')])
+def test_the_title_says_the_positions(count: int, title: str) -> None:
+    positions = {f'to_link_{index + 1}': 0.5 for index in range(count)}
+    assert drawn(chain(6), positions)[0].figure.texts[0].get_text() == title
+
+
+def test_positions_are_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.svg'
+    plot(ARM, {'elbow': math.pi / 2, 'slide': 0.1}, str(path))
+    assert {'arm   elbow = 1.571, slide = 0.1', '0.6', 'rpy 0 1.571 0'} <= set(words(path))
 
 
 def test_names_do_not_lie_on_one_another() -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(8, 6))
-    canvas: Any = FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    canvas.draw()
+    axes = empty_axes()
     labels = drawing.Labels(axes)
     labels.avoid((0.0, 0.5), (1.0, 0.5))
     for index in range(12):
         labels.place(f'a_long_name_{index}', (0.5, 0.5))
-    texts = [text for text in axes.texts if text.get_text()]
-    canvas.draw()
-    from matplotlib.text import Text
-    boxes = [Text.get_window_extent(text, canvas.get_renderer()) for text in texts]
+    boxes = boxes_of(axes)
     assert len(boxes) == 12
     for one, other in combinations(boxes, 2):
         assert not one.overlaps(other)
     line = axes.transData.transform((0.5, 0.5))[1]
     assert not any(box.y0 < line < box.y1 for box in boxes)
+
+
+def empty_axes() -> Any:
+    """Build axes from 0 to 1 that are laid out."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(8, 6), dpi=144)
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    canvas.draw()
+    return axes
+
+
+def boxes_of(axes: Any) -> list[Any]:
+    """List the rooms that texts take, without the lines to their points."""
+    from matplotlib.text import Text
+    axes.figure.canvas.draw()
+    return [Text.get_window_extent(text, axes.figure.canvas.get_renderer())
+            for text in axes.texts if text.get_text()]
+
+
+@pytest.mark.parametrize(('point', 'side', 'angle'), [
+    ((0.5, 0.5), 'left', 25), ((0.999, 0.5), 'right', 155), ((0.5, 0.999), 'left', -60),
+    ((0.999, 0.999), 'right', 240), ((0.001, 0.001), 'left', 60)])
+def test_a_name_is_next_to_its_point_and_in_the_picture(
+        point: tuple[float, float], side: str, angle: float) -> None:
+    axes = empty_axes()
+    drawing.Labels(axes).place('a_long_name', point)
+    label, = axes.texts
+    turn = math.radians(angle)
+    assert label.get_position() == pytest.approx((8 * math.cos(turn), 8 * math.sin(turn)))
+    assert label.get_horizontalalignment() == side
+    (box,), view = boxes_of(axes), axes.bbox
+    assert view.x0 < box.x0 < box.x1 < view.x1 and view.y0 < box.y0 < box.y1 < view.y1
+
+
+def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
+    axes = empty_axes()
+    labels = drawing.Labels(axes)
+    labels.avoid((0.3, 0.4), (0.7, 0.6))
+    for _ in range(9):
+        labels.place('a_long_name', (0.5, 0.5))
+    texts = [text for text in axes.texts if text.get_text()]
+    line = axes.transData.transform([(0.3 + 0.4 * part, 0.4 + 0.2 * part)
+                                     for part in np.linspace(0, 1, 500)])
+    for box in boxes_of(axes):
+        assert not any(box.contains(*point) for point in line)
+    far = [text.get_position() for text in texts
+           if math.hypot(*text.get_position()) > 14.001]
+    ties = [text for text in axes.texts if not text.get_text()]
+    assert 0 < len(far) < 9
+    assert near([tie.xyann for tie in ties], far)
+    assert {tie.xy for tie in ties} == {(0.5, 0.5)}
+
+
+def test_names_keep_off_texts() -> None:
+    axes = empty_axes()
+    labels = drawing.Labels(axes)
+    labels.avoid_text(axes.text(0.51, 0.52, 'taken', fontsize=30))
+    labels.place('a_name', (0.5, 0.5))
+    taken, name = boxes_of(axes)
+    assert not name.overlaps(taken)
+
+
+@pytest.mark.parametrize(('geometry', 'distance', 'lines'), [
+    (Sphere(0.5), lambda x, y, z: math.hypot(x, y, z), 3),
+    (Cylinder(0.5, 1.0), lambda x, y, z: math.hypot(x, y), 6),
+    (Capsule(0.5, 1.0), lambda x, y, z: math.hypot(x, y, max(abs(z) - 0.5, 0.0)), 8)])
+def test_outlines_lie_on_the_shapes(
+        geometry: Geometry, distance: Callable[[float, float, float], float], lines: int) -> None:
+    found = outline(geometry)
+    assert len(found) == lines
+    for line in found:
+        assert [distance(*point) for point in line] == pytest.approx([0.5] * len(line))
+    assert len({point for line in found for point in line}) > 40
 
 
 @pytest.mark.parametrize('geometry', [

@@ -192,6 +192,14 @@ def test_paths_of_meshes_are_right_beside_the_first_file(tmp_path: Path) -> None
     assert robot.links[2].visuals[0].geometry == Mesh('../arm/meshes/a.stl')
 
 
+def test_paths_of_meshes_of_an_include_in_an_include(tmp_path: Path) -> None:
+    put(tmp_path / 'arm' / 'model.sdf')
+    put(tmp_path / 'robots' / 'far' / 'model.sdf',
+        '<model name="c"><include><uri>../../arm</uri></include></model>')
+    robot = read(tmp_path, robot_with('<uri>far</uri>'))
+    assert robot.links[2].visuals[0].geometry == Mesh('../arm/meshes/a.stl')
+
+
 def test_what_is_left_out_of_an_include_is_reported(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm">{ARM}<plugin name="p"/></model>')
     report = Report()

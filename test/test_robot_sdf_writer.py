@@ -323,3 +323,12 @@ def test_axis_for_others() -> None:
     assert made.find('mimic') is not None
     assert axis_to_element(Axis((0.0, 0.0, 2.0), mimic=Mimic('j')), 'axis', (1, 9)).find(
         'mimic') is None
+
+
+def test_second_inertial_stays_apart_from_the_first() -> None:
+    text = ('<sdf version="1.11"><model name="m"><link name="a"><inertial><mass>2</mass>'
+            '</inertial><inertial><inertia><ixx>3</ixx></inertia></inertial></link></model></sdf>')
+    link = written(read_sdf(parse(text.encode(), '', Report()), Report())).find('link')
+    assert link is not None
+    assert [inertial.findtext('mass') for inertial in link] == ['2', None]
+    assert link.xpath('inertial/inertia/ixx/text()') == ['1', '3']

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The tutorial's robot: its files, the shipped ones, and what each is in the other format."""
+"""The robots that are shipped, the tutorial's files, and what each is in the other format."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pathlib import Path
 import struct
 
 from lxml import etree
-from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
+from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.frames import frames
 from opencv_tools.robot.kinematics import Kinematics
@@ -37,6 +37,8 @@ ROOT = Path(__file__).parent.parent
 XACRO = ROOT / 'urdf' / 'my_robot.urdf.xacro'
 URDF = ROOT / 'urdf' / 'my_robot.urdf'
 SDF = ROOT / 'sdf' / 'my_robot' / 'model.sdf'
+ARM_URDF = ROOT / 'urdf' / 'my_arm.urdf'
+ARM_SDF = ROOT / 'sdf' / 'my_arm' / 'model.sdf'
 MESH = ROOT / 'meshes' / 'my_robot' / 'robot_base.stl'
 TUTORIAL_URDF = ROOT / 'test' / 'data' / 'robots' / 'tutorial_my_robot.urdf'
 TUTORIAL_SDF = ROOT / 'test' / 'data' / 'robots' / 'tutorial_my_robot.sdf'
@@ -126,25 +128,64 @@ def test_the_urdf_is_what_the_xacro_gives() -> None:
     assert content(expanded) == content(shipped)
 
 
-def test_both_shipped_files_are_one_robot() -> None:
-    assert same(URDF, SDF)
+SHIPPED = pytest.mark.parametrize(('urdf', 'sdf'), [(URDF, SDF), (ARM_URDF, ARM_SDF)],
+                                  ids=['my_robot', 'my_arm'])
+
+
+@SHIPPED
+def test_both_shipped_files_are_one_robot(urdf: Path, sdf: Path) -> None:
+    assert robot_compare([str(urdf), str(sdf), '--tolerance', '1e-12']) == 0
+    assert read(urdf).name == read(sdf).name == sdf.parent.name == urdf.stem
+    config = etree.parse(sdf.parent / 'model.config')
+    assert config.findtext('name') == sdf.parent.name
+    assert config.findtext('sdf') == sdf.name
+    assert config.xpath('string(sdf/@version)') == etree.parse(sdf).getroot().get('version')
+
+
+def test_the_xacro_is_the_same_robot() -> None:
     assert same(XACRO, SDF)
 
 
+@SHIPPED
 @pytest.mark.parametrize('poses', ['model', 'relative'])
-def test_the_urdf_becomes_the_sdf(tmp_path: Path, poses: str) -> None:
-    converted = to_sdf(URDF, tmp_path, '--poses', poses)
-    assert same(converted, SDF)
-    assert same(converted, URDF)
+def test_the_urdf_becomes_the_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
+    converted = to_sdf(urdf, tmp_path, '--poses', poses)
+    assert same(converted, sdf)
+    assert same(converted, urdf)
     if poses == 'model':  # the tutorial's convention
-        assert agree(said(converted), said(SDF), 0)
+        assert agree(said(converted), said(sdf), 0)
 
 
-def test_the_sdf_becomes_the_urdf(tmp_path: Path) -> None:
+@SHIPPED
+def test_the_sdf_becomes_the_urdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
+    converted = to_urdf(sdf, tmp_path)
+    assert same(converted, urdf)
+    assert same(converted, sdf)
+
+
+def test_the_mesh_is_found_in_the_package(tmp_path: Path) -> None:
     converted = to_urdf(SDF, tmp_path)
-    assert same(converted, URDF)
-    assert same(converted, SDF)
     assert mesh(read(converted)) == 'package://opencv_tools/meshes/my_robot/robot_base.stl'
+
+
+@pytest.mark.parametrize('path', [ARM_URDF, ARM_SDF], ids=['urdf', 'sdf'])
+def test_the_arm_is_complete_and_moves(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert (urdf_to_sdf if path == ARM_URDF else sdf_to_urdf)([str(path), '--strict']) == 0
+    assert capsys.readouterr().err == ''
+    robot = read(path)
+    for link in robot.links:
+        assert link.inertial is not None and link.inertial.mass > 0
+        assert len(link.visuals) == len(link.collisions) == 1
+        assert link.visuals[0].geometry == link.collisions[0].geometry
+    for joint in robot.joints:
+        limit = joint.axes[0].limit
+        assert limit is not None and limit.lower < limit.upper
+        assert math.isfinite(limit.effort) and math.isfinite(limit.velocity)
+    assert [joint.type for joint in robot.joints] == ['continuous', 'revolute', 'prismatic']
+    # Bent by a right angle, turned by another one, and with the tool pushed out by 0.1 m.
+    links = frames(robot, {'shoulder': math.pi / 2, 'elbow': math.pi / 2, 'slide': 0.1})['links']
+    assert links['forearm']['pose'][:3] == pytest.approx([0, 0, 0.5])
+    assert links['tool']['pose'][:3] == pytest.approx([0, 0.45, 0.5])
 
 
 @pytest.mark.parametrize('source', [URDF, XACRO, SDF])

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 import sys
-import time
 
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
@@ -166,7 +165,8 @@ def test_an_argument_that_a_file_does_not_have_is_said(tmp_path: Path) -> None:
     report = Report()
     expanded(tmp_path / 'a.xacro', '<xacro:arg name="a" default="1"/><link name="$(arg b)"/>',
              {'a': '1', 'b': '2', 'c': '3'}, report)
-    assert [note.name for note in report.warnings] == ['c']
+    assert [(note.name, note.message) for note in report.warnings] == [
+        ('c', "is no argument of this file, which has 'a', 'b'; it is ignored")]
 
 
 def test_what_xacro_says_is_a_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -213,10 +213,8 @@ def test_failures_are_one_line_with_a_place(
         capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('NOT_SET_AT_ALL', raising=False)
     path = tmp_path / 'a.xacro'
-    start = time.process_time()
     with pytest.raises(DescriptionError) as caught:
         expanded(path, content)
-    assert time.process_time() - start < 1
     text = str(caught.value)
     assert text.startswith(f'{path}:{line}: <{tag}>: '), text
     assert message in text

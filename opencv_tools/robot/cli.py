@@ -91,8 +91,8 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
     _add_xacro_option(parser)
     _add_sdf_options(parser)
     parser.add_argument('--joint', action='append', default=[], type=_position,
-                        metavar='NAME=VALUE', help='position of a joint in radians or metres; may '
-                        'be given often')
+                        metavar='NAME=VALUE', help='position of a joint in radians or metres; '
+                        'NAME:=VALUE is the same; may be given often')
     parser.add_argument('--format', default='text', choices=['text', 'json'], help='[%(default)s]')
     parser.add_argument('--plot', metavar='FILE', help='also draw the frames, .png or .svg')
     return _run(parser, argv, _robot_frames)
@@ -123,7 +123,8 @@ def _add_conversion_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_xacro_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--arg', action='append', default=[], type=_argument,
-                        metavar='NAME:=VALUE', help='an argument of xacro; may be given often')
+                        metavar='NAME:=VALUE', help='an argument of xacro; NAME=VALUE is the '
+                        'same; may be given often')
 
 
 def _add_sdf_options(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +136,8 @@ def _add_sdf_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _argument(text: str) -> tuple[str, str]:
-    name, separator, value = text.partition(':=')
+    name, separator, value = text.partition('=')
+    name = name.removesuffix(':')
     if not name or not separator:
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form name:=value')
     return name, value
@@ -143,6 +145,7 @@ def _argument(text: str) -> tuple[str, str]:
 
 def _position(text: str) -> tuple[str, float]:
     name, _, value = text.rpartition('=')
+    name = name.removesuffix(':')
     try:
         position = float(value)
     except ValueError:

@@ -25,6 +25,7 @@ from opencv_tools.robot.model import (Axis, FrameId, Joint, JOINT_TYPES, Limit, 
                                       Robot, Shape, UNLIMITED)
 from opencv_tools.robot.pose import normalised, rotation_of_quaternion, Transform, Vector
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.trees import listed
 from opencv_tools.robot.xml import DescriptionError
 
 _INDENT = 2
@@ -148,7 +149,8 @@ def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None
                and not any(axis.mimic for axis in joint.axes)}
     for name, value in positions.items():
         if name not in movable:
-            raise DescriptionError(f'{_why_not(name, joints.get(name))}; {_choice(movable)}',
+            raise DescriptionError(f'{_why_not(name, joints.get(name))}; '
+                                   f'{_choice(joints, movable)}',
                                    source=robot.source, tag='joint')
         if not math.isfinite(value):
             raise DescriptionError(f'{name!r} cannot be put to {value}; give a finite number',
@@ -171,9 +173,13 @@ def _why_not(name: str, joint: Joint | None) -> str:
     return f'joint {name!r} is {joint.type}, which one number does not put anywhere'
 
 
-def _choice(movable: Iterable[str]) -> str:
+def _choice(joints: Mapping[str, Joint], movable: Iterable[str]) -> str:
     names = ', '.join(map(repr, movable))
-    return f'those that can be put are {names}' if names else 'no joint of it can be put anywhere'
+    if names:
+        return f'the movable joints are {names}'
+    some = any(FREEDOM[JOINT_TYPES[joint.type]] for joint in joints.values())
+    none = f'the robot has no {"joint that one number moves" if some else "movable joint"}'
+    return f'{none}; its joints are {listed([*joints])}' if joints else none
 
 
 def text(listing: Mapping[str, Any]) -> str:

@@ -58,7 +58,7 @@ def plot(robot: Robot, positions: Mapping[str, float], path: str, report: Report
     matplotlib = matplotlib_module()
     listing = frames(robot, positions, report)
     with matplotlib.rc_context(_SETTINGS):
-        figure = _figure(robot, listing, positions)
+        figure = draw(robot, listing, positions)
         try:
             figure.savefig(path, dpi=_DPI, format=suffix[1:],
                            metadata={'Date': None} if suffix == '.svg' else None)
@@ -66,7 +66,12 @@ def plot(robot: Robot, positions: Mapping[str, float], path: str, report: Report
             raise DescriptionError(f'cannot be written: {err.strerror}', source=path) from err
 
 
-def _figure(robot: Robot, listing: Mapping[str, Any], positions: Mapping[str, float]) -> Any:
+def draw(robot: Robot, listing: Mapping[str, Any], positions: Mapping[str, float]) -> Any:
+    """
+    Return a figure of matplotlib: the view in space, the tree, and the side view of a small robot.
+
+    :param listing: as `frames.frames` gives it at these positions.
+    """
     # Neither pyplot nor a display: what pyplot makes stays in its memory.
     rows = min(len(listing['links']), _MOST_ROWS)
     small = len(listing['links']) <= _SMALL

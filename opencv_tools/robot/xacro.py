@@ -84,9 +84,11 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report)
         level, colon, message = line.partition(': ')
         if colon and level in ('warning', 'error'):
             report.warn('xacro', '', 0, one_line(message))
+    known = ', '.join(sorted(map(repr, values.asked)))
     for name in arguments:
         if name not in values.asked:
-            report.warn('xacro:arg', name, 0, 'is no argument of this file; it is ignored')
+            report.warn('xacro:arg', name, 0, 'is no argument of this file, which has '
+                        f'{known or "none"}; it is ignored')
     return expanded
 
 

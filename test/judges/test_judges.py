@@ -40,7 +40,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / 'test' / 'data' / 'robots'
 SHIPPED = [ROOT / 'urdf' / 'my_robot.urdf.xacro', ROOT / 'urdf' / 'my_robot.urdf',
-           ROOT / 'sdf' / 'my_robot' / 'model.sdf']
+           ROOT / 'sdf' / 'my_robot' / 'model.sdf', ROOT / 'urdf' / 'my_arm.urdf',
+           ROOT / 'sdf' / 'my_arm' / 'model.sdf']
 ROBOTS = [*SHIPPED, *sorted(
     path for path in DATA.glob('*.*')
     if path.name.startswith(('ok_', 'warning_', 'tutorial_')))]
