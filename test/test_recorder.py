@@ -27,7 +27,8 @@ import time
 
 import av
 from conftest import (
-    call_service, DEADLINE, executable, NodeProcess, read_manifest, recorded_files, spin_until,
+    call_service, CLIP, DEADLINE, executable, NodeProcess, read_manifest, recorded_files,
+    spin_until,
 )
 import cv2
 from images import random_image
@@ -291,6 +292,26 @@ def test_a_minute_of_video_has_the_times_of_its_stamps(
         assert abs(int(frames[number].to_ndarray(format='bgr24').mean()) - number % 200 - 20) < 4
     tell(f'a minute of video: 1800 frames, the farthest from its stamp by '
          f'{max(away) * 1e6:.0f} us')
+
+
+def test_without_pyav_all_but_videos_is_recorded(
+        start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / 'modules').mkdir()
+    (tmp_path / 'modules' / 'av.py').write_text(
+        'raise ModuleNotFoundError("No module named \'av\'", name="av")\n')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path / 'modules'), prepend=os.pathsep)
+    start('img_publisher', source=CLIP, on_end='loop')
+    refused = start('img_subscriber', output_dir=tmp_path / 'none', file_name='x.mp4')
+    recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.png',
+                     max_frames=1)
+    assert recorder.finish() == 0, recorder.output
+    assert [line['file'] for line in read_manifest(tmp_path / 'out')] == ['f0.png']
+    assert refused.finish() == 2, refused.output
+    assert refused.output.count('\n') == 1
+    assert refused.output.endswith(
+        "parameter file_name is 'x.mp4': a video needs PyAV, which cannot be used (No module named "
+        "'av'); install it with 'pip install av', on Ubuntu with 'sudo apt install python3-av'\n")
+    assert not (tmp_path / 'none').exists()
 
 
 @pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])

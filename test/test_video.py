@@ -433,5 +433,5 @@ def test_a_machine_without_the_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(VideoError, match=r'libx264.*pip install'):
         check_video()
     monkeypatch.setitem(sys.modules, 'av.codec.codec', None)
-    with pytest.raises(VideoError, match=r'PyAV.*apt install python3-av.*pip install av'):
+    with pytest.raises(VideoError, match=r'PyAV.*pip install av.*apt install python3-av'):
         check_video()
