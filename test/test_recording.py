@@ -17,6 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+import errno
+import fcntl
 import json
 import os
 from pathlib import Path
@@ -42,6 +45,7 @@ from opencv_tools.recording.writers import (
     Content, encode_frame, Format, FORMATS, UnwritableError,
 )
 import pytest
+from switching import switching_in
 
 ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16',
              '8UC1', '8UC2', '8UC3', '8UC4', '16UC1', '16UC3', '16SC1', '32SC1', '32FC1', '32FC3',
@@ -239,6 +243,14 @@ def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
         'encoding': 'mono8', 'kept_as': 'mono8', 'size': [20, 20], 'frames': 1}
 
 
+def failing(number: int) -> Callable[..., None]:
+    """Make a function that fails as the system does."""
+    def fail(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
 def picture_files(
         path: Path, template: str, kind: type[PictureFiles] = PictureFiles) -> PictureFiles:
     folder = Folder(path)
@@ -324,6 +336,24 @@ def test_an_error_that_nobody_expects_holds_nothing_up(
     assert (recorder.account.written, recorder.account.failed) == (8, 4)
 
 
+@pytest.mark.parametrize(('error', 'reason'), [
+    (ZeroDivisionError('oops'), 'oops'), (ZeroDivisionError(), 'ZeroDivisionError'),
+    (OSError(), 'OSError'), (OSError(errno.EIO, 'Input/output error', 'file'), 'Input/output error'),
+    (FileNotFoundError(errno.ENOENT, '', 'file'), 'FileNotFoundError')])
+def test_every_error_has_a_reason(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str) -> None:
+    def stumble(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
+    console, outcomes = Console(), []
+    recorder = Recorder(picture_files(tmp_path, '{seq}.png'), console)
+    recorder.put(gray_frame(0), outcomes.append)
+    recorder.close()
+    assert outcomes == [reason]
+    assert console.lines == [f'error: a frame was not written: {reason}']
+
+
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     folder, console = tmp_path / 'mount' / 'out', Console()
     recorder = Recorder(
@@ -357,6 +387,14 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         Folder(tmp_path / 'file' / 'out')
 
 
+@pytest.mark.parametrize('suffix', ['.png', '.mkv'])
+def test_a_manifest_that_cannot_be_read(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / 'manifest.jsonl').mkdir()
+    with pytest.raises(RecordingError, match=r'output_dir .* cannot be used: Is a directory$'):
+        open_files(tmp_path, FileNames(f'x{suffix}'), Format(suffix), 'continue', NO_LIMITS, False)
+    assert not list(tmp_path.glob('.*'))
+
+
 def test_a_file_without_its_line_is_no_file(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fill_the_disk(file: int, data: Any) -> int:
@@ -384,12 +422,22 @@ def test_a_second_recording_continues(tmp_path: Path, template: str, names: list
     assert [line['seq'] for line in lines] == [0, 1, 2, 3]
 
 
-def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path) -> None:
-    record(tmp_path, 3)
+@pytest.mark.parametrize('count', [1, 3])
+def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path, count: int) -> None:
+    record(tmp_path, count)
     for path in recorded_files(tmp_path):
         path.unlink()
     record(tmp_path, 1)
-    assert [path.name for path in recorded_files(tmp_path)] == ['003.png']
+    assert [path.name for path in recorded_files(tmp_path)] == [f'{count:03d}.png']
+
+
+def test_each_name_has_copies_of_its_own(tmp_path: Path) -> None:
+    files = picture_files(tmp_path, '{frame_id}.png')
+    frames = [replace(gray_frame(0), frame_id=name) for name in ('a', 'a', 'a', 'b', 'b', 'a')]
+    paths = [files.commit(frame, files.prepare(frame)) for frame in frames]
+    files.close()
+    assert [path.name for path in paths] == [
+        'a.png', 'a_1.png', 'a_2.png', 'b.png', 'b_1.png', 'a_3.png']
 
 
 def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
@@ -528,12 +576,11 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
     assert done == ['fsync', 'link', 'link']
 
 
+@pytest.mark.parametrize('number', [
+    errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK])
 def test_a_disk_without_hard_links_overwrites_nothing_either(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError(1, 'Operation not permitted')
-
-    monkeypatch.setattr(os, 'link', refuse)
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    monkeypatch.setattr(os, 'link', failing(number))
     record(tmp_path, 2)
     (tmp_path / '002.png').write_text('mine')
     files = picture_files(tmp_path, '{seq:03d}.png')
@@ -544,3 +591,150 @@ def test_a_disk_without_hard_links_overwrites_nothing_either(
     assert (tmp_path / '003.png').read_text() == 'mine too'
     lines = (tmp_path / 'manifest.jsonl').read_text().splitlines()
     assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]
+
+
+def test_a_link_that_fails_otherwise_is_told(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'link', failing(errno.EIO))
+    assert record(tmp_path, 2).account.failed == 2
+    assert not list(tmp_path.glob('*.png')) and not list(tmp_path.glob('.*'))
+
+
+def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fcntl, 'flock', failing(errno.ENOLCK))
+    record(tmp_path, 2)
+    record(tmp_path, 1, first=2)
+    assert gray_numbers(tmp_path) == [0, 1, 2]
+    assert len(read_manifest(tmp_path)) == 3
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_a_line_is_not_lost_while_another_drops_lines(tmp_path: Path) -> None:
+    record(tmp_path, 2)
+    manifest = Manifest(tmp_path)
+    first, second = manifest.entries()
+    threads = []
+
+    def write(content: bytes) -> Path:
+        threads.append(threading.Thread(target=manifest.append, args=[first]))
+        threads[0].start()
+        threads[0].join(0.3)  # it is over only where nothing keeps it from the file
+        path = tmp_path / 'new'
+        path.write_bytes(content)
+        return path
+
+    manifest.compact(lambda entry: entry == second, write)
+    threads[0].join()
+    assert manifest.entries() == [second, first]
+
+
+def test_the_last_lines_of_a_long_manifest(tmp_path: Path) -> None:
+    record(tmp_path, 1)
+    manifest = Manifest(tmp_path)
+    [entry] = manifest.entries()
+    lines = [replace(entry, seq=seq).line() for seq in range(6000)]
+    (tmp_path / 'manifest.jsonl').write_bytes(b''.join(lines))
+    tail = [entry.seq for entry in manifest.tail()]
+    assert tail == list(range(tail[0], 6000))
+    whole = len(b''.join(lines[tail[0]:]))
+    assert whole <= 2 ** 20 < whole + len(lines[tail[0] - 1])
+
+
+def test_lines_of_other_recordings_stay(tmp_path: Path) -> None:
+    record(tmp_path, 1, 'other_{seq}.bmp')
+    (tmp_path / 'other_0.bmp').unlink()
+    record(tmp_path, 150, limits=LIMITS[0])
+    assert [entry.name for entry in Manifest(tmp_path).entries()] == [
+        'other_0.bmp', '146.png', '147.png', '148.png', '149.png']
+
+
+def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    files = picture_files(folder, '{seq}.png')
+    picture = files.prepare(gray_frame(0))
+    folder.rename(tmp_path / 'away')
+    folder.touch()
+    picture.discard()
+    assert (tmp_path / 'away' / picture.temporary.name).exists()
+    folder.unlink()
+    (tmp_path / 'away').rename(folder)
+    picture.discard()
+    assert not picture.temporary.exists()
+    files.close()
+
+
+def test_two_that_begin_at_once_clean_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_after_another(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            path.unlink()
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_after_another)
+    record(tmp_path, 1)
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('name', ['.journal', 'manifest.jsonl'])
+def test_a_file_that_is_removed_as_soon_as_it_is_there_is_made_again(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    def open_and_remove(path: Path, *args: Any) -> int:
+        file = open_file(path, *args)
+        if path.name.endswith(name) and not removed:
+            removed.append(path)
+            path.unlink()
+        return file
+
+    open_file, removed = os.open, []
+    monkeypatch.setattr(os, 'open', open_and_remove)
+    files = picture_files(tmp_path, '{seq}.png')
+    assert len(list(tmp_path.glob('.*.journal'))) == 1
+    frame = gray_frame(0)
+    files.commit(frame, files.prepare(frame))
+    files.close()
+    assert removed
+    assert len(read_manifest(tmp_path)) == 1
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_writers_keep_nobody_from_ending(slow_files: SlowFiles) -> None:
+    before = set(threading.enumerate())
+    recorder = Recorder(slow_files, Console(), writers=3)
+    writers = set(threading.enumerate()) - before
+    assert len(writers) == 3 and all(thread.daemon for thread in writers)
+    recorder.close()
+    assert not any(thread.is_alive() for thread in writers)
+
+
+class Numbers:
+    """Keep the numbers of frames in the order in which they are put in their place."""
+
+    def __init__(self) -> None:
+        self.placed: list[int] = []
+
+    def prepare(self, frame: RawFrame) -> Numbers:
+        return self
+
+    def commit(self, frame: RawFrame, _: Numbers) -> Path:
+        self.placed.append(int(frame.image[0, 0]))
+        return Path()
+
+    def discard(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
+def test_the_order_is_kept_wherever_threads_are_stopped() -> None:
+    files = Numbers()
+    with switching_in(Recorder._write_all):
+        recorder = Recorder(files, Console(), writers=4, block=True)
+        for number in range(40):
+            recorder.put(gray_frame(number))
+        recorder.close()
+    assert files.placed == list(range(40))
+    assert recorder.account.written == 40
