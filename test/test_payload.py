@@ -57,3 +57,21 @@ def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
 def test_a_size_is_found_behind_many_segments() -> None:
     data = jpeg(*[COMMENT] * 999, b'\xff\xc0' + SIZE)
     assert read_payload(data) == Payload(('.jpg', '.jpeg'), 263, 5)
+
+
+@pytest.mark.parametrize('data', [
+    b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
+def test_an_end_that_is_missing_is_told(data: bytes) -> None:
+    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture whose end is missing'):
+        read_payload(data)
+
+
+@pytest.mark.parametrize('data', [b'', b'text', b'\xff', b'II*\0' + bytes(100)])
+def test_other_formats_are_not_looked_into(data: bytes) -> None:
+    assert read_payload(data) == Payload((), 0, 0)
+
+
+def test_a_png_tells_its_size() -> None:
+    header = b'\0\0\0\rIHDR\0\0\1\7\0\0\0\5'
+    png = b'\x89PNG\r\n\x1a\n' + header + b'\0\0\0\0IEND\xaeB`\x82'
+    assert read_payload(png) == Payload(('.png',), 263, 5)

@@ -40,7 +40,7 @@ from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.selection import FullError, Limits
 from opencv_tools.recording.writers import (
     Content, encode_frame, Format, FORMATS, UnwritableError,
 )
@@ -90,15 +90,25 @@ def gray_numbers(folder: Path) -> list[int]:
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0, 0] for path in recorded_files(folder)]
 
 
+class ToldRecorder(Recorder):
+    """A recorder that blocks, and keeps what it tells."""
+
+    def __init__(self, files: Any) -> None:
+        self.console, self.times_full = Console(), 0
+        super().__init__(files, self.console, block=True, on_full=self._count)
+
+    def _count(self) -> None:
+        self.times_full += 1
+
+
 def record(
     folder: Path, count: int, template: str = '{seq:03d}.png', on_exists: str = 'continue',
     limits: Limits = NO_LIMITS, first: int = 0,
-) -> Recorder:
+) -> ToldRecorder:
     """Record gray frames, one a second, which have their number as their colour."""
     names = FileNames(template)
-    recorder = Recorder(
-        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False), Console(),
-        block=True)
+    recorder = ToldRecorder(
+        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False))
     for number in range(first, first + count):
         recorder.put(gray_frame(number, number))
     recorder.close()
@@ -171,6 +181,16 @@ def test_big_endian_frames_are_kept_by_value() -> None:
     content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), Format('.png'))
     kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(kept, image)
+
+
+def test_what_opencv_cannot_encode_is_refused() -> None:
+    with pytest.raises(UnwritableError, match='^a mono8 frame was not encoded: '):
+        encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))
+
+
+def test_formats_as_they_are_unless_told() -> None:
+    assert Format('.png') == Format('.png', to_color=True, jpeg_quality=95, png_compression=1,
+                                    crf=23)
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
@@ -549,6 +569,9 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
     recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
+    told = [f'info: The recording is full: max_bytes is {5 * size}, and the next file has {size}']
+    assert recorder.console.lines == ([] if ring else told)
+    assert recorder.times_full == (0 if ring else 1)
     assert gray_numbers(tmp_path / 'many') == (
         [15, 16, 17, 18, 19] if ring else [0, 1, 2, 3, 4])
     assert len(read_manifest(tmp_path / 'many')) == 5
@@ -567,6 +590,7 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
 
     monkeypatch.setattr(os, 'fsync', note('fsync', os.fsync))
     monkeypatch.setattr(os, 'link', note('link', os.link))
+    Folder(tmp_path).write(b'content')
     for sync in (True, False):
         files = open_files(
             tmp_path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync)
@@ -663,6 +687,77 @@ def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
     files.close()
 
 
+def test_lines_of_files_that_are_no_more_are_dropped_meanwhile(tmp_path: Path) -> None:
+    names = FileNames('{seq:03d}.png')
+    files = open_files(tmp_path, names, Format('.png'), 'continue', LIMITS[0], False)
+    lengths = []
+    for number in range(250):
+        frame = gray_frame(number)
+        files.commit(frame, files.prepare(frame))
+        lengths.append((tmp_path / 'manifest.jsonl').read_bytes().count(b'\n'))
+    assert lengths == [*range(1, 105), *[*range(4, 105)] * 2][:250]
+    files.close()
+    assert len(read_manifest(tmp_path)) == 4
+
+
+def test_no_file_stays_open(tmp_path: Path) -> None:
+    before = len(os.listdir('/proc/self/fd'))
+    (tmp_path / '.recording-abandoned-.journal').touch()
+    (tmp_path / '.recording-abandoned-0.part').touch()
+    record(tmp_path, 3)
+    assert not list(tmp_path.glob('.*'))
+    assert len(os.listdir('/proc/self/fd')) == before
+
+
+def test_files_are_for_whom_the_mask_leaves_them_to(tmp_path: Path) -> None:
+    before = os.umask(0o026)
+    try:
+        files = picture_files(tmp_path, '{seq}.png')
+        frame = gray_frame(0)
+        files.commit(frame, files.prepare(frame))
+        modes = {path.suffix: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+        files.close()
+    finally:
+        os.umask(before)
+    assert modes == {'.png': 0o640, '.jsonl': 0o640, '.journal': 0o640}
+
+
+def test_a_folder_that_cannot_be_cleaned_up_is_left_as_it_was(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_some(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            raise PermissionError(errno.EACCES, 'Permission denied')
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_some)
+    with pytest.raises(RecordingError, match='cannot be used: Permission denied$'):
+        Folder(tmp_path)
+    assert list(tmp_path.iterdir()) == [abandoned]
+
+
+def test_one_that_cleaned_up_just_before_leaves_nothing_to_do(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def clean_up_and_lock(file: int, how: int) -> None:
+        locked.append(file)
+        for path in listed[2 * (len(locked) < 2):]:  # the first lock is that of its own journal
+            path.unlink()
+        lock(file, how)
+
+    lock, locked = fcntl.flock, []
+    for name in ('.journal', '0.part'):
+        (tmp_path / f'.recording-abandoned-{name}').touch()
+    real_glob = Path.glob
+    listed = [*tmp_path.glob('.recording-abandoned*')]
+    monkeypatch.setattr(Path, 'glob', lambda path, pattern: iter(
+        listed if pattern == '.recording-*' else real_glob(path, pattern)))
+    monkeypatch.setattr(fcntl, 'flock', clean_up_and_lock)
+    Folder(tmp_path).close()
+    assert not list(real_glob(tmp_path, '.recording-*'))
+
+
 def test_two_that_begin_at_once_clean_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def open_after_another(path: Path, *args: Any) -> int:
         if 'abandoned' in path.name:
@@ -726,6 +821,38 @@ class Numbers:
 
     def close(self) -> None:
         pass
+
+
+class Full(Numbers):
+    """Be full at the first frame, when the second one is prepared as well."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.discarded = 0
+        self._both = threading.Barrier(2)
+
+    def prepare(self, frame: RawFrame) -> Numbers:
+        self._both.wait()
+        return self
+
+    def commit(self, frame: RawFrame, _: Numbers) -> Path:
+        super().commit(frame, self)
+        raise FullError('no more')
+
+    def discard(self) -> None:
+        self.discarded += 1
+
+
+def test_what_was_prepared_before_the_end_is_left_out() -> None:
+    files = Full()
+    outcomes: list[object] = []
+    recorder = Recorder(files, Console(), writers=2)
+    for number in range(2):
+        recorder.put(gray_frame(number), outcomes.append)
+    recorder.close()
+    assert files.placed == [0]
+    assert outcomes == ['no more', 'the recording is full']
+    assert (recorder.account.left_out, files.discarded) == (2, 2)
 
 
 @pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
