@@ -41,7 +41,7 @@ from sensor_msgs.msg import Image
 
 Start = Callable[..., NodeProcess]
 Tell = Callable[[str], None]
-KILLS = 16
+KILLS = 10
 AT_ONCE = 4
 # A root to whom the permissions of files mean what they say.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')

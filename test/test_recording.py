@@ -20,13 +20,17 @@ from collections.abc import Callable
 from dataclasses import replace
 import errno
 import fcntl
+import itertools
 import json
 import os
 from pathlib import Path
+import random
+import signal
 import threading
+import time
 from typing import Any
 
-from conftest import read_manifest, recorded_files
+from conftest import DEADLINE, read_manifest, recorded_files
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
@@ -287,7 +291,7 @@ class SlowFiles(PictureFiles):
 
     def prepare(self, frame: Frame) -> object:
         self.has_begun.set()
-        assert self.may_write.wait(10)
+        assert self.may_write.wait(DEADLINE)
         return super().prepare(frame)
 
 
@@ -300,7 +304,7 @@ def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) ->
     console = Console()
     recorder = Recorder(slow_files, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
-    assert slow_files.has_begun.wait(10)
+    assert slow_files.has_begun.wait(DEADLINE)
     made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
     slow_files.may_write.set()
     recorder.close()
@@ -320,7 +324,7 @@ def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowF
     putting.join(0.2)
     assert putting.is_alive()
     slow_files.may_write.set()
-    putting.join(10)
+    putting.join(DEADLINE)
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
     assert recorder.account.dropped == 0
@@ -383,7 +387,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     def put_and_wait(number: int) -> None:
         done = threading.Event()
         recorder.put(gray_frame(number), lambda _: done.set())
-        assert done.wait(10)
+        assert done.wait(DEADLINE)
 
     put_and_wait(0)
     (tmp_path / 'mount').rename(tmp_path / 'away')
@@ -465,7 +469,7 @@ def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(30)
+        thread.join(DEADLINE)
     assert sorted(gray_numbers(tmp_path)) == sorted([*range(40)] * 2)
     assert len(read_manifest(tmp_path)) == 80
 
@@ -528,6 +532,43 @@ def test_what_a_killed_recording_left_is_put_in_order(
     record(tmp_path, 1, '{seq}.png', first=9)
     assert gray_numbers(tmp_path) == ([0, 5, 9] if is_there else [0, 9])
     read_manifest(tmp_path)
+    assert not list(tmp_path.glob('.*'))
+
+
+def record_until_killed(folder: Path) -> int:
+    """Record in a process of its own; its number."""
+    child = os.fork()
+    if child:
+        return child
+    try:
+        recorder = ToldRecorder(open_files(
+            folder, FileNames('{seq:05d}.png'), Format('.png'), 'continue', NO_LIMITS, False))
+        for number in itertools.count():
+            recorder.put(gray_frame(number % 256))
+    finally:
+        os._exit(1)
+
+
+def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> None:
+    moments = random.Random(5)
+    checked: set[Path] = set()
+    for _ in range(40):
+        child = record_until_killed(tmp_path)
+        try:
+            deadline = time.monotonic() + DEADLINE
+            while len(recorded_files(tmp_path)) <= len(checked):
+                assert time.monotonic() < deadline
+            time.sleep(moments.uniform(0, 0.02))
+        finally:
+            os.kill(child, signal.SIGKILL)
+            assert os.waitpid(child, 0)[1] == signal.SIGKILL
+        for path in set(recorded_files(tmp_path)) - checked:
+            picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            assert picture is not None and picture.shape == (20, 20) and np.ptp(picture) == 0, path
+            checked.add(path)
+    record(tmp_path, 1, '{seq:05d}.png')
+    assert [line['seq'] for line in sorted(read_manifest(tmp_path), key=lambda line: line['seq'])
+            ] == list(range(len(checked) + 1))
     assert not list(tmp_path.glob('.*'))
 
 
