@@ -46,7 +46,8 @@ def send(node: Node, publisher: Publisher, *messages: Image) -> None:
     """
     Publish messages as soon as somebody subscribes.
 
-    The publisher keeps them until they are received. That is not waited for: Fast DDS asks every 3 s.
+    The publisher keeps them until they are received. That is not waited for, since Fast DDS asks
+    every 3 s.
     """
     spin_until(node, lambda: publisher.get_subscription_count() > 0)
     for message in messages:

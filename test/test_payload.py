@@ -47,8 +47,9 @@ def test_markers_without_a_length_are_passed_over(marker: int) -> None:
 
 @pytest.mark.parametrize('data', [
     jpeg(b'\x00\xc0' + SIZE), jpeg(COMMENT, b'\xfe\xc0' + SIZE), jpeg(b'\xff\xe0\x00\xff'),
+    jpeg(BEGINS, b'\xff\xc0' + SIZE),
     jpeg(b'\xff\xc0\x00\x0b'), jpeg(), jpeg(*[COMMENT] * 1000, b'\xff\xc0' + SIZE)],
-    ids=['zero', 'fill', 'long', 'short', 'nothing', 'many'])
+    ids=['zero', 'fill', 'long', 'again', 'short', 'nothing', 'many'])
 def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
     with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size$'):
         read_payload(data)
@@ -62,7 +63,7 @@ def test_a_size_is_found_behind_many_segments() -> None:
 @pytest.mark.parametrize('data', [
     b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
 def test_an_end_that_is_missing_is_told(data: bytes) -> None:
-    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture whose end is missing'):
+    with pytest.raises(PictureError, match=f'^{len(data)} bytes of .* whose end is missing$'):
         read_payload(data)
 
 

@@ -286,8 +286,9 @@ def test_without_pyav_all_but_videos_is_recorded(
     assert refused.finish() == 2, refused.output
     assert refused.output.count('\n') == 1
     assert refused.output.endswith(
-        "parameter file_name is 'x.mp4': a video needs PyAV, which cannot be used (No module named "
-        "'av'); install it with 'pip install av', on Ubuntu with 'sudo apt install python3-av'\n")
+        "parameter file_name is 'x.mp4': a video needs PyAV, which cannot be used (No module "
+        "named 'av'); install it with 'pip install av', on Ubuntu with "
+        "'sudo apt install python3-av'\n")
     assert not (tmp_path / 'none').exists()
 
 

@@ -188,7 +188,7 @@ def test_big_endian_frames_are_kept_by_value() -> None:
 
 
 def test_what_opencv_cannot_encode_is_refused() -> None:
-    with pytest.raises(UnwritableError, match='^a mono8 frame was not encoded: '):
+    with pytest.raises(UnwritableError, match=r'^a mono8 frame was not encoded: '):
         encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))
 
 
@@ -362,8 +362,8 @@ def test_an_error_that_nobody_expects_holds_nothing_up(
 
 @pytest.mark.parametrize(('error', 'reason'), [
     (ZeroDivisionError('oops'), 'oops'), (ZeroDivisionError(), 'ZeroDivisionError'),
-    (OSError(), 'OSError'), (OSError(errno.EIO, 'Input/output error', 'file'), 'Input/output error'),
-    (FileNotFoundError(errno.ENOENT, '', 'file'), 'FileNotFoundError')])
+    (OSError(), 'OSError'), (OSError(errno.EIO, 'Input/output error', 'x'), 'Input/output error'),
+    (FileNotFoundError(errno.ENOENT, '', 'x'), 'FileNotFoundError')])
 def test_every_error_has_a_reason(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str) -> None:
     def stumble(*_: object) -> None:
@@ -742,12 +742,12 @@ def test_lines_of_files_that_are_no_more_are_dropped_meanwhile(tmp_path: Path) -
 
 
 def test_no_file_stays_open(tmp_path: Path) -> None:
-    before = len(os.listdir('/proc/self/fd'))
+    before = len(list(Path('/proc/self/fd').iterdir()))
     (tmp_path / '.recording-abandoned-.journal').touch()
     (tmp_path / '.recording-abandoned-0.part').touch()
     record(tmp_path, 3)
     assert not list(tmp_path.glob('.*'))
-    assert len(os.listdir('/proc/self/fd')) == before
+    assert len(list(Path('/proc/self/fd').iterdir())) == before
 
 
 def test_files_are_for_whom_the_mask_leaves_them_to(tmp_path: Path) -> None:
@@ -774,7 +774,7 @@ def test_a_folder_that_cannot_be_cleaned_up_is_left_as_it_was(
     abandoned = tmp_path / '.recording-abandoned-.journal'
     abandoned.touch()
     monkeypatch.setattr(os, 'open', open_some)
-    with pytest.raises(RecordingError, match='cannot be used: Permission denied$'):
+    with pytest.raises(RecordingError, match=r'cannot be used: Permission denied$'):
         Folder(tmp_path)
     assert list(tmp_path.iterdir()) == [abandoned]
 
@@ -862,6 +862,23 @@ class Numbers:
 
     def close(self) -> None:
         pass
+
+
+class Unfinished(Numbers):
+    """Fail at the end."""
+
+    def close(self) -> None:
+        raise OSError(errno.EIO, 'Input/output error', 'x')
+
+
+def test_an_end_that_fails_is_told_once() -> None:
+    console = Console()
+    recorder = Recorder(Unfinished(), console)
+    recorder.put(gray_frame(0))
+    recorder.close()
+    recorder.close()
+    assert vars(recorder.account) == {'written': 1, 'dropped': 0, 'failed': 1, 'left_out': 0}
+    assert console.lines == ['error: the recording was not finished: Input/output error']
 
 
 class Full(Numbers):

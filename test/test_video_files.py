@@ -100,7 +100,7 @@ def test_a_second_recording(
 def test_videos_take_no_more_bytes_than_they_may_by_much(tmp_path: Path) -> None:
     videos = open_videos(tmp_path, limits=Limits(max_bytes=30_000))
     taken = 0
-    with pytest.raises(FullError, match='^max_bytes is 30000$'):
+    with pytest.raises(FullError, match=r'^max_bytes is 30000$'):
         for taken in range(1000):
             put(videos, noise(taken, SMALL if taken < 60 else WIDE))
     with pytest.raises(FullError):
@@ -109,6 +109,23 @@ def test_videos_take_no_more_bytes_than_they_may_by_much(tmp_path: Path) -> None
     found = lines(tmp_path)
     assert sum(line[2] for line in found) == taken and len(found) == 2
     assert sum(path.stat().st_size for path in recorded_files(tmp_path)) >= 30_000
+
+
+def test_not_a_byte_more_is_begun_than_may_be(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path / 'one')
+    put(videos, noise(0))
+    videos.close()
+    size = (tmp_path / 'one' / 'clip.mkv').stat().st_size
+    for more in (0, 1):
+        folder = tmp_path / f'two{more}'
+        videos = open_videos(folder, limits=Limits(max_bytes=size + more))
+        put(videos, noise(0))
+        if more:
+            put(videos, noise(1, WIDE))
+        with pytest.raises(FullError):
+            put(videos, noise(2, (32, 32)))
+        videos.close()
+        assert [line[2] for line in lines(folder)] == [1] * (1 + more)
 
 
 def test_a_recording_without_frames_leaves_nothing(tmp_path: Path) -> None:
@@ -155,6 +172,22 @@ def test_a_disk_that_is_full_ends_the_file_and_the_next_frame_begins_another(
     assert play(tmp_path / 'clip.mkv') > 1 and play(tmp_path / 'clip_1.mkv') == 1
 
 
+def test_the_first_of_two_errors_is_told(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path)
+    put(videos, noise(0))
+    (tmp_path / 'clip.mkv').unlink()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError, match='File too large'):
+            for number in range(1, 1000):
+                put(videos, noise(number))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    videos.close()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path: Path) -> None:
     videos = open_videos(tmp_path)
     with pytest.raises(VideoError, match='a 40000x2 frame cannot be encoded'):
@@ -192,9 +225,9 @@ def test_without_pyav_videos_alone_are_refused(
         raise VideoError('install it')
 
     monkeypatch.setattr('opencv_tools.recording.files.check_video', find_nothing)
-    with pytest.raises(VideoError, match='^install it$'):
+    with pytest.raises(VideoError, match=r'^install it$'):
         check_format('.mkv')
-    with pytest.raises(RecordingError, match='^install it$'):
+    with pytest.raises(RecordingError, match=r'^install it$'):
         open_videos(tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
     check_format('.png')
