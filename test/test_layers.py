@@ -94,6 +94,15 @@ def test_pure_modules_need_neither_ros_nor_opencv(room: str) -> None:
     assert finished.returncode == 0, finished.stderr
 
 
+def test_no_module_needs_pyav_before_a_video_is_written() -> None:
+    script = ('import importlib, sys\n'
+              'sys.modules["av"] = None\n'
+              f'for module in {MODULES}: importlib.import_module(module)\n')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False)
+    assert finished.returncode == 0, finished.stderr
+
+
 def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_need() -> None:
     slow = ('numpy', 'matplotlib', 'xacro', 'yaml', 'rclpy', 'cv2', 'sensor_msgs')
     blocked = (f'import sys; sys.modules.update(dict.fromkeys({slow})); '

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
 import pytest
 
@@ -78,6 +78,7 @@ def test_templates_that_are_refused(template: str) -> None:
         FileNames(template)
 
 
+@settings(deadline=None)
 @given(st.text(), st.text(), st.text())
 def test_no_message_leaves_the_folder(frame_id: str, encoding: str, topic: str) -> None:
     labels = Labels(0, frame_id, encoding, topic)

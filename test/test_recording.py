@@ -17,13 +17,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+import errno
+import fcntl
+import itertools
 import json
 import os
 from pathlib import Path
+import random
+import signal
 import threading
+import time
 from typing import Any
 
-from conftest import read_manifest, recorded_files
+from conftest import DEADLINE, read_manifest, recorded_files
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
@@ -37,11 +44,12 @@ from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.selection import FullError, Limits
 from opencv_tools.recording.writers import (
     Content, encode_frame, Format, FORMATS, UnwritableError,
 )
 import pytest
+from switching import switching_in
 
 ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16',
              '8UC1', '8UC2', '8UC3', '8UC4', '16UC1', '16UC3', '16SC1', '32SC1', '32FC1', '32FC3',
@@ -86,15 +94,25 @@ def gray_numbers(folder: Path) -> list[int]:
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0, 0] for path in recorded_files(folder)]
 
 
+class ToldRecorder(Recorder):
+    """A recorder that blocks, and keeps what it tells."""
+
+    def __init__(self, files: Any) -> None:
+        self.console, self.times_full = Console(), 0
+        super().__init__(files, self.console, block=True, on_full=self._count)
+
+    def _count(self) -> None:
+        self.times_full += 1
+
+
 def record(
     folder: Path, count: int, template: str = '{seq:03d}.png', on_exists: str = 'continue',
     limits: Limits = NO_LIMITS, first: int = 0,
-) -> Recorder:
+) -> ToldRecorder:
     """Record gray frames, one a second, which have their number as their colour."""
     names = FileNames(template)
-    recorder = Recorder(
-        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False), Console(),
-        block=True)
+    recorder = ToldRecorder(
+        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False))
     for number in range(first, first + count):
         recorder.put(gray_frame(number, number))
     recorder.close()
@@ -169,6 +187,16 @@ def test_big_endian_frames_are_kept_by_value() -> None:
     np.testing.assert_array_equal(kept, image)
 
 
+def test_what_opencv_cannot_encode_is_refused() -> None:
+    with pytest.raises(UnwritableError, match=r'^a mono8 frame was not encoded: '):
+        encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))
+
+
+def test_formats_as_they_are_unless_told() -> None:
+    assert Format('.png') == Format('.png', to_color=True, jpeg_quality=95, png_compression=1,
+                                    crf=23)
+
+
 def test_an_empty_frame_is_refused_with_its_size() -> None:
     with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
         encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), Format('.png'))
@@ -239,6 +267,14 @@ def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
         'encoding': 'mono8', 'kept_as': 'mono8', 'size': [20, 20], 'frames': 1}
 
 
+def failing(number: int) -> Callable[..., None]:
+    """Make a function that fails as the system does."""
+    def fail(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
 def picture_files(
         path: Path, template: str, kind: type[PictureFiles] = PictureFiles) -> PictureFiles:
     folder = Folder(path)
@@ -255,7 +291,7 @@ class SlowFiles(PictureFiles):
 
     def prepare(self, frame: Frame) -> object:
         self.has_begun.set()
-        assert self.may_write.wait(10)
+        assert self.may_write.wait(DEADLINE)
         return super().prepare(frame)
 
 
@@ -268,7 +304,7 @@ def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) ->
     console = Console()
     recorder = Recorder(slow_files, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
-    assert slow_files.has_begun.wait(10)
+    assert slow_files.has_begun.wait(DEADLINE)
     made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
     slow_files.may_write.set()
     recorder.close()
@@ -288,7 +324,7 @@ def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowF
     putting.join(0.2)
     assert putting.is_alive()
     slow_files.may_write.set()
-    putting.join(10)
+    putting.join(DEADLINE)
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
     assert recorder.account.dropped == 0
@@ -324,6 +360,24 @@ def test_an_error_that_nobody_expects_holds_nothing_up(
     assert (recorder.account.written, recorder.account.failed) == (8, 4)
 
 
+@pytest.mark.parametrize(('error', 'reason'), [
+    (ZeroDivisionError('oops'), 'oops'), (ZeroDivisionError(), 'ZeroDivisionError'),
+    (OSError(), 'OSError'), (OSError(errno.EIO, 'Input/output error', 'x'), 'Input/output error'),
+    (FileNotFoundError(errno.ENOENT, '', 'x'), 'FileNotFoundError')])
+def test_every_error_has_a_reason(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str) -> None:
+    def stumble(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
+    console, outcomes = Console(), []
+    recorder = Recorder(picture_files(tmp_path, '{seq}.png'), console)
+    recorder.put(gray_frame(0), outcomes.append)
+    recorder.close()
+    assert outcomes == [reason]
+    assert console.lines == [f'error: a frame was not written: {reason}']
+
+
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     folder, console = tmp_path / 'mount' / 'out', Console()
     recorder = Recorder(
@@ -333,7 +387,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     def put_and_wait(number: int) -> None:
         done = threading.Event()
         recorder.put(gray_frame(number), lambda _: done.set())
-        assert done.wait(10)
+        assert done.wait(DEADLINE)
 
     put_and_wait(0)
     (tmp_path / 'mount').rename(tmp_path / 'away')
@@ -355,6 +409,14 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     with pytest.raises(RecordingError, match=r'output_dir .*/file/out cannot be used'):
         Folder(tmp_path / 'file' / 'out')
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.mkv'])
+def test_a_manifest_that_cannot_be_read(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / 'manifest.jsonl').mkdir()
+    with pytest.raises(RecordingError, match=r'output_dir .* cannot be used: Is a directory$'):
+        open_files(tmp_path, FileNames(f'x{suffix}'), Format(suffix), 'continue', NO_LIMITS, False)
+    assert not list(tmp_path.glob('.*'))
 
 
 def test_a_file_without_its_line_is_no_file(
@@ -384,12 +446,22 @@ def test_a_second_recording_continues(tmp_path: Path, template: str, names: list
     assert [line['seq'] for line in lines] == [0, 1, 2, 3]
 
 
-def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path) -> None:
-    record(tmp_path, 3)
+@pytest.mark.parametrize('count', [1, 3])
+def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path, count: int) -> None:
+    record(tmp_path, count)
     for path in recorded_files(tmp_path):
         path.unlink()
     record(tmp_path, 1)
-    assert [path.name for path in recorded_files(tmp_path)] == ['003.png']
+    assert [path.name for path in recorded_files(tmp_path)] == [f'{count:03d}.png']
+
+
+def test_each_name_has_copies_of_its_own(tmp_path: Path) -> None:
+    files = picture_files(tmp_path, '{frame_id}.png')
+    frames = [replace(gray_frame(0), frame_id=name) for name in ('a', 'a', 'a', 'b', 'b', 'a')]
+    paths = [files.commit(frame, files.prepare(frame)) for frame in frames]
+    files.close()
+    assert [path.name for path in paths] == [
+        'a.png', 'a_1.png', 'a_2.png', 'b.png', 'b_1.png', 'a_3.png']
 
 
 def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
@@ -397,7 +469,7 @@ def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(30)
+        thread.join(DEADLINE)
     assert sorted(gray_numbers(tmp_path)) == sorted([*range(40)] * 2)
     assert len(read_manifest(tmp_path)) == 80
 
@@ -463,6 +535,43 @@ def test_what_a_killed_recording_left_is_put_in_order(
     assert not list(tmp_path.glob('.*'))
 
 
+def record_until_killed(folder: Path) -> int:
+    """Record in a process of its own; its number."""
+    child = os.fork()
+    if child:
+        return child
+    try:
+        recorder = ToldRecorder(open_files(
+            folder, FileNames('{seq:05d}.png'), Format('.png'), 'continue', NO_LIMITS, False))
+        for number in itertools.count():
+            recorder.put(gray_frame(number % 256))
+    finally:
+        os._exit(1)
+
+
+def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> None:
+    moments = random.Random(5)
+    checked: set[Path] = set()
+    for _ in range(40):
+        child = record_until_killed(tmp_path)
+        try:
+            deadline = time.monotonic() + DEADLINE
+            while len(recorded_files(tmp_path)) <= len(checked):
+                assert time.monotonic() < deadline
+            time.sleep(moments.uniform(0, 0.02))
+        finally:
+            os.kill(child, signal.SIGKILL)
+            assert os.waitpid(child, 0)[1] == signal.SIGKILL
+        for path in set(recorded_files(tmp_path)) - checked:
+            picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            assert picture is not None and picture.shape == (20, 20) and np.ptp(picture) == 0, path
+            checked.add(path)
+    record(tmp_path, 1, '{seq:05d}.png')
+    assert [line['seq'] for line in sorted(read_manifest(tmp_path), key=lambda line: line['seq'])
+            ] == list(range(len(checked) + 1))
+    assert not list(tmp_path.glob('.*'))
+
+
 def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
     record(tmp_path, 2)
     manifest = tmp_path / 'manifest.jsonl'
@@ -501,6 +610,9 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
     recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
+    told = [f'info: The recording is full: max_bytes is {5 * size}, and the next file has {size}']
+    assert recorder.console.lines == ([] if ring else told)
+    assert recorder.times_full == (0 if ring else 1)
     assert gray_numbers(tmp_path / 'many') == (
         [15, 16, 17, 18, 19] if ring else [0, 1, 2, 3, 4])
     assert len(read_manifest(tmp_path / 'many')) == 5
@@ -519,6 +631,7 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
 
     monkeypatch.setattr(os, 'fsync', note('fsync', os.fsync))
     monkeypatch.setattr(os, 'link', note('link', os.link))
+    Folder(tmp_path).write(b'content')
     for sync in (True, False):
         files = open_files(
             tmp_path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync)
@@ -528,12 +641,11 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
     assert done == ['fsync', 'link', 'link']
 
 
+@pytest.mark.parametrize('number', [
+    errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK])
 def test_a_disk_without_hard_links_overwrites_nothing_either(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError(1, 'Operation not permitted')
-
-    monkeypatch.setattr(os, 'link', refuse)
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    monkeypatch.setattr(os, 'link', failing(number))
     record(tmp_path, 2)
     (tmp_path / '002.png').write_text('mine')
     files = picture_files(tmp_path, '{seq:03d}.png')
@@ -544,3 +656,270 @@ def test_a_disk_without_hard_links_overwrites_nothing_either(
     assert (tmp_path / '003.png').read_text() == 'mine too'
     lines = (tmp_path / 'manifest.jsonl').read_text().splitlines()
     assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]
+
+
+def test_a_link_that_fails_otherwise_is_told(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'link', failing(errno.EIO))
+    assert record(tmp_path, 2).account.failed == 2
+    assert not list(tmp_path.glob('*.png')) and not list(tmp_path.glob('.*'))
+
+
+def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fcntl, 'flock', failing(errno.ENOLCK))
+    record(tmp_path, 2)
+    record(tmp_path, 1, first=2)
+    assert gray_numbers(tmp_path) == [0, 1, 2]
+    assert len(read_manifest(tmp_path)) == 3
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_a_line_is_not_lost_while_another_drops_lines(tmp_path: Path) -> None:
+    record(tmp_path, 2)
+    manifest = Manifest(tmp_path)
+    first, second = manifest.entries()
+    threads = []
+
+    def write(content: bytes) -> Path:
+        threads.append(threading.Thread(target=manifest.append, args=[first]))
+        threads[0].start()
+        threads[0].join(0.3)  # it is over only where nothing keeps it from the file
+        path = tmp_path / 'new'
+        path.write_bytes(content)
+        return path
+
+    manifest.compact(lambda entry: entry == second, write)
+    threads[0].join()
+    assert manifest.entries() == [second, first]
+
+
+def test_the_last_lines_of_a_long_manifest(tmp_path: Path) -> None:
+    record(tmp_path, 1)
+    manifest = Manifest(tmp_path)
+    [entry] = manifest.entries()
+    lines = [replace(entry, seq=seq).line() for seq in range(6000)]
+    (tmp_path / 'manifest.jsonl').write_bytes(b''.join(lines))
+    tail = [entry.seq for entry in manifest.tail()]
+    assert tail == list(range(tail[0], 6000))
+    whole = len(b''.join(lines[tail[0]:]))
+    assert whole <= 2 ** 20 < whole + len(lines[tail[0] - 1])
+
+
+def test_lines_of_other_recordings_stay(tmp_path: Path) -> None:
+    record(tmp_path, 1, 'other_{seq}.bmp')
+    (tmp_path / 'other_0.bmp').unlink()
+    record(tmp_path, 150, limits=LIMITS[0])
+    assert [entry.name for entry in Manifest(tmp_path).entries()] == [
+        'other_0.bmp', '146.png', '147.png', '148.png', '149.png']
+
+
+def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    files = picture_files(folder, '{seq}.png')
+    picture = files.prepare(gray_frame(0))
+    folder.rename(tmp_path / 'away')
+    folder.touch()
+    picture.discard()
+    assert (tmp_path / 'away' / picture.temporary.name).exists()
+    folder.unlink()
+    (tmp_path / 'away').rename(folder)
+    picture.discard()
+    assert not picture.temporary.exists()
+    files.close()
+
+
+def test_lines_of_files_that_are_no_more_are_dropped_meanwhile(tmp_path: Path) -> None:
+    names = FileNames('{seq:03d}.png')
+    files = open_files(tmp_path, names, Format('.png'), 'continue', LIMITS[0], False)
+    lengths = []
+    for number in range(250):
+        frame = gray_frame(number)
+        files.commit(frame, files.prepare(frame))
+        lengths.append((tmp_path / 'manifest.jsonl').read_bytes().count(b'\n'))
+    assert lengths == [*range(1, 105), *[*range(4, 105)] * 2][:250]
+    files.close()
+    assert len(read_manifest(tmp_path)) == 4
+
+
+def test_no_file_stays_open(tmp_path: Path) -> None:
+    before = len(list(Path('/proc/self/fd').iterdir()))
+    (tmp_path / '.recording-abandoned-.journal').touch()
+    (tmp_path / '.recording-abandoned-0.part').touch()
+    record(tmp_path, 3)
+    assert not list(tmp_path.glob('.*'))
+    assert len(list(Path('/proc/self/fd').iterdir())) == before
+
+
+def test_files_are_for_whom_the_mask_leaves_them_to(tmp_path: Path) -> None:
+    before = os.umask(0o026)
+    try:
+        files = picture_files(tmp_path, '{seq}.png')
+        frame = gray_frame(0)
+        files.commit(frame, files.prepare(frame))
+        modes = {path.suffix: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+        files.close()
+    finally:
+        os.umask(before)
+    assert modes == {'.png': 0o640, '.jsonl': 0o640, '.journal': 0o640}
+
+
+def test_a_folder_that_cannot_be_cleaned_up_is_left_as_it_was(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_some(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            raise PermissionError(errno.EACCES, 'Permission denied')
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_some)
+    with pytest.raises(RecordingError, match=r'cannot be used: Permission denied$'):
+        Folder(tmp_path)
+    assert list(tmp_path.iterdir()) == [abandoned]
+
+
+def test_one_that_cleaned_up_just_before_leaves_nothing_to_do(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def clean_up_and_lock(file: int, how: int) -> None:
+        locked.append(file)
+        for path in listed[2 * (len(locked) < 2):]:  # the first lock is that of its own journal
+            path.unlink()
+        lock(file, how)
+
+    lock, locked = fcntl.flock, []
+    for name in ('.journal', '0.part'):
+        (tmp_path / f'.recording-abandoned-{name}').touch()
+    real_glob = Path.glob
+    listed = [*tmp_path.glob('.recording-abandoned*')]
+    monkeypatch.setattr(Path, 'glob', lambda path, pattern: iter(
+        listed if pattern == '.recording-*' else real_glob(path, pattern)))
+    monkeypatch.setattr(fcntl, 'flock', clean_up_and_lock)
+    Folder(tmp_path).close()
+    assert not list(real_glob(tmp_path, '.recording-*'))
+
+
+def test_two_that_begin_at_once_clean_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_after_another(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            path.unlink()
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_after_another)
+    record(tmp_path, 1)
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('name', ['.journal', 'manifest.jsonl'])
+def test_a_file_that_is_removed_as_soon_as_it_is_there_is_made_again(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    def open_and_remove(path: Path, *args: Any) -> int:
+        file = open_file(path, *args)
+        if path.name.endswith(name) and not removed:
+            removed.append(path)
+            path.unlink()
+        return file
+
+    open_file, removed = os.open, []
+    monkeypatch.setattr(os, 'open', open_and_remove)
+    files = picture_files(tmp_path, '{seq}.png')
+    assert len(list(tmp_path.glob('.*.journal'))) == 1
+    frame = gray_frame(0)
+    files.commit(frame, files.prepare(frame))
+    files.close()
+    assert removed
+    assert len(read_manifest(tmp_path)) == 1
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_writers_keep_nobody_from_ending(slow_files: SlowFiles) -> None:
+    before = set(threading.enumerate())
+    recorder = Recorder(slow_files, Console(), writers=3)
+    writers = set(threading.enumerate()) - before
+    assert len(writers) == 3 and all(thread.daemon for thread in writers)
+    recorder.close()
+    assert not any(thread.is_alive() for thread in writers)
+
+
+class Numbers:
+    """Keep the numbers of frames in the order in which they are put in their place."""
+
+    def __init__(self) -> None:
+        self.placed: list[int] = []
+
+    def prepare(self, frame: RawFrame) -> Numbers:
+        return self
+
+    def commit(self, frame: RawFrame, _: Numbers) -> Path:
+        self.placed.append(int(frame.image[0, 0]))
+        return Path()
+
+    def discard(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Unfinished(Numbers):
+    """Fail at the end."""
+
+    def close(self) -> None:
+        raise OSError(errno.EIO, 'Input/output error', 'x')
+
+
+def test_an_end_that_fails_is_told_once() -> None:
+    console = Console()
+    recorder = Recorder(Unfinished(), console)
+    recorder.put(gray_frame(0))
+    recorder.close()
+    recorder.close()
+    assert vars(recorder.account) == {'written': 1, 'dropped': 0, 'failed': 1, 'left_out': 0}
+    assert console.lines == ['error: the recording was not finished: Input/output error']
+
+
+class Full(Numbers):
+    """Be full at the first frame, when the second one is prepared as well."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.discarded = 0
+        self._both = threading.Barrier(2)
+
+    def prepare(self, frame: RawFrame) -> Numbers:
+        self._both.wait()
+        return self
+
+    def commit(self, frame: RawFrame, _: Numbers) -> Path:
+        super().commit(frame, self)
+        raise FullError('no more')
+
+    def discard(self) -> None:
+        self.discarded += 1
+
+
+def test_what_was_prepared_before_the_end_is_left_out() -> None:
+    files = Full()
+    outcomes: list[object] = []
+    recorder = Recorder(files, Console(), writers=2)
+    for number in range(2):
+        recorder.put(gray_frame(number), outcomes.append)
+    recorder.close()
+    assert files.placed == [0]
+    assert outcomes == ['no more', 'the recording is full']
+    assert (recorder.account.left_out, files.discarded) == (2, 2)
+
+
+@pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
+def test_the_order_is_kept_wherever_threads_are_stopped() -> None:
+    files = Numbers()
+    with switching_in(Recorder._write_all):
+        recorder = Recorder(files, Console(), writers=4, block=True)
+        for number in range(40):
+            recorder.put(gray_frame(number))
+        recorder.close()
+    assert files.placed == list(range(40))
+    assert recorder.account.written == 40

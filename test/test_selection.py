@@ -64,6 +64,18 @@ def test_a_pause_and_a_clock_that_was_set_begin_anew() -> None:
     assert wanted(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
 
 
+@pytest.mark.parametrize(('times', 'expected'), [
+    ([100, 102, 102.5, 103.5], [0, 1, 2, 3]),  # a period too late is on the grid, ...
+    ([100, 102.01, 102.5, 103.5], [0, 1, 3]),  # and what comes later begins another one
+    ([100, 100.75, 101.75, 102.7], [0, 1, 2]),  # a quarter too early is on it as well
+    ([100, 100.74, 101.7, 102.7], [0, 2, 3]),
+    ([100, 99, 100.75], [0, 2]),  # two periods early is early, ...
+    ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # and more is a clock that was set
+def test_frames_beside_the_grid(times: list[float], expected: list[int]) -> None:
+    selection = Selection(1, 1.0, Limits())
+    assert wanted(selection, [round(time * NANO) for time in times]) == expected
+
+
 def test_frames_without_a_stamp_have_the_time_at_which_they_came() -> None:
     selection = Selection(1, 10.0, Limits())
     taken = [number for number, time_ns in enumerate(stamps(31, 30))

@@ -33,14 +33,16 @@ from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
 
 def check_format(suffix: str) -> None:
     """
-    Refuse a format that is not known.
+    Refuse a format that is not known, or that cannot be written on this machine.
 
     :param suffix: file name extension with its dot, in lower case.
-    :raises ValueError: nothing here writes such files.
+    :raises ValueError: nothing here writes such files, or what writes videos is not installed.
     """
     known = (*PICTURE_FORMATS, *VIDEO_FORMATS)
     if suffix not in known:
         raise ValueError(f'the extension is one of {", ".join(known)}')
+    if suffix in VIDEO_FORMATS:
+        check_video()
 
 
 def open_files(

@@ -81,8 +81,9 @@ def check_video() -> None:
         from av.codec.codec import Codec
         Codec('libx264', 'w')
     except ImportError as err:
-        raise VideoError(f'a video needs PyAV, which cannot be used ({err}); get it with '
-                         "'sudo apt install python3-av' or 'pip install av'") from err
+        raise VideoError(f'a video needs PyAV, which cannot be used ({err}); install it with '
+                         "'pip install av', on Ubuntu with 'sudo apt install python3-av'"
+                         ) from err
     except ValueError as err:
         raise VideoError('a video needs libx264, which the installed PyAV comes without; '
                          "get one that has it with 'pip install --force-reinstall av'") from err

@@ -1,0 +1,78 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What compressed frames tell of themselves."""
+
+from __future__ import annotations
+
+from opencv_tools.pictures import PictureError
+from opencv_tools.recording.payload import Payload, read_payload
+import pytest
+
+BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
+COMMENT = b'\xff\xfe\x00\x04ab'
+SIZE = b'\x00\x0b\x08\x00\x05\x01\x07\x01\x01\x11\x00'  # 263x5
+
+
+def jpeg(*segments: bytes) -> bytes:
+    return b''.join((BEGINS, *segments, ENDS))
+
+
+@pytest.mark.parametrize('marker', [*range(0xc0, 0xd0)])
+def test_a_frame_of_any_kind_has_the_size(marker: int) -> None:
+    data = jpeg(COMMENT, bytes([0xff, marker]) + SIZE)
+    if marker in (0xc4, 0xc8, 0xcc):
+        with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size'):
+            read_payload(data)
+    else:
+        assert read_payload(data) == Payload(('.jpg', '.jpeg'), 263, 5)
+
+
+@pytest.mark.parametrize('marker', [0x01, *range(0xd0, 0xd8)])
+def test_markers_without_a_length_are_passed_over(marker: int) -> None:
+    data = jpeg(bytes([0xff, marker]), COMMENT, b'\xff\xc0' + SIZE)
+    assert read_payload(memoryview(data)) == Payload(('.jpg', '.jpeg'), 263, 5)
+
+
+@pytest.mark.parametrize('data', [
+    jpeg(b'\x00\xc0' + SIZE), jpeg(COMMENT, b'\xfe\xc0' + SIZE), jpeg(b'\xff\xe0\x00\xff'),
+    jpeg(BEGINS, b'\xff\xc0' + SIZE),
+    jpeg(b'\xff\xc0\x00\x0b'), jpeg(), jpeg(*[COMMENT] * 1000, b'\xff\xc0' + SIZE)],
+    ids=['zero', 'fill', 'long', 'again', 'short', 'nothing', 'many'])
+def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
+    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size$'):
+        read_payload(data)
+
+
+def test_a_size_is_found_behind_many_segments() -> None:
+    data = jpeg(*[COMMENT] * 999, b'\xff\xc0' + SIZE)
+    assert read_payload(data) == Payload(('.jpg', '.jpeg'), 263, 5)
+
+
+@pytest.mark.parametrize('data', [
+    b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
+def test_an_end_that_is_missing_is_told(data: bytes) -> None:
+    with pytest.raises(PictureError, match=f'^{len(data)} bytes of .* whose end is missing$'):
+        read_payload(data)
+
+
+@pytest.mark.parametrize('data', [b'', b'text', b'\xff', b'II*\0' + bytes(100)])
+def test_other_formats_are_not_looked_into(data: bytes) -> None:
+    assert read_payload(data) == Payload((), 0, 0)
+
+
+def test_a_png_tells_its_size() -> None:
+    header = b'\0\0\0\rIHDR\0\0\1\7\0\0\0\5'
+    png = b'\x89PNG\r\n\x1a\n' + header + b'\0\0\0\0IEND\xaeB`\x82'
+    assert read_payload(png) == Payload(('.png',), 263, 5)
