@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import os
 from pathlib import Path
-import stat
 from typing import Any
 
 from opencv_tools.ros.parameters import Parameter, ParameterError
@@ -77,9 +76,9 @@ def load_parameters(path: Path) -> Any:
     :raises ValueError: it is no regular file, larger than 1 MB, or no text.
     :raises yaml.YAMLError: it is no YAML, nested too deep, or has aliases, which rcl refuses too.
     """
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb') as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError(f'{path} is no regular file')
+    if not path.is_file():  # to open a pipe would end its writer
+        raise ValueError(f'{path} is no regular file')
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb') as file:
         content = file.read(_FILE_BYTES + 1)
     if len(content) > _FILE_BYTES:
         raise ValueError(f'{path} is larger than {_FILE_BYTES} bytes')

@@ -22,7 +22,6 @@ import ctypes
 from dataclasses import dataclass
 import math
 import os
-from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments, SHARED_MEMORY
