@@ -237,11 +237,15 @@ def watch_parameters(
 
 
 def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
-    """Convert a change to the type of its parameter; one that is refused stays as it is."""
-    if parameter:
-        with suppress(ParameterError):
-            return rclpy.Parameter(change.name, value=parameter.accept(change.value))
-    return change
+    """Convert a change to the type of its parameter; what has no such value stays as it is."""
+    if parameter is None:
+        return change
+    value = change.value
+    if isinstance(parameter.default, float) and type(value) is int:
+        value = float(value)  # also where it is out of range, which is the better reason
+    with suppress(ParameterError):
+        value = parameter.accept(value)
+    return rclpy.Parameter(change.name, value=value)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
