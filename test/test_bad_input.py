@@ -277,7 +277,7 @@ def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: 
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
     assert output.count('not used so far: ') == 2
-    assert 'not used so far: gain; it is no parameter of the node, and there is no camera ' in output
+    assert 'not used so far: gain; it is no parameter of the node, and there is ' in output
     assert 'not used so far: sorce (did you mean source?); it is no parameter' in output
 
 
