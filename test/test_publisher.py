@@ -314,23 +314,23 @@ def test_a_change_is_taken_as_at_the_start(start: Start, node: Node) -> None:
     assert described[0].floating_point_range[0].to_value == 1000.0
 
 
-@pytest.mark.parametrize(('name', 'value', 'reason'), [
+REFUSED = (
     ('source', 'pattern:8x8', 'read-only'), ('rotate', 91, 'give one of 0, 90, 180, 270'),
     ('encoding', 'bgr9', "parameter encoding is 'bgr9'"),
     ('fourcc', 'H264', 'the known pixel formats are'), ('jpeg_quality', 0, 'out of range'),
     ('publish_rate', 2000, 'out of range'), ('publish_rate', '5', 'Wrong parameter type'),
-    ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'),
-])
-def test_a_change_that_cannot_be_is_refused_with_the_reason(
-        start: Start, node: Node, name: str, value: object, reason: str) -> None:
+    ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'))
+
+
+def test_a_change_that_cannot_be_is_refused_with_the_reason(start: Start, node: Node) -> None:
     start('img_publisher', source='pattern:64x48')
-    assert reason in set_parameters(node, **{name: value})
+    for name, value, reason in REFUSED:
+        assert reason in set_parameters(node, **{name: value})
 
 
 # Stamps
 
-@pytest.mark.parametrize(('stamp', 'offset'), [('capture', 0.0), ('publish', 0.0),
-                                               ('capture', -12.5), ('publish', 3.0)])
+@pytest.mark.parametrize(('stamp', 'offset'), [('capture', -12.5), ('publish', 3.0)])
 def test_stamps_are_the_time_of_ros_and_rise(
         start: Start, node: Node, stamp: str, offset: float) -> None:
     stamps: list[int] = []
