@@ -78,7 +78,7 @@ class Controlled(Node):
         self.controls = CameraControls(self, TABLE, lambda: self.camera)
         watch_parameters(self, TABLE, lambda _: None, lambda: self.controls.parameters)
 
-    def set(self, **values: object) -> str:
+    def change(self, **values: object) -> str:
         result = self.set_parameters_atomically(
             [rclpy.Parameter(name, value=value) for name, value in values.items()])
         return '' if result.successful else result.reason
@@ -112,14 +112,14 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
     node.camera.values[BRIGHTNESS] = 100
     node.controls.declare(node.camera)
     assert node.shown() == (100, False, 5)
-    assert node.set(flip=1, gain_control=7, gain=3) == ''
+    assert node.change(flip=1, gain_control=7, gain=3) == ''
     assert node.shown() == (100, True, 7)
     assert node.get_parameter('gain').value == 3.0
     assert node.camera.calls == [('flip', 1), ('gain', 7)]
     assert dict(node.controls.wanted) == {'brightness': 100, 'flip': 1, 'gain': 7}
-    assert 'out of range' in node.set(brightness=256)
-    assert 'Wrong parameter type' in node.set(brightness=5.5)
-    assert 'camera refuses flip' in node.set(brightness=13, flip=False)
+    assert 'out of range' in node.change(brightness=256)
+    assert 'Wrong parameter type' in node.change(brightness=5.5)
+    assert 'camera refuses flip' in node.change(brightness=13, flip=False)
     assert node.camera.values[BRIGHTNESS] == 100
     assert node.shown() == (100, True, 7)
 

@@ -499,6 +499,18 @@ def test_a_part_of_the_frames_is_missed_and_counted() -> None:
     tell('missed', f'{source.missed} of {periods:.0f} frames that a slow reader could not take')
 
 
+def test_frames_that_are_missed_are_on_the_console(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, publish_rate=0, width=320, height=180)
+    viewer.wait_for(3)
+    control('percentage_of_dropped_buffers=50')
+    spin_until(viewer.node, lambda: bool(re.search(
+        r'Publishing video frame \d+: .* Hz, 0 dropped, \d+ missed', publisher.output)))
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    missed = re.search(r'Published .* 0 dropped, (\d+) missed', publisher.output)[1]
+    tell('half the frames gone', f'{missed} missed, as the console says')
+
+
 def capture_bars(fourcc: str) -> np.ndarray:
     """Read one frame of colour bars without a counter."""
     control('osd_text_mode=2')
