@@ -44,6 +44,7 @@ from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.runtime import DONE, FAILED, Program, run
 from opencv_tools.ros.stamps import Stamper
+from opencv_tools.ros.timers import Delay
 from opencv_tools.ros.transport import Transport, UNTOUCHED
 from rclpy.node import Node
 from rclpy.task import Future
@@ -52,6 +53,8 @@ from std_srvs.srv import SetBool
 
 _STOP_SECONDS = 5
 _RELEASE_SECONDS = 5
+# What changes within this time, such as width and height, lets a camera be opened anew once.
+_CHANGE_SECONDS = 0.2
 
 
 class ImagePublisher(Node):
@@ -78,7 +81,8 @@ class ImagePublisher(Node):
         self._controls = CameraControls(self, PARAMETERS, self._camera)
         self._camera_opened = self.create_guard_condition(self._declare_controls)
         self._diagnostics = Diagnostics(self, self._condition)
-        watch_parameters(self, PARAMETERS, self._change)
+        self._reopening = Delay(self, _CHANGE_SECONDS, self._grabber.reopen)
+        watch_parameters(self, PARAMETERS, self._change, lambda: self._controls.parameters)
         self.create_service(SetBool, 'set_capture', self._set_capture)
         self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
         if not is_camera(self._settings['source']):
@@ -99,7 +103,8 @@ class ImagePublisher(Node):
         self._thread.join(_STOP_SECONDS)
         self.get_logger().info(
             f'Published {self._progress.count} frames at {self._progress.average_rate():.1f} Hz, '
-            f'{self._dropped} dropped')
+            f'{self._dropped} dropped'
+            + (f', {self._grabber.missed} missed' if self._grabber.missed else ''))
         return self.done.result() if self.done.done() else DONE
 
     def opened(self, source: Source) -> None:
@@ -117,6 +122,7 @@ class ImagePublisher(Node):
         seconds = self._grabber.playback.reconnect
         limit = '' if seconds == math.inf else f' for {seconds:g} s'
         self.get_logger().error(f'{reason}; waiting for it{limit}')
+        self._controls.report_unused()
 
     def returned(self, source: Source, seconds: float) -> None:
         """Say that the source gives frames again."""
@@ -142,6 +148,7 @@ class ImagePublisher(Node):
             status = DONE
         except CaptureError as err:
             self.get_logger().error(str(err))
+            self._controls.report_unused()
         except RuntimeError:
             if self.context.ok():
                 raise
@@ -166,10 +173,11 @@ class ImagePublisher(Node):
             self._leave_out(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
-        self._progress.tick(f'{width}x{height} {rendition.encoding}', self._dropped)
+        self._progress.tick(
+            f'{width}x{height} {rendition.encoding}', self._dropped, self._grabber.missed)
 
     def _note_no_subscriber(self) -> None:
-        self._progress.tick('nobody subscribes', self._dropped)
+        self._progress.tick('nobody subscribes', self._dropped, self._grabber.missed)
         self._diagnostics.count()
 
     def _leave_out(self, err: Exception) -> None:
@@ -222,7 +230,7 @@ class ImagePublisher(Node):
         if 'camera_info_url' in changes:
             self._topics.calibration = self._calibrate()
         if OPENING & changes.keys():
-            self._grabber.reopen()
+            self._reopening.ask()
 
     def _set_capture(
         self, request: SetBool.Request, response: SetBool.Response,
@@ -267,8 +275,8 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 when it ended as asked, 1 when the source failed, 2 for bad parameters.
     """
     program = Program(
-        'img_publisher', 'Publish frames as sensor_msgs/Image on video_frames.', PARAMETERS,
-        expected_frame_bytes)
+        'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',
+        PARAMETERS, '-p source:=clip.mp4 -p publish_rate:=0', expected_frame_bytes)
     return run(program, ImagePublisher, args, failures=())
 
 

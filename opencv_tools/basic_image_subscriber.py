@@ -168,7 +168,8 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 when it ended as asked, 1 when frames or files failed, 2 for bad parameters.
     """
     program = Program(
-        'img_subscriber', 'Write the frames on video_frames to files.', PARAMETERS)
+        'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
+        PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     return run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
 
 

@@ -16,13 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import os
 from pathlib import Path
+import signal
 
 from conftest import NodeProcess
+from opencv_tools import basic_image_publisher, basic_image_subscriber
+from opencv_tools.ros.command_line import check_ros_arguments, load_parameters
+from opencv_tools.ros.parameters import Parameter, ParameterError
 import pytest
+import yaml
 
 Start = Callable[..., NodeProcess]
+
+MAIN = {'img_publisher': basic_image_publisher.main, 'img_subscriber': basic_image_subscriber.main}
 
 FAILED = 1
 BAD_USAGE = 2
@@ -66,6 +74,11 @@ PUBLISHER = {
     'unknown reliability': (BAD_USAGE, {
         'source': 'pattern', 'qos_overrides./video_frames.publisher.reliability': 'perfect'},
         'video_frames cannot be published: Unexpected QoS override'),
+    **{f'a misspelt {meant}': (BAD_USAGE, {'source': 'pattern', wrong: 5},
+                               f'there is no parameter {wrong}: did you mean {meant}?')
+       for wrong, meant in (('max_frame', 'max_frames'), ('stop_fram', 'stop_frame'),
+                            ('loops', 'loop'), ('onend', 'on_end'),
+                            ('reconect', 'reconnect'))},
     'negative depth': (BAD_USAGE, {
         'source': 'pattern', 'qos_overrides./video_frames.publisher.depth': -3},
         'depth is -3: give a number from 0'),
@@ -81,8 +94,13 @@ SUBSCRIBER = {
     'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'give max_frames, max_duration or'),
     'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
                          'a ring deletes the oldest files, and a .mp4 is one file'),
-    'a parameter that is not known': (FAILED, {'timeout': 0.3, 'max_frame': 5},
-                                      'max_frame is not used; did you mean max_frames?'),
+    'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
+                                      'writer is not used; did you mean writers?'),
+    **{f'a misspelt {meant}': (BAD_USAGE, {wrong: 5},
+                               f'there is no parameter {wrong}: did you mean {meant}?')
+       for wrong, meant in (('max_frame', 'max_frames'), ('max_duratio', 'max_duration'),
+                            ('max_byte', 'max_bytes'), ('timout', 'timeout'),
+                            ('every', 'every_n'), ('max_rat', 'max_rate'), ('rings', 'ring'))},
     'files that are an error': (FAILED, {'on_exists': 'error', 'output_dir': '.',
                                          'file_name': 'text.png'},
                                 'has text.png already; name another folder'),
@@ -94,52 +112,178 @@ SUBSCRIBER = {
 }
 
 
-def refuse(start: Start, tmp_path: Path, name: str, status: int, parameters: dict[str, object],
-           *texts: str) -> None:
+# One of each outcome, and those of which libraries might say more; the others run in here.
+IN_A_PROCESS = (('img_publisher', 'no such device number'), ('img_publisher', 'unknown encoding'),
+                ('img_publisher', 'a text named mp4'),
+                ('img_publisher', 'a stream that is not there'),
+                ('img_subscriber', 'nobody publishes'), ('img_subscriber', 'unknown format'))
+CASES = {'img_publisher': PUBLISHER, 'img_subscriber': SUBSCRIBER}
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> None:
+    """Make the files that cases name."""
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mp4').write_text('hello')
     (tmp_path / 'text.png').write_text('hello')
+
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(files: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Run an executable in this process: its exit status, and what is on the console."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', 'default')  # this process's malloc is not theirs
+
+    def _run(name: str, *words: str) -> tuple[int, str]:
+        try:
+            status = MAIN[name]([name, *words])
+        except SystemExit as end:
+            status = end.code
+        captured = capfd.readouterr()
+        return status, captured.out + captured.err
+
+    yield _run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def check_refusal(output: str, *texts: str) -> None:
+    """Check that it is one sentence with what is wrong."""
+    for text in texts:
+        assert text in output
+    errors = [line for line in output.splitlines() if '[ERROR]' in line]
+    other = [line for line in output.splitlines()
+             if not line.startswith(('[ERROR]', '[INFO]', '[WARN]'))]
+    assert len(errors) == 1 and not other, output
+
+
+def assignments(parameters: dict[str, object]) -> list[str]:
+    return [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
+
+
+@pytest.mark.parametrize(('name', 'case'), [
+    (name, case) for name, cases in CASES.items() for case in cases
+    if (name, case) not in IN_A_PROCESS])
+def test_refusal(run: Run, name: str, case: str) -> None:
+    status, parameters, *texts = CASES[name][case]
+    ended, output = run(name, '--ros-args', *assignments(parameters))
+    assert ended == status, output
+    check_refusal(output, *texts)
+
+
+@pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
+def test_a_process_that_refuses(start: Start, files: None, name: str, case: str) -> None:
+    status, parameters, *texts = CASES[name][case]
     process = start(name, **parameters)
     assert process.finish() == status, process.output
-    for text in texts:
-        assert text in process.output
-    errors = [line for line in process.output.splitlines() if '[ERROR]' in line]
-    other = [line for line in process.output.splitlines()
-             if not line.startswith(('[ERROR]', '[INFO]', '[WARN]'))]
-    assert len(errors) == 1 and not other, process.output
-
-
-@pytest.mark.parametrize('case', PUBLISHER)
-def test_publisher_refuses(start: Start, tmp_path: Path, case: str) -> None:
-    refuse(start, tmp_path, 'img_publisher', *PUBLISHER[case])
-
-
-@pytest.mark.parametrize('case', SUBSCRIBER)
-def test_subscriber_refuses(start: Start, tmp_path: Path, case: str) -> None:
-    refuse(start, tmp_path, 'img_subscriber', *SUBSCRIBER[case])
+    check_refusal(process.output, *texts)
 
 
 @pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
     ('img_publisher', ['--help'], 0, 'frames per second; 0 for the source'),
+    ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
+    ('img_publisher', ['--help'], 0, 'to compare'),
     ('img_subscriber', ['--help'], 0, 'folder to write to, made when missing'),
-    ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0'),
+    ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
+    ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0\n'),
+    ('img_publisher', ['--source', '0'], BAD_USAGE, '; write --ros-args -p source:=0\n'),
+    ('img_publisher', ['--max-frames=7'], BAD_USAGE, '; write --ros-args -p max_frames:=7\n'),
+    ('img_publisher', ['--loop', '--x'], BAD_USAGE, '; write --ros-args -p loop:=VALUE\n'),
+    ('img_subscriber', ['--source', '0'], BAD_USAGE, 'unrecognized arguments: --source 0\n'),
+    ('img_publisher', ['source:=pattern'], BAD_USAGE, 'write --ros-args -p source:=pattern\n'),
+    ('img_publisher', ['--ros-args', '-r', 'source:=pattern'], BAD_USAGE,
+     'write --ros-args -p source:=pattern\n'),
+    ('img_subscriber', ['--ros-args', '--remap', 'image_subscriber:timeout:=3'], BAD_USAGE,
+     'timeout is a parameter: write --ros-args -p image_subscriber:timeout:=3\n'),
     ('img_publisher', ['--ros-args', '--nonsense', '--'], BAD_USAGE, '--nonsense'),
     ('img_publisher', ['--ros-args', '-p', 'source', '--'], BAD_USAGE, 'write -p NAME:=VALUE'),
     ('img_publisher', ['--ros-args', '--params-file', '/none.yaml', '--'], BAD_USAGE,
      "Couldn't parse params file: '--params-file /none.yaml'"),
 ])
-def test_command_line(start: Start, name: str, words: list[str], status: int, text: str) -> None:
-    process = start(name, *words)
-    assert process.finish() == status, process.output
-    assert text in process.output
+def test_command_line(run: Run, name: str, words: list[str], status: int, text: str) -> None:
+    ended, output = run(name, *words)
+    assert ended == status, output
+    assert text in output
 
 
-def test_an_unknown_parameter_is_said(start: Start) -> None:
-    process = start('img_publisher', sorce=0, source='pattern', max_frames=1)
-    assert process.finish() == 0
-    assert 'unknown parameter sorce is not used; did you mean source?' in process.output
+@pytest.mark.parametrize(('sections', 'words', 'outcome'), [
+    ('image_publisher', '', None), ('/**', '', None), ('/**/image_publisher', '', None),
+    ('/front/image_publisher', '', None), ('img_publisher image_publisher', '', 'remark'),
+    ('img_publisher', '', 'p.yaml has parameters for img_publisher, but img_publisher is the '
+     'executable and image_publisher is the node: write image_publisher: in place'),
+    ('/a/img_publisher', '', 'write /a/image_publisher: in place of /a/img_publisher:'),
+    ('camera viewer', '', 'for camera, viewer, and none for this node: write image_publisher:, '),
+    ('eye', '-r __node:=eye', None), ('eye', '__node:=eye', None),
+    ('img_publisher', '-r image_publisher:__name:=img_publisher', None),
+    ('image_publisher', '-r __node:=eye', 'none for this node: write eye:'),
+    ('', '', None)])
+def test_sections_of_a_parameter_file(
+        tmp_path: Path, sections: str, words: str, outcome: str | None) -> None:
+    file = tmp_path / 'p.yaml'
+    file.write_text(yaml.safe_dump(
+        {name: {'ros__parameters': {'source': 'pattern'}} for name in sections.split()}))
+    # ROS takes a rule outside of its arguments too.
+    rule = words.split() if words.startswith('-r') else ['--', *words.split(), '--ros-args']
+    args = ['img_publisher', '--ros-args', *rule, '--params-file', str(file)]
+    table = (Parameter('source', '0', 'a source'),)
+    if outcome in (None, 'remark'):
+        remarks = check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
+        assert len(remarks) == (outcome == 'remark')
+        assert all('write image_publisher: in place of img_publisher:' in text for text in remarks)
+    else:
+        with pytest.raises(ParameterError) as caught:
+            check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
+        assert outcome in str(caught.value)
 
 
-def test_a_number_where_a_text_or_a_fraction_is_wanted_is_taken(start: Start) -> None:
-    process = start('img_publisher', source='pattern', publish_rate=50, max_frames=2, frame_id=7)
-    assert process.finish() == 0, process.output
+def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'p.yaml').write_text('img_subscriber:\n  ros__parameters:\n    timeout: 0.1\n')
+    ended, output = run('img_subscriber', '--ros-args', '--params-file', 'p.yaml')
+    assert ended == BAD_USAGE
+    check_refusal(output, 'p.yaml', 'write image_subscriber: in place of img_subscriber:')
+    with (tmp_path / 'p.yaml').open('a') as file:
+        file.write('/**:\n  ros__parameters:\n    source: none.mp4\n')
+    ended, output = run('img_publisher', '--ros-args', '--params-file', 'p.yaml')
+    assert ended == FAILED
+    assert 'none.mp4 cannot be opened' in output
+
+
+def test_parameter_files_that_are_left_to_rcl(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')  # whoever opens it waits for a writer
+    for name, content in {
+            'large': 'a: b\n' * 250_000, 'deep': '[' * 5000, 'alias': 'a: &a [1]\nb: *a\n',
+            'text': 'a: [\n', 'bytes': '\ud800'}.items():
+        (tmp_path / name).write_bytes(content.encode('utf-8', 'surrogatepass'))
+    for name in ('pipe', 'large', 'deep', 'alias', 'text', 'bytes', 'none', '/dev/zero', '.'):
+        with pytest.raises((OSError, ValueError, yaml.YAMLError)):
+            load_parameters(tmp_path / name)
+        assert check_ros_arguments(
+            ['x', '--ros-args', '--params-file', str(tmp_path / name)], 'x', 'y', ()) == []
+
+
+def test_an_unknown_parameter_is_said(run: Run) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=0', '-p', 'source:=pattern',
+                        '-p', 'max_frames:=1')
+    assert ended == 0
+    assert 'unknown parameter sorce is not used; did you mean source?' in output
+
+
+@pytest.mark.parametrize('reconnect', ['never', '0.2'])
+def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: str) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
+                        '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
+    assert ended == FAILED
+    assert output.count('not used so far: ') == 2
+    assert 'not used so far: gain; it is no parameter of the node, and there is ' in output
+    assert 'not used so far: sorce (did you mean source?); it is no parameter' in output
+
+
+def test_a_number_where_a_text_or_a_fraction_is_wanted_is_taken(run: Run) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'source:=pattern', '-p',
+                        'publish_rate:=50', '-p', 'max_frames:=2', '-p', 'frame_id:=7')
+    assert ended == 0, output

@@ -258,9 +258,11 @@ def test_a_latched_image_arrives_though_it_was_published_before(
     assert received.numbers().count(7) <= 2
 
 
+@pytest.mark.parametrize('remembered', [5000, 10])  # the second: those before the newest ten
 def test_what_comes_before_and_again_after_subscribing_anew_is_passed_on_once(
-        node: Node, camera: Node, received: Received,
-        subscribe: Callable[..., FrameSubscription]) -> None:
+        node: Node, camera: Node, received: Received, subscribe: Callable[..., FrameSubscription],
+        monkeypatch: pytest.MonkeyPatch, remembered: int) -> None:
+    monkeypatch.setattr(frame_subscription, '_REMEMBERED', remembered)
     subscription = subscribe()
     publisher = camera.create_publisher(Image, TOPIC, LATCHED)
     wait_until(lambda: publisher.get_subscription_count() == 1)  # nothing is asked for anew yet

@@ -20,7 +20,8 @@ import time
 import tracemalloc
 from types import SimpleNamespace
 
-from hypothesis import example, given, settings, strategies as st
+from conftest import DEADLINE
+from hypothesis import example, given, HealthCheck, settings, strategies as st
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
@@ -44,7 +45,7 @@ def answer(message: SimpleNamespace, desired: str) -> np.ndarray | None:
         return None
 
 
-@settings(max_examples=3000, deadline=None)
+@settings(max_examples=3000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(encoding=st.sampled_from(NAMES), desired=st.sampled_from(['passthrough', *NAMES]),
        height=SIZES, width=SIZES, step=st.one_of(SIZES, st.none()),
        missing=st.sampled_from((0, 0, 0, 1, 2, -1)), is_bigendian=st.sampled_from((0, 1, 255)))
@@ -67,13 +68,13 @@ def test_any_message_is_answered_rightly_or_refused(
     message = SimpleNamespace(encoding=encoding, height=height, width=width, step=step,
                               is_bigendian=is_bigendian, data=data)
     tracemalloc.start()
-    began = time.monotonic()
+    began = time.process_time()
     try:
         image = answer(message, desired)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert time.monotonic() - began < 1
+    assert time.process_time() - began < DEADLINE  # not in proportion to what it claims to have
     assert peak < 2 * MEGABYTE
     valid = (step >= fitting and not step % found.pixel_bytes and encoding != '8UC0'
              and size >= found.rows(height) * step
@@ -94,7 +95,7 @@ def test_any_message_is_answered_rightly_or_refused(
         assert row.tobytes() == data[:fitting]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(max_size=300), st.text(max_size=60),
        st.sampled_from(['passthrough', 'bgr8', 'mono16', '', 'foo']))
 @example(b'\xff\xd8\xff', 'jpeg', 'bgr8')

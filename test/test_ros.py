@@ -16,14 +16,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import math
 import re
 
+from opencv_tools.ros import capture_parameters, recording_parameters
 from opencv_tools.ros.parameters import (
-    declare_parameters, Parameter, ParameterError, watch_parameters,
+    declare_parameters, Parameter, ParameterError, UnknownParameterError, watch_parameters,
 )
 from opencv_tools.ros.progress import Progress
 import pytest
 import rclpy
+from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (
@@ -35,6 +39,111 @@ TABLE = (
     Parameter('on', False, 'a switch'),
     Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2),
 )
+
+
+TABLES = {'img_publisher': capture_parameters.PARAMETERS,
+          'img_subscriber': recording_parameters.PARAMETERS}
+BILLION = 10**9
+# What can be given: from the lowest number to the highest, one of a set, or any text.
+ALLOWED = {
+    'img_publisher': {
+        'source': str, 'publish_rate': (0.0, 1000.0), 'encoding': {'bgr8', 'mono16', 'nv12', ''},
+        'frame_id': str, 'width': (0, 65536), 'height': (0, 65536), 'fps': (0.0, 1000.0),
+        'fourcc': str, 'flip': {'none', 'horizontal', 'vertical', 'both'},
+        'rotate': {0, 90, 180, 270}, 'jpeg_quality': (1, 100), 'stamp': {'capture', 'publish'},
+        'stamp_offset': (-1e6, 1e6), 'read_timeout': (0.1, 1e6), 'reconnect': str,
+        'camera_info_url': str, 'camera_name': str, 'on_end': {'stop', 'loop', 'hold'},
+        'loop': (0, BILLION), 'start_frame': (0, BILLION), 'stop_frame': (0, BILLION),
+        'max_frames': (0, BILLION), 'wait_for_subscribers': (0, 1000)},
+    'img_subscriber': {
+        'output_dir': str, 'file_name': str, 'transport': {'auto', 'raw', 'compressed'},
+        'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
+        'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
+        'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),
+        'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},
+        'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
+        'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
+        'timeout': (0.0, 1e9)}}
+# The README: all of the publisher may be changed but these, and none of the subscriber.
+FIXED = {'source', 'camera_name', 'on_end', 'loop', 'start_frame', 'stop_frame', 'max_frames',
+         'wait_for_subscribers'}
+
+
+@pytest.fixture
+def context(domain: int) -> Iterator[Context]:
+    made = Context()
+    rclpy.init(context=made, domain_id=domain)
+    yield made
+    rclpy.shutdown(context=made)
+
+
+def declare_given(context: Context, table: tuple[Parameter, ...], **given: object) -> Node:
+    """Make a node as at the start, with parameters that were given."""
+    node = Node('given', context=context, automatically_declare_parameters_from_overrides=True,
+                parameter_overrides=[rclpy.Parameter(name, value=value)
+                                     for name, value in given.items()])
+    try:
+        declare_parameters(node, table)
+    except ParameterError:
+        node.destroy_node()
+        raise
+    return node
+
+
+def test_the_parameters_are_those_that_the_tests_know() -> None:
+    assert {name: [parameter.name for parameter in table] for name, table in TABLES.items()} == {
+        name: list(allowed) for name, allowed in ALLOWED.items()}
+
+
+@pytest.mark.parametrize(('executable', 'name'), [
+    (executable, name) for executable, allowed in ALLOWED.items() for name in allowed])
+def test_what_a_parameter_can_be(context: Context, executable: str, name: str) -> None:
+    table, allowed = TABLES[executable], ALLOWED[executable][name]
+    default = next(parameter.default for parameter in table if parameter.name == name)
+    right: list[object] = [default]
+    if allowed is str:
+        wrong: list[object] = [True, [1]]
+    elif isinstance(allowed, set):
+        right += allowed
+        wrong = [2, 'yes'] if allowed == {False, True} else ['other', 45, -1]
+    else:
+        right += allowed
+        least, most = allowed
+        if isinstance(default, float):
+            wrong = [math.nextafter(least, -math.inf), math.nextafter(most, math.inf), math.nan]
+        else:
+            wrong = [least - 1, most + 1, 1.5]
+        wrong += ['x', True]
+    for value in right:
+        node = declare_given(context, table, **{name: value})
+        got = node.get_parameter(name).value
+        descriptor = node.describe_parameter(name)
+        node.destroy_node()
+        assert (got, type(got)) == (value, type(default))
+        assert descriptor.read_only == (executable == 'img_subscriber' or name in FIXED)
+    for value in wrong:
+        with pytest.raises(ParameterError, match=f'parameter {name} is '):
+            declare_given(context, table, **{name: value})
+    bounds = [(found.from_value, found.to_value) for found in (
+        *descriptor.integer_range, *descriptor.floating_point_range)]
+    assert bounds == ([allowed] if isinstance(allowed, tuple) else [])
+    listed = descriptor.additional_constraints.removeprefix('one of: ').split(', ')
+    if isinstance(allowed, set) and allowed != {False, True}:
+        assert {str(choice) for choice in allowed if choice != ''} <= set(listed)
+    else:
+        assert listed == ['']
+
+
+@pytest.mark.parametrize(('name', 'meant'), [
+    ('count', ''), ('limit', 'limits'), ('lmits', 'limits'), ('use_sim_time', ''), ('whole', '')])
+def test_a_misspelt_parameter_that_ends_a_node(context: Context, name: str, meant: str) -> None:
+    table = (Parameter('counts', 1, 'a number', maximum=9),
+             Parameter('limits', 1, 'a limit', maximum=9, ends=True))
+    if meant:
+        with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
+            declare_given(context, table, **{name: 1})
+    else:
+        declare_given(context, table, **{name: name == 'use_sim_time' or 1}).destroy_node()
 
 
 @pytest.fixture
@@ -75,14 +184,36 @@ def test_parameters_are_described_with_their_ranges(described: Node) -> None:
 
 
 def test_a_change_at_run_time_is_taken(described: Node) -> None:
-    for name, value in (('rate', 3.0), ('kind', 'b'), ('turn', 90), ('on', False), ('even', 8)):
+    for name, value in (('rate', 3.0), ('kind', 'b'), ('turn', 90), ('on', False), ('even', 8),
+                        ('rate', 4), ('on', 1)):
         (result,) = described.set_parameters([rclpy.Parameter(name, value=value)])
         assert result.successful, result.reason
-        assert described.values[name] == value
+        assert described.values[name] == described.get_parameter(name).value == value
+        expected = {'rate': float, 'on': bool}.get(name, type(value))
+        assert type(described.get_parameter(name).value) is expected
+    assert described.describe_parameter('rate').type == rclpy.Parameter.Type.DOUBLE.value
+
+
+def test_only_changes_of_the_table_are_passed_on(described: Node) -> None:
+    described.declare_parameter('other', 1)
+    before = dict(described.values)
+    assert described.set_parameters([rclpy.Parameter('other', value=2)])[0].successful
+    assert described.values == before
+    assert described.set_parameters_atomically(
+        [rclpy.Parameter('other', value=3), rclpy.Parameter('rate', value=5)]).successful
+    assert described.values == {**before, 'rate': 5.0}
+    assert described.get_parameter('other').value == 3
+
+
+def test_a_change_of_an_unknown_parameter_names_the_one_that_was_meant(described: Node) -> None:
+    with pytest.raises(UnknownParameterError, match=r'parameter rat is .*; did you mean rate\?'):
+        described.set_parameters([rclpy.Parameter('rat', value=5)])
 
 
 @pytest.mark.parametrize(('name', 'value', 'reason'), [
-    ('name', 'y', 'read-only'), ('rate', 11.0, 'out of range'), ('rate', 'x', 'Wrong parameter'),
+    ('name', 'y', 'read-only'), ('rate', 11.0, 'out of range'), ('rate', 11, 'out of range'),
+    ('rate', 'x', 'Wrong parameter'), ('rate', True, 'Wrong parameter'),
+    ('count', 3.0, 'Wrong parameter'), ('count', None, 'cannot be undeclared'),
     ('kind', 'c', "parameter kind is 'c': give one of 'a', 'b'"),
     ('turn', 45, 'parameter turn is 45: give one of 0, 90'), ('even', 3, 'not a valid step')])
 def test_a_change_at_run_time_is_refused_with_the_reason(
@@ -123,3 +254,6 @@ def test_progress_is_said_at_most_once_a_second(monkeypatch: pytest.MonkeyPatch)
     assert lines[0] == 'Doing 1: 4x3 bgr8, 2 dropped'
     assert [bool(re.fullmatch(r'Doing \d+: 4x3 bgr8, 20\.0 Hz, 2 dropped', line))
             for line in lines[1:]] == [True, True]
+    now += 1.0
+    progress.tick('4x3 bgr8', 2, 7)
+    assert lines[-1].endswith(' 2 dropped, 7 missed')

@@ -17,10 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 from opencv_tools.capture import videodev
-from opencv_tools.capture.videodev import ask_about, ControlType
+from opencv_tools.capture.videodev import ask, ask_about, ControlType
+
+_UNUSABLE = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
+             | videodev.CONTROL_IS_WRITE_ONLY)
+
+# The kernel keeps one event for each control; a program that never ends to change them waits.
+_EVENTS = 1000
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,7 @@ class Control:
     :param number: the kernel's number for it.
     :param kind: what its value is.
     :param choices: of a menu what each number means.
+    :param active: False while the camera chooses the value itself, as in automatic mode.
     """
 
     name: str
@@ -42,6 +50,7 @@ class Control:
     step: int
     default: int
     choices: tuple[tuple[int, str], ...] = ()
+    active: bool = field(default=True, compare=False)
 
     @property
     def remedy(self) -> str:
@@ -51,17 +60,50 @@ class Control:
 
 def list_controls(fd: int) -> Iterator[Control]:
     """
-    Give the settings of an open device that can be read and changed and are one number.
+    List the settings of an open device that can be read and changed and are one number.
+
+    From then on ``changed_controls`` finds those that change.
 
     :raises OSError: the device is gone.
     """
     query = videodev.ControlQuery(id=videodev.NEXT_CONTROL)
-    unusable = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
-                | videodev.CONTROL_IS_WRITE_ONLY)
     while ask_about(fd, videodev.QUERY_EXT_CTRL, query):
-        if query.type in list(ControlType) and not query.flags & unusable:
+        if _is_usable(query):
+            _subscribe(fd, query.id)
             yield _describe_control(fd, query)
         query.id |= videodev.NEXT_CONTROL
+
+
+def changed_controls(fd: int) -> Iterator[Control]:
+    """
+    List the settings that have changed since this was asked last, whoever changed them.
+
+    :param fd: an open device whose controls were listed.
+    :raises OSError: the device is gone.
+    """
+    numbers: dict[int, None] = {}
+    with suppress(FileNotFoundError):  # there is no more
+        for _ in range(_EVENTS):
+            event = videodev.Event()
+            if not ask_about(fd, videodev.DQEVENT, event):
+                break
+            if event.type == videodev.CONTROL_EVENT:
+                numbers[event.id] = None
+    for number in numbers:
+        query = videodev.ControlQuery(id=number)
+        if ask_about(fd, videodev.QUERY_EXT_CTRL, query) and _is_usable(query):
+            yield _describe_control(fd, query)
+
+
+def _is_usable(query: videodev.ControlQuery) -> bool:
+    return query.type in list(ControlType) and not query.flags & _UNUSABLE
+
+
+def _subscribe(fd: int, number: int) -> None:
+    """Ask for the changes of a control, where the driver tells of them."""
+    with suppress(OSError):
+        ask(fd, videodev.SUBSCRIBE_EVENT, videodev.EventSubscription(
+            videodev.CONTROL_EVENT, number, videodev.OWN_CHANGES_TOO))
 
 
 def _describe_control(fd: int, query: videodev.ControlQuery) -> Control:
@@ -69,7 +111,8 @@ def _describe_control(fd: int, query: videodev.ControlQuery) -> Control:
     kind = ControlType(query.type)
     return Control(
         '_'.join(name.lower().split()), query.id, kind, query.minimum, query.maximum, query.step,
-        query.default_value, tuple(_menu(fd, query)) if 'MENU' in kind.name else ())
+        query.default_value, tuple(_menu(fd, query)) if 'MENU' in kind.name else (),
+        not query.flags & videodev.CONTROL_IS_INACTIVE)
 
 
 def _menu(fd: int, query: videodev.ControlQuery) -> Iterator[tuple[int, str]]:

@@ -29,7 +29,7 @@ from threading import RLock
 from typing import Any
 
 from opencv_tools.capture import videodev
-from opencv_tools.capture.controls import Control, list_controls
+from opencv_tools.capture.controls import changed_controls, Control, list_controls
 from opencv_tools.capture.modes import Mode
 from opencv_tools.capture.offers import list_modes, list_rates, per_second
 from opencv_tools.capture.videodev import ask, ask_about
@@ -158,14 +158,15 @@ class VideoDevice:
                 ask_about(fd, videodev.S_PARM, parameters)
         return per_second(parameters.timeperframe)
 
-    def controls(self) -> list[Control]:
+    def controls(self, changed: bool = False) -> list[Control]:
         """
         List the settings that can be changed and are one number.
 
+        :param changed: only those that were changed since they were listed.
         :raises OSError: the device is gone.
         """
         with self._opened() as fd:
-            return list(list_controls(fd))
+            return list(changed_controls(fd) if changed else list_controls(fd))
 
     def control(self, control: Control) -> int:
         """

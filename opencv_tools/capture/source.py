@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 import difflib
 import glob
 import os
@@ -56,7 +57,9 @@ def is_camera(text: str) -> bool:
     try:
         return stat.S_ISCHR(path.stat().st_mode)
     except OSError:
-        return path.resolve().is_relative_to('/dev')
+        with suppress(OSError):  # of a working folder that was removed
+            path = path.resolve()
+        return path.is_relative_to('/dev')
 
 
 def open_source(

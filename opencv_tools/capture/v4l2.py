@@ -91,15 +91,15 @@ class CameraSource:
     def close(self) -> None:
         self._device.close()
 
-    def controls(self) -> dict[Control, int]:
+    def controls(self, changed: bool = False) -> dict[Control, int]:
         """
-        Give the settings that can be changed, and what they are.
+        Read the settings that can be changed, or those that were since they were read.
 
         :raises UnavailableError: the camera has gone.
         """
         values = {}
         with explained(self.name):
-            for control in self._device.controls():
+            for control in self._device.controls(changed):
                 with suppress(OSError):  # some that a camera lists it does not have
                     values[control] = self._device.control(control)
         return values

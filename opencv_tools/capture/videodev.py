@@ -44,7 +44,11 @@ DISCRETE = 1  # V4L2_FRMSIZE_TYPE_DISCRETE, V4L2_FRMIVAL_TYPE_DISCRETE
 NEXT_CONTROL = 0x80000000
 CONTROL_IS_DISABLED = 0x0001
 CONTROL_IS_READ_ONLY = 0x0004
+CONTROL_IS_INACTIVE = 0x0010
 CONTROL_IS_WRITE_ONLY = 0x0040
+
+CONTROL_EVENT = 3  # V4L2_EVENT_CTRL
+OWN_CHANGES_TOO = 0x0002  # V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK
 
 
 class ControlType(enum.IntEnum):
@@ -180,6 +184,22 @@ class ControlValue(ctypes.Structure):
     _fields_ = [('id', c_uint32), ('value', c_int32)]
 
 
+class EventSubscription(ctypes.Structure):
+    """``struct v4l2_event_subscription``."""
+
+    _fields_ = [
+        ('type', c_uint32), ('id', c_uint32), ('flags', c_uint32), ('reserved', c_uint32 * 5)]
+
+
+class Event(ctypes.Structure):
+    """``struct v4l2_event``; ``id`` is that of the control which has changed."""
+
+    _fields_ = [
+        ('type', c_uint32), ('data', c_int64 * 8), ('pending', c_uint32), ('sequence', c_uint32),
+        ('seconds', c_long), ('nanoseconds', c_long), ('id', c_uint32),
+        ('reserved', c_uint32 * 8)]
+
+
 _WRITE, _READ = 1, 2
 
 
@@ -206,6 +226,8 @@ S_CTRL = _request(28, ControlValue)
 QUERYMENU = _request(37, MenuQuery)
 ENUM_FRAMESIZES = _request(74, FrameSize)
 ENUM_FRAMEINTERVALS = _request(75, FrameInterval)
+DQEVENT = _request(89, Event, _READ)
+SUBSCRIBE_EVENT = _request(90, EventSubscription, _WRITE)
 QUERY_EXT_CTRL = _request(103, ControlQuery)
 
 

@@ -73,21 +73,21 @@ PARAMETERS = (
     Parameter('read_timeout', 2.0, 'seconds without a frame after which a camera is opened anew',
               minimum=0.1, maximum=1e6),
     Parameter('reconnect', 'forever', 'how long a camera that is away is waited for: forever, '
-              'never or a number of seconds', check=_parse_reconnect),
+              'never or a number of seconds', check=_parse_reconnect, ends=True),
     Parameter('camera_info_url', '', 'calibration: file:// or package://, with ${NAME} and '
               '${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml'),
     Parameter('camera_name', '', "the ${NAME} of the calibration; empty for the namespace's, or "
               'camera', fixed=True),
     Parameter('on_end', 'stop', 'what follows the last frame of a file', choices=ON_END,
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('loop', 1, 'how often a file is played; 0 for ever, as with on_end:=loop',
-              maximum=10**9, fixed=True),
+              maximum=10**9, fixed=True, ends=True),
     Parameter('start_frame', 0, 'number of the first frame of a file to show, from 0',
               maximum=10**9, fixed=True),
     Parameter('stop_frame', 0, 'number of the frame of a file to end before; 0 for its end',
-              maximum=10**9, fixed=True),
+              maximum=10**9, fixed=True, ends=True),
     Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9,
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('wait_for_subscribers', 0, 'start only when so many subscribers are there',
               maximum=1000, fixed=True),
 )

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from opencv_tools.capture.source import expected_size
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.capture_parameters import camera_request, PARAMETERS
+from opencv_tools.ros.command_line import load_parameters, parameter_sections
 import yaml
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -66,15 +67,6 @@ def _given_parameters(args: Sequence[str]) -> dict[str, Any]:
             name, _, text = value.partition(':=')
             values[name.rpartition(':')[2]] = yaml.safe_load(text)
         elif option == '--params-file':
-            for parameters in _sections(yaml.safe_load(Path(value).read_text())):
+            for _, parameters in parameter_sections(load_parameters(Path(value))):
                 values.update(parameters)
     return values
-
-
-def _sections(content: Any) -> Iterator[dict[str, Any]]:
-    """Find what a parameter file has for nodes, at any depth."""
-    for name, value in content.items() if isinstance(content, dict) else ():
-        if name == 'ros__parameters':
-            yield value
-        else:
-            yield from _sections(value)

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 import difflib
 from typing import Any
@@ -25,6 +26,7 @@ from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult,
 )
 import rclpy
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 
 # Parameters that ROS itself looks for under these names or prefixes.
@@ -33,6 +35,14 @@ _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overri
 
 class ParameterError(ValueError):
     """A parameter's value that cannot be used; the message quotes it and says what can."""
+
+
+class UnknownParameterError(ParameterNotDeclaredException):
+    """A change of a parameter that a node does not have; rclpy answers with the message."""
+
+    def __init__(self, message: str) -> None:
+        """Keep the message instead of rclpy's own."""
+        Exception.__init__(self, message)
 
 
 @dataclass(frozen=True)
@@ -49,6 +59,8 @@ class Parameter:
     :param choices: the values allowed; empty when any is.
     :param check: raises ValueError, with the remedy, for a text that is wrong in another way.
     :param fixed: it cannot be changed once the node runs.
+    :param ends: it decides when the node ends, or how much it does: a node that was given a
+        misspelt one does not start.
     """
 
     name: str
@@ -60,6 +72,7 @@ class Parameter:
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
     fixed: bool = False
+    ends: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Describe the parameter to ``ros2 param describe``."""
@@ -130,9 +143,16 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
         given can be read, and checked, before it meets its descriptor.
     :param table: the parameters of the node.
     :returns: name to value.
-    :raises ParameterError: a value that was given cannot be used.
+    :raises ParameterError: a value that was given cannot be used, or the name of a parameter that
+        ends the node is misspelt.
     """
-    return {parameter.name: declare_parameter(node, parameter) for parameter in table}
+    values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
+    known = {parameter.name: parameter for parameter in table}
+    for name in unknown_parameters(node, table):
+        meant = closest_name(name, known)
+        if meant and known[meant].ends:
+            raise ParameterError(f'there is no parameter {name}: did you mean {meant}?')
+    return values
 
 
 def declare_parameter(node: Node, parameter: Parameter) -> Any:
@@ -160,25 +180,42 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
             if name not in names and not name.startswith(_ROS_PARAMETERS)}
 
 
+def closest_name(name: str, names: Iterable[str]) -> str:
+    """Find the name that a misspelt one may stand for, or return ''."""
+    return next(iter(difflib.get_close_matches(name, names, 1)), '')
+
+
 def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
-    """Say that a parameter is not known, and which one may have been meant."""
+    """Describe a parameter that is not known, and which one may have been meant."""
     names = [parameter.name for parameter in table]
-    close = difflib.get_close_matches(name, names, 1)
-    hint = f'did you mean {close[0]}?' if close else f'there are {", ".join(names)}'
+    close = closest_name(name, names)
+    hint = f'did you mean {close}?' if close else f'there are {", ".join(names)}'
     return f'unknown parameter {name} is not used; {hint}'
 
 
 def watch_parameters(
     node: Node, table: Sequence[Parameter], apply: Callable[[dict[str, Any]], object],
+    more: Callable[[], Sequence[Parameter]] = tuple,
 ) -> None:
     """
     Let parameters be changed while the node runs, or refuse with the reason.
 
+    A value may be written as at the start: 5 where the parameter's type is that of 5.0.
+
     :param node: whose parameters they are.
     :param table: the parameters.
     :param apply: told of those that were changed, name to value.
+    :param more: gives parameters that others apply, as far as there are any by now.
     """
     known = {parameter.name: parameter for parameter in table}
+
+    def convert(changes: list[rclpy.Parameter]) -> list[rclpy.Parameter]:
+        parameters = {**known, **{parameter.name: parameter for parameter in more()}}
+        for change in changes:
+            if not node.has_parameter(change.name):
+                raise UnknownParameterError(
+                    describe_unknown(change.name, tuple(parameters.values())))
+        return [_converted(change, parameters.get(change.name)) for change in changes]
 
     def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
         try:
@@ -194,8 +231,21 @@ def watch_parameters(
         if changed:
             apply(changed)
 
+    node.add_pre_set_parameters_callback(convert)
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(take)
+
+
+def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
+    """Convert a change to the type of its parameter; what has no such value stays as it is."""
+    if parameter is None:
+        return change
+    value = change.value
+    if isinstance(parameter.default, float) and type(value) is int:
+        value = float(value)  # also where it is out of range, which is the better reason
+    with suppress(ParameterError):
+        value = parameter.accept(value)
+    return rclpy.Parameter(change.name, value=value)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:

@@ -44,12 +44,13 @@ class Progress:
         self._said_count = 0
         self._last_at = 0.0
 
-    def tick(self, what: str, dropped: int) -> None:
+    def tick(self, what: str, dropped: int, missed: int = 0) -> None:
         """
         Count a frame.
 
         :param what: the frame, such as ``640x480 bgr8``.
         :param dropped: frames lost so far.
+        :param missed: frames that a camera gave so far and nobody took; 0 is not shown.
         """
         self.count += 1
         now = self._last_at = time.monotonic()
@@ -59,7 +60,7 @@ class Progress:
         since = now - self._said_at
         rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
         self._said_at, self._said_count = now, self.count
-        self._show(f'{what}, {rate}{dropped} dropped')
+        self._show(f'{what}, {rate}{dropped} dropped' + (f', {missed} missed' if missed else ''))
 
     def average_rate(self) -> float:
         """Give the frames per second from the first frame to the last, 0.0 for fewer than two."""

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.recording.files import check_format, open_files
+from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.recorder import QUEUE_SIZE, Recorder
@@ -50,7 +51,8 @@ def _check_folder(text: str) -> None:
 PARAMETERS = (
     Parameter('output_dir', 'frames', 'folder to write to, made when missing',
               check=_check_folder, fixed=True),
-    Parameter('file_name', '{seq:06d}.png', 'names of the files; the extension is the format, '
+    Parameter('file_name', '{seq:06d}.png', 'names of the files, with {seq}, {stamp}, {sec}, '
+              '{nanosec}, {frame_id}, {encoding} or {topic}; the extension is the format, '
               'and .mp4, .mkv and .avi are videos', check=_check_file_name, fixed=True),
     Parameter('transport', 'auto', 'which topic is received; auto takes the compressed one where '
               'there is no other', choices=TRANSPORTS, fixed=True),
@@ -63,17 +65,18 @@ PARAMETERS = (
               maximum=9, fixed=True),
     Parameter('crf', 23, 'of videos, from 0, the best, to 51, the smallest', maximum=51,
               fixed=True),
-    Parameter('every_n', 1, 'write one of so many frames', minimum=1, maximum=10**9, fixed=True),
+    Parameter('every_n', 1, 'write one of so many frames', minimum=1, maximum=10**9,
+              fixed=True, ends=True),
     Parameter('max_rate', 0.0, 'frames per second to write at most; 0 for all', maximum=1e6,
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9,
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('max_duration', 0.0, 'end so many seconds after the first frame; 0 for no end',
-              maximum=1e9, fixed=True),
+              maximum=1e9, fixed=True, ends=True),
     Parameter('max_bytes', 0, 'end when the files take so much; 0 for no end', maximum=10**18,
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('ring', False, 'at these limits do not end, but delete the oldest files',
-              fixed=True),
+              fixed=True, ends=True),
     Parameter('queue_size', QUEUE_SIZE, 'frames that may wait to be written', minimum=1,
               maximum=100_000, fixed=True),
     Parameter('writers', 0, 'threads that write; 0 for one a processor', maximum=256, fixed=True),
@@ -83,7 +86,7 @@ PARAMETERS = (
               choices=ON_EXISTS, fixed=True),
     Parameter('sync', False, 'have each file on the disk before it gets its name', fixed=True),
     Parameter('timeout', 0.0, 'give up after so many seconds without a frame; 0 to wait for ever',
-              maximum=1e9, fixed=True),
+              maximum=1e9, fixed=True, ends=True),
 )
 
 
@@ -129,7 +132,11 @@ def open_recorder(
     :returns: the folder, and the recorder.
     :raises RecordingError: the folder cannot be written to.
     """
-    folder = Path(values['output_dir']).expanduser().absolute()
+    try:
+        folder = Path(values['output_dir']).expanduser().absolute()
+    except FileNotFoundError as err:
+        raise RecordingError(f"output_dir {values['output_dir']} cannot be used: the working "
+                             'folder was removed; name a whole path') from err
     names = FileNames(values['file_name'])
     wanted = Format(names.suffix, values['convert'] == 'auto', values['jpeg_quality'],
                     values['png_compression'], values['crf'])

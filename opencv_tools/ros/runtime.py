@@ -26,6 +26,8 @@ import time
 from types import FrameType
 from typing import Protocol
 
+from opencv_tools.ros.command_line import check_ros_arguments
+from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
 from opencv_tools.ros.transport import HELP, Transport, transport_for_frames
 import rclpy
@@ -52,14 +54,18 @@ class Program:
     What ``--help`` says of an executable, and what is known of it before its node is there.
 
     :param name: of the executable.
+    :param node: name of its node.
     :param description: what it does.
     :param parameters: of its node.
+    :param example: of ROS arguments, for ``--help``.
     :param frame_bytes: tells from the command line how large the frames are that it will publish.
     """
 
     name: str
+    node: str
     description: str
     parameters: Sequence[Parameter]
+    example: str
     frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
 
 
@@ -98,7 +104,13 @@ def run(
     args = list(sys.argv if args is None else args)
     signals = _Signals()
     try:
+        remarks = check_ros_arguments(args, program.name, program.node, program.parameters)
         _parse_arguments(remove_ros_args(args), program)
+        remark = replace_log_folder()
+        if remark:
+            logger.warning(remark)
+        for remark in remarks:
+            logger.error(remark)
         with transport_for_frames(program.frame_bytes(args)) as transport:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             logger.debug(transport.remark)
@@ -153,8 +165,23 @@ def _parse_arguments(args: list[str], program: Program) -> None:
         prog=program.name, description=program.description,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{program.name} [--ros-args -p NAME:=VALUE ...]',
-        epilog=f'parameters [default]:\n{describe_parameters(program.parameters)}\n\n{HELP}')
-    parser.parse_args(args[1:])
+        epilog=f'example:\n  {program.name} --ros-args {program.example}\n\n'
+               f'parameters [default]:\n{describe_parameters(program.parameters)}\n\n{HELP}')
+    _, rest = parser.parse_known_args(args[1:])
+    if rest:
+        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, program)}')
+
+
+def _remedy(words: Sequence[str], program: Program) -> str:
+    """Describe how to write a parameter that was written as an option, such as ``--source 0``."""
+    names = {parameter.name for parameter in program.parameters}
+    for word, following in zip(words, [*words[1:], '']):
+        option, _, value = word.partition('=')
+        name = option.lstrip('-').removesuffix(':').replace('-', '_')
+        if option.startswith('-') and name in names:
+            value = value or ('' if following.startswith('-') else following) or 'VALUE'
+            return f'; write --ros-args -p {name}:={value}'
+    return ''
 
 
 def _run(node: Runnable, signals: _Signals) -> int:

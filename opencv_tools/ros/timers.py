@@ -23,6 +23,31 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 
+class Delay:
+    """Call something once, a time after it was asked for first, however often it was asked."""
+
+    def __init__(self, node: Node, seconds: float, call: Callable[[], object]) -> None:
+        """
+        Wait to be asked.
+
+        :param node: whose executor calls it.
+        :param seconds: from the first time that it is asked for to the call.
+        :param call: what is called.
+        """
+        self._call = call
+        self._timer = create_steady_timer(node, seconds, self._ring)
+        self._timer.cancel()
+
+    def ask(self) -> None:
+        """Have it called, unless it is going to be."""
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def _ring(self) -> None:
+        self._timer.cancel()
+        self._call()
+
+
 def create_steady_timer(node: Node, seconds: float, call: Callable[[], object]) -> Timer:
     """
     Have something called again and again.

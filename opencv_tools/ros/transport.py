@@ -22,14 +22,15 @@ import ctypes
 from dataclasses import dataclass
 import math
 import os
-from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments, SHARED_MEMORY
 
 #: What ``--help`` says of it.
 HELP = ('environment:\n'
-        '  OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc as they are, and lose frames')
+        '  OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc as they are, to compare, or\n'
+        '                                  where a profile of your own comes another way than by\n'
+        '                                  the variables of Fast DDS; large frames may be lost')
 
 _MB = 1 << 20
 # Frames that lie in shared memory at the same time, and those without which some are lost.
@@ -170,7 +171,8 @@ def _user_choice() -> str:
     for variable in _USER_VARIABLES:
         if os.environ.get(variable):
             return f'{variable} is set'
-    return next((f'there is {name}' for name in _USER_FILES if Path(name).exists()), '')
+    return next((f'there is {name}' for name in _USER_FILES
+                 if os.access(name, os.F_OK)), '')  # unlike Path.exists() this never raises
 
 
 def _wanted_segment(frame_bytes: int) -> int:

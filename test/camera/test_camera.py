@@ -38,10 +38,11 @@ from opencv_tools.capture.frame import CaptureError
 from opencv_tools.capture.modes import CameraRequest
 from opencv_tools.capture.v4l2 import CameraSource
 import pytest
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.time import Time
 from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool
@@ -230,6 +231,46 @@ def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
     assert re.findall(r': (\d+)', told) == ['100', '43', '1']
     tell('controls', f'{len(listed)} parameters as v4l2-ctl lists the controls; '
          'set, refused, and set again on the camera that came back')
+
+
+def shown(node: Node, *names: str) -> list[int]:
+    """Read parameters as ``ros2 param get`` does."""
+    answer = call_service(node, GetParameters, '/image_publisher/get_parameters',
+                          GetParameters.Request(names=names))
+    return [parameter_value_to_python(value) for value in answer.values]
+
+
+def test_settings_of_another_program_are_shown_and_kept(start: Start, viewer: Viewer) -> None:
+    control('contrast=128', 'horizontal_flip=0', 'vertical_flip=0')
+    publisher = start('img_publisher', source=0, brightness=100)
+    viewer.wait_for(3)
+    spin_until(viewer.node, lambda: shown(viewer.node, 'brightness') == [100])
+    control('brightness=77', 'contrast=99', 'horizontal_flip=1')
+    expected = [77, 99, True]
+    names = ('brightness', 'contrast', 'horizontal_flip')
+    spin_until(viewer.node, lambda: shown(viewer.node, *names) == expected)
+    assert not set_parameters(viewer.node, vertical_flip=1)  # a switch, as at the start
+    assert publisher.output.count('opened: ') == 1
+    unplug()
+    publisher.wait_for('has gone')
+    plug_in()
+    publisher.wait_for('is back')
+    assert shown(viewer.node, *names, 'vertical_flip') == [*expected, True]
+    told = run('v4l2-ctl', '-d', VIDEO, '-C', ','.join([*names, 'vertical_flip']))
+    assert re.findall(r': (\d+)', told) == ['77', '99', '1', '1']
+    tell('another program', 'its settings are shown, and made again on the camera that came back')
+
+
+def test_width_and_height_open_the_camera_anew_once(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, publish_rate=0)
+    viewer.wait_for(3)
+    assert not set_parameters(viewer.node, width=1280, height=720)
+    while viewer.wait_for(1)[0].width != 1280:
+        pass
+    assert viewer.images[-1].height == 720
+    assert publisher.output.count('opened: ') == 2
+    assert '[WARN]' not in publisher.output
+    tell('width and height', 'set one after the other, the camera was opened once for both')
 
 
 def test_a_frame_after_a_pause_is_fresh(start: Start, viewer: Viewer) -> None:
@@ -510,6 +551,18 @@ def device_caps(node: Path) -> str:
         ['v4l2-ctl', '-d', node, '-D'], check=True, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, timeout=DEADLINE).stdout
     return told.partition('Device Caps')[2]
+
+
+def test_frames_that_are_missed_are_on_the_console(start: Start, viewer: Viewer) -> None:
+    publisher = start('img_publisher', source=0, publish_rate=0, width=320, height=180)
+    viewer.wait_for(3)
+    control('percentage_of_dropped_buffers=50')
+    spin_until(viewer.node, lambda: bool(re.search(
+        r'Publishing video frame \d+: .* Hz, 0 dropped, \d+ missed', publisher.output)))
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    missed = re.search(r'Published .* 0 dropped, (\d+) missed', publisher.output)[1]
+    tell('half the frames gone', f'{missed} missed, as the console says')
 
 
 def capture_bars(fourcc: str) -> np.ndarray:

@@ -1,0 +1,61 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A folder for the log of ROS, without which rcl does not start."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import os
+from pathlib import Path
+from tempfile import mkdtemp
+
+_VARIABLE = 'ROS_LOG_DIR'
+
+
+def replace_log_folder() -> str:
+    """
+    Let ROS log to a temporary folder where it cannot write to its own.
+
+    :returns: a sentence about it, '' where nothing was done.
+    """
+    folder = _log_folder()
+    if folder and _is_writable(folder):
+        return ''
+    reason = f'{folder} cannot be written' if folder else 'there is no home folder, HOME is unset'
+    try:
+        temporary = mkdtemp(prefix='opencv_tools_log_')
+    except OSError:
+        return ''  # rcl says what it lacks
+    os.environ[_VARIABLE] = temporary
+    return f'{reason}: the log of ROS goes to {temporary}; set {_VARIABLE} to have it elsewhere'
+
+
+def _log_folder() -> Path | None:
+    """Find the folder as rcl does: by ROS_LOG_DIR, ROS_HOME or HOME."""
+    if os.environ.get(_VARIABLE):
+        return Path(os.environ[_VARIABLE])
+    if os.environ.get('ROS_HOME'):
+        return Path(os.environ['ROS_HOME'], 'log')
+    if os.environ.get('HOME'):
+        return Path(os.environ['HOME'], '.ros', 'log')
+    return None
+
+
+def _is_writable(folder: Path) -> bool:
+    """Check a folder, which is made where it is missing."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder.is_absolute() and os.access(folder, os.W_OK | os.X_OK)

@@ -1,0 +1,178 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The settings of a camera as parameters, with a camera that is made up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+import operator
+
+from conftest import spin_until
+from opencv_tools.capture.controls import Control
+from opencv_tools.capture.frame import UnavailableError
+from opencv_tools.capture.videodev import ControlType
+from opencv_tools.ros.controls import CameraControls
+from opencv_tools.ros.parameters import declare_parameters, Parameter, watch_parameters
+from opencv_tools.ros.timers import Delay
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+
+TABLE = (Parameter('source', '0', 'a source', fixed=True),
+         Parameter('gain', 1.0, 'a number of the node', maximum=9.0))
+BRIGHTNESS = Control('brightness', 1, ControlType.INTEGER, 0, 255, 1, 128)
+FLIP = Control('flip', 2, ControlType.BOOLEAN, 0, 1, 1, 0)
+GAIN = Control('gain', 3, ControlType.INTEGER, 0, 10, 1, 5)
+
+
+class Camera:
+    """A camera that keeps its settings, and what it was told."""
+
+    def __init__(self) -> None:
+        self.values = {BRIGHTNESS: 128, FLIP: 0, GAIN: 5}
+        self.changed: dict[Control, int] = {}
+        self.calls: list[tuple[str, int]] = []
+        self.has_gone = False
+
+    def controls(self, changed: bool = False) -> dict[Control, int]:
+        if self.has_gone:
+            raise UnavailableError('it has gone')
+        found, self.changed = (self.changed if changed else dict(self.values)), {}
+        return found
+
+    def set_control(self, control: Control, value: int) -> None:
+        if control == FLIP and self.values[BRIGHTNESS] == 13:
+            raise UnavailableError('camera refuses flip')
+        self.calls.append((control.name, value))
+        self.values[control] = value
+
+    def change(self, control: Control, value: int) -> None:
+        """Change as another program does."""
+        self.values[control] = self.changed[control] = value
+
+
+class Controlled(Node):
+    """A node with a camera."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__('controlled', context=context,
+                         automatically_declare_parameters_from_overrides=True)
+        declare_parameters(self, TABLE)
+        self.camera: Camera | None = Camera()
+        self.controls = CameraControls(self, TABLE, lambda: self.camera)
+        watch_parameters(self, TABLE, lambda _: None, lambda: self.controls.parameters)
+
+    def change(self, **values: object) -> str:
+        result = self.set_parameters_atomically(
+            [rclpy.Parameter(name, value=value) for name, value in values.items()])
+        return '' if result.successful else result.reason
+
+    def shown(self) -> tuple[int, bool, int]:
+        return tuple(self.get_parameter(name).value
+                     for name in ('brightness', 'flip', 'gain_control'))
+
+
+@pytest.fixture
+def controlled(domain: int) -> Iterator[Callable[..., Controlled]]:
+    """Make a node that is given parameters."""
+    context = Context()
+    nodes = []
+
+    def _make(*assignments: str) -> Controlled:
+        words = [word for assignment in assignments for word in ('-p', assignment)]
+        rclpy.init(context=context, domain_id=domain, args=['--ros-args', *words])
+        nodes.append(Controlled(context))
+        return nodes[-1]
+
+    yield _make
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controlled]) -> None:
+    node = controlled('brightness:=100')
+    assert node.controls.wanted == (('brightness', 100),)
+    node.camera.values[BRIGHTNESS] = 100
+    node.controls.declare(node.camera)
+    assert node.shown() == (100, False, 5)
+    assert node.change(flip=1, gain_control=7, gain=3) == ''
+    assert node.shown() == (100, True, 7)
+    assert node.get_parameter('gain').value == 3.0
+    assert node.camera.calls == [('flip', 1), ('gain', 7)]
+    assert dict(node.controls.wanted) == {'brightness': 100, 'flip': 1, 'gain': 7}
+    assert 'out of range' in node.change(brightness=256)
+    assert 'Wrong parameter type' in node.change(brightness=5.5)
+    assert 'camera refuses flip' in node.change(brightness=13, flip=False)
+    assert node.camera.values[BRIGHTNESS] == 100
+    assert node.shown() == (100, True, 7)
+
+
+def test_what_another_program_sets_is_shown_and_kept(
+        controlled: Callable[..., Controlled]) -> None:
+    node = controlled('flip:=true')
+    node.controls.declare(node.camera)
+    node.camera.change(BRIGHTNESS, 77)
+    node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself
+    spin_until(node, lambda: node.shown() == (77, False, 9))
+    assert node.camera.calls == []
+    assert dict(node.controls.wanted) == {'flip': 1, 'brightness': 77}
+    node.camera.change(BRIGHTNESS, 999)  # out of the range that it had
+    node.camera.change(FLIP, 1)
+    spin_until(node, lambda: node.shown() == (77, True, 9))
+    node.camera.has_gone = True
+    gone, node.camera = node.camera, None
+    node.camera = Camera()
+    node.camera.values = {BRIGHTNESS: 77, FLIP: 1, GAIN: 4}
+    node.controls.declare(node.camera)
+    assert node.shown() == (77, True, 4)
+    assert node.camera.calls == gone.calls == []
+
+
+@pytest.mark.parametrize('is_there_first', [True, False])
+def test_what_nobody_has_is_said_once(
+        controlled: Callable[..., Controlled], capfd: pytest.CaptureFixture[str],
+        is_there_first: bool) -> None:
+    node = controlled('sorce:=1', 'contrast:=3', 'brightness:=5')
+    for _ in range(2):
+        if not is_there_first:
+            node.controls.report_unused()
+        node.controls.declare(node.camera)
+        node.controls.report_unused()
+    said = capfd.readouterr().err
+    if is_there_first:
+        assert said.count('unknown parameter sorce is not used; did you mean source?') == 1
+        assert said.count('unknown parameter contrast is not used; there are source, gain, ') == 1
+        assert 'brightness is' not in said
+    else:
+        assert said.count('not used so far: sorce (did you mean source?); it is no ') == 1
+        assert said.count('not used so far: ') == 3
+    assert len(said.splitlines()) == (2 if is_there_first else 3)
+
+
+def test_what_is_asked_for_often_is_done_once(node: Node) -> None:
+    calls: list[int] = []
+    delay = Delay(node, 0.3, lambda: calls.append(1))
+    for expected in ([1], [1, 1]):
+        for _ in range(3):
+            delay.ask()
+        assert calls == expected[1:]
+        spin_until(node, partial(operator.eq, calls, expected))
+    node.create_timer(0.005, delay.ask)  # which does not put it off
+    spin_until(node, lambda: len(calls) > 2)
