@@ -266,10 +266,13 @@ def test_side_view_is_where_kinematics_puts_it(layout: Layout) -> None:
     # The axis y points away: a circle with a cross.
     for marker in 'ox':
         assert near(marks(side, marker), [place for place, _ in places])
-    for index in (0, 2):
-        assert near(arrows(side, '-|>', AXIS_COLORS[index]), [
-            (*place, *(start + layout.lengths[1] * part
-                       for start, part in zip(place, axes[index]))) for place, axes in places])
+    for index, letter in ((0, 'x'), (2, 'z')):
+        tips = [tuple(start + layout.lengths[1] * part for start, part in zip(place, axes[index]))
+                for place, axes in places]
+        assert near(arrows(side, '-|>', AXIS_COLORS[index]),
+                    [(*place, *end) for (place, _), end in zip(places, tips)])
+        assert near([one.xy for one in side.texts if one.get_text() == letter], tips)
+    assert side.get_title() == 'Side view: x to the right, z up, y away; metres'
     outlines = [patch.get_xy() for patch in side.patches]
     assert near(outlines[0], [(-0.1, 0), (0.1, 0), (0.1, 0.1), (-0.1, 0.1), (-0.1, 0)])
     assert np.abs(np.hypot(*(outlines[1] - (x, z)).T) - 0.05).max() < 1e-9
