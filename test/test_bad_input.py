@@ -187,6 +187,8 @@ def test_a_process_that_refuses(start: Start, files: None, name: str, case: str)
 @pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
     ('img_publisher', ['--help'], 0, 'frames per second; 0 for the source'),
     ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
+    ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
+    ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
     ('img_publisher', ['--help'], 0, 'to compare'),
     ('img_subscriber', ['--help'], 0, 'folder to write to, made when missing'),
     ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
@@ -279,6 +281,8 @@ def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: 
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
     assert output.count('not used so far: ') == 2
+    if reconnect != 'never':  # it is said while the camera is waited for
+        assert output.rindex('not used so far: ') < output.index('given up after')
     assert 'not used so far: gain; it is no parameter of the node, and there is ' in output
     assert 'not used so far: sorce (did you mean source?); it is no parameter' in output
 

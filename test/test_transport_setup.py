@@ -244,13 +244,6 @@ def test_the_publisher_says_once_what_was_set_up(
     assert is_large or max(sizes) < LARGEST_OF_FAST_DDS
 
 
-@pytest.mark.parametrize('name', ['img_publisher', 'img_subscriber'])
-def test_help_says_how_to_leave_it_alone(start: Start, name: str) -> None:
-    program = start(name, '--help')
-    assert program.finish() == 0
-    assert 'OPENCV_TOOLS_TRANSPORT=default' in program.output
-
-
 # What is cleared away
 
 def test_dead_segments_go_and_everything_else_stays(folder: Path) -> None:
@@ -291,7 +284,12 @@ def test_a_lock_without_a_segment_goes_too(folder: Path) -> None:
 
 def test_free_bytes_are_those_of_the_file_system(
         monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    assert free_bytes() == pytest.approx(shutil.disk_usage(folder).free, rel=0.05)
+    def told() -> int:
+        return shutil.disk_usage(folder).free
+
+    # Others write to the disk meanwhile.
+    assert any(before == free_bytes() or free_bytes() == told()
+               for before in (told() for _ in range(1000)))
     monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', folder / 'nowhere')
     assert free_bytes() == 0
     assert remove_dead_segments() == 0
