@@ -20,12 +20,12 @@ from collections.abc import Callable
 from dataclasses import replace
 import errno
 import fcntl
-import itertools
 import json
 import os
 from pathlib import Path
 import random
-import signal
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
@@ -535,33 +535,38 @@ def test_what_a_killed_recording_left_is_put_in_order(
     assert not list(tmp_path.glob('.*'))
 
 
-def record_until_killed(folder: Path) -> int:
-    """Record in a process of its own; its number."""
-    child = os.fork()
-    if child:
-        return child
-    try:
-        recorder = ToldRecorder(open_files(
-            folder, FileNames('{seq:05d}.png'), Format('.png'), 'continue', NO_LIMITS, False))
-        for number in itertools.count():
-            recorder.put(gray_frame(number % 256))
-    finally:
-        os._exit(1)
+RECORD_UNTIL_KILLED = """
+import itertools, logging, pathlib, sys
+import numpy as np
+from opencv_tools.recording.files import open_files
+from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.writers import Format
+files = open_files(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), Format('.png'),
+                   'continue', Limits(), False)
+recorder = Recorder(files, logging, writers=2, block=True)
+for number in itertools.count():
+    image = np.full((20, 20), number % 256, np.uint8)
+    recorder.put(RawFrame(1, '', 'mono8', '', 1, image))
+"""
 
 
 def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> None:
     moments = random.Random(5)
     checked: set[Path] = set()
-    for _ in range(40):
-        child = record_until_killed(tmp_path)
-        try:
-            deadline = time.monotonic() + DEADLINE
-            while len(recorded_files(tmp_path)) <= len(checked):
-                assert time.monotonic() < deadline
-            time.sleep(moments.uniform(0, 0.02))
-        finally:
-            os.kill(child, signal.SIGKILL)
-            assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    for _ in range(12):
+        with subprocess.Popen(
+                [sys.executable, '-c', RECORD_UNTIL_KILLED, str(tmp_path)]) as process:
+            try:
+                deadline = time.monotonic() + DEADLINE
+                while len(recorded_files(tmp_path)) <= len(checked):
+                    assert time.monotonic() < deadline
+                    assert process.poll() is None
+                time.sleep(moments.uniform(0, 0.02))
+            finally:
+                process.kill()
         for path in set(recorded_files(tmp_path)) - checked:
             picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             assert picture is not None and picture.shape == (20, 20) and np.ptp(picture) == 0, path

@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 import resource
+import subprocess
+import sys
 from typing import Any
 
 from conftest import read_manifest, recorded_files
@@ -141,14 +142,26 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
     assert lines(tmp_path / 'out') == [('clip.mkv', 0, 1, [16, 16])]
 
 
+RECORD_AND_DIE = """
+import os, pathlib, sys
+import numpy as np
+from opencv_tools.recording.files import open_files
+from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.writers import Format
+videos = open_files(pathlib.Path(sys.argv[1]), FileNames('clip.mkv'), Format('.mkv'), 'continue',
+                    Limits(), False)
+for number in range(50):
+    image = np.full((16, 16), number, np.uint8)
+    frame = RawFrame(10**9 + number * 10**9 // 20, 'camera', 'mono8', '', 7, image)
+    videos.commit(frame, videos.prepare(frame))
+os._exit(0)
+"""
+
+
 def test_a_killed_recording_has_its_line(tmp_path: Path) -> None:
-    child = os.fork()
-    if not child:
-        videos = open_videos(tmp_path)
-        for number in range(50):
-            put(videos, noise(number))
-        os._exit(9)
-    assert os.waitpid(child, 0)[1] >> 8 == 9
+    subprocess.run([sys.executable, '-c', RECORD_AND_DIE, str(tmp_path)], check=True)
     assert play(tmp_path / 'clip.mkv') >= 50 - 21
     open_videos(tmp_path).close()
     assert lines(tmp_path) == [('clip.mkv', 0, 0, [16, 16])]
