@@ -16,8 +16,9 @@
 The package's nodes against the tutorial's: what arrives, how old it is, and what it costs.
 
 Each way runs as two processes, the one on Fast DDS as the package sets it up, the other on its
-defaults, in turn. A third way is our publisher with the tutorial's subscriber. A frame's age is taken from when its publisher has it in hand to when its
-subscriber has it as an array. The first second of a run does not count for the ages.
+defaults, in turn. A third way is our publisher with the tutorial's subscriber. A frame's age is
+taken from when its publisher has it in hand to when its subscriber has it as an array. The first
+second of a run does not count for the ages.
 """
 
 from __future__ import annotations

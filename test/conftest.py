@@ -57,8 +57,8 @@ collect_ignore = [folder for folder, variable in (
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
     os.environ['AMENT_PREFIX_PATH'] = sys.prefix
 
-# Domains 1 to 100 are safe on Linux. Each run and worker begins elsewhere, and a lock keeps it from
-# those in use. The locks are where Fast DDS meets other processes, also those of other containers.
+# Domains 1 to 100 are safe on Linux. Each run and worker begins elsewhere, and a lock keeps it
+# from those in use. The locks are where Fast DDS meets other processes, also those of containers.
 _LOCKS = Path('/dev/shm')
 _domains = itertools.count(os.getpid() * 7)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that are not confirmed: a source that can wait does, for a time and not without a word."""
+"""Frames that are not confirmed: a source that can wait does, for a time, and logs it."""
 
 from __future__ import annotations
 

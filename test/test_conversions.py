@@ -183,6 +183,7 @@ def test_every_refusal_has_the_text_of_cv_bridge(tell: Callable[[str], None]) ->
     assert len(refused) > 2000
 
 
+@pytest.mark.process
 def test_everything_equals_the_cv_bridge_of_this_machine(
         tell: Callable[[str], None]) -> None:
     bridge = CvBridge()

@@ -335,6 +335,7 @@ def test_types_have_the_numbers_of_the_opencv_in_use() -> None:
             bridge.cvtype2_to_dtype_with_channels(number)
 
 
+@pytest.mark.process
 def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
     script = ('import sys; sys.modules["cv2"] = None; del sys.modules["cv2"]; '
               'from opencv_tools.cv_bridge import getCvType; '
@@ -344,6 +345,7 @@ def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
     assert finished.stdout.split() == ['16', '6']
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('use', [
     'CvBridge().cv2_to_compressed_imgmsg(image)',
     'CvBridge().compressed_imgmsg_to_cv2(CompressedImage(data=b"x"))',
@@ -378,6 +380,7 @@ def test_more_than_four_channels() -> None:
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message, '32FC5'), image)
 
 
+@pytest.mark.process
 def test_the_example_of_the_readme_runs() -> None:
     readme = (Path(__file__).parent.parent / 'README.md').read_text()
     (example,) = re.findall(r'```python\n(.*?)```', readme, re.DOTALL)

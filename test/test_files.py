@@ -45,7 +45,8 @@ class Run:
     def __init__(self, start: Start, node: Node, name: str = 'run', **parameters: object) -> None:
         self.arrived: list[bytes] = []
         # Raw, for to take 2.7 MB apart while the next frame is due would hold up the publisher.
-        node.create_subscription(Image, f'/{name}/video_frames', self.arrived.append, 1000, raw=True)
+        node.create_subscription(
+            Image, f'/{name}/video_frames', self.arrived.append, 1000, raw=True)
         self.publisher = start('img_publisher', '--ros-args', '-r', f'__ns:=/{name}',
                                **{'wait_for_subscribers': 1, **parameters})
 

@@ -57,6 +57,7 @@ def share(prefix: Path) -> Path:
     return folder
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('name', EXECUTABLES)
 def test_the_executables_stand_beside_python(name: str) -> None:
     # The pip of Debian 12 put them elsewhere, because setup.cfg says where colcon puts them.
@@ -135,6 +136,7 @@ def test_every_parameter_in_the_config_exists_and_is_accepted(
         assert 'unknown parameter' not in process.output
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'sdf_to_urdf',
                                      'urdf_to_sdf'])
 def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
@@ -145,6 +147,7 @@ def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
     assert finished.stdout.startswith(f'usage: {command} ')
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('module', ['basic_image_publisher', 'basic_image_subscriber'])
 def test_the_modules_can_be_run(module: str) -> None:
     finished = subprocess.run([sys.executable, '-m', f'opencv_tools.{module}', '--help'],

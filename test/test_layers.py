@@ -75,6 +75,7 @@ def test_imports_point_down(module: str) -> None:
     assert not wrong
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('room', PURE)
 def test_pure_modules_need_neither_ros_nor_opencv(room: str) -> None:
     others = ('rclpy', 'cv2', 'sensor_msgs')
@@ -94,6 +95,7 @@ def test_pure_modules_need_neither_ros_nor_opencv(room: str) -> None:
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.process
 def test_no_module_needs_pyav_before_a_video_is_written() -> None:
     script = ('import importlib, sys\n'
               'sys.modules["av"] = None\n'
@@ -103,6 +105,7 @@ def test_no_module_needs_pyav_before_a_video_is_written() -> None:
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.process
 def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_need() -> None:
     slow = ('numpy', 'matplotlib', 'xacro', 'yaml', 'rclpy', 'cv2', 'sensor_msgs')
     blocked = (f'import sys; sys.modules.update(dict.fromkeys({slow})); '
@@ -115,6 +118,7 @@ def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_ne
     assert '<link name="b"' in finished.stdout
 
 
+@pytest.mark.process
 def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
     blocked = ('import sys; sys.modules.update(cv2=None); import opencv_tools.cv_bridge; '
                'assert "rclpy" not in sys.modules')
@@ -123,6 +127,7 @@ def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.process
 def test_without_opencv_the_bridge_says_what_needs_it() -> None:
     script = ('import sys; sys.modules.update(cv2=None); import numpy as np; '
               'from opencv_tools.cv_bridge import CvBridge, CvBridgeError\n'

@@ -63,12 +63,14 @@ def tool(name: str, remedy: str) -> str:
     return path
 
 
+@pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.flake8
 def test_flake8() -> None:
     check('ament_flake8', '--linelength', '99', *CODE)
 
 
+@pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.flake8
 def test_a_failure_shows_what_was_found_and_no_list_of_files(tmp_path: Path) -> None:
@@ -80,12 +82,14 @@ def test_a_failure_shows_what_was_found_and_no_list_of_files(tmp_path: Path) -> 
     assert 'good.py' not in str(failure.value)
 
 
+@pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.pep257
 def test_pep257() -> None:
     check('ament_pep257', *(path for path in CODE if path != 'test'))
 
 
+@pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.copyright
 def test_copyright() -> None:
@@ -102,6 +106,7 @@ def test_every_source_file_begins_with_the_licence() -> None:
             if path.read_text() and not path.read_text().startswith(header)] == []
 
 
+@pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.xmllint
 def test_xmllint() -> None:
@@ -135,11 +140,13 @@ def test_xml_files_are_well_formed() -> None:
         ElementTree.parse(path)
 
 
+@pytest.mark.process
 @pytest.mark.linter
 def test_ruff() -> None:
     check(tool('ruff', 'pip install ruff'), 'check', *CODE)
 
 
+@pytest.mark.process
 @pytest.mark.linter
 def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',

@@ -506,21 +506,27 @@ def test_a_file_that_comes_from_elsewhere_is_not_touched(tmp_path: Path) -> None
     assert (tmp_path / '0.png').read_text() == 'mine'
 
 
+DIE_WITHIN = """
+import os, pathlib, sys
+from opencv_tools.recording.manifest import Manifest
+from test_recording import gray_frame, picture_files
+owner, name = {'link': (os, 'link'), 'unlink': (pathlib.Path, 'unlink'),
+               'append': (Manifest, 'append')}[sys.argv[2]]
+setattr(owner, name, lambda *_: os._exit(9))
+files = picture_files(pathlib.Path(sys.argv[1]), '{seq}.png')
+frame = gray_frame(5)
+files.commit(frame, files.prepare(frame))
+"""
+
+
 def leave_behind(folder: Path, kill_in: str) -> None:
     """Record a frame, and stop as a killed process does: at once, in the middle of a call."""
-    child = os.fork()
-    if child:
-        assert os.waitpid(child, 0)[1] >> 8 == 9
-        return
-    owner, name = {'link': (os, 'link'), 'unlink': (Path, 'unlink'),
-                   'append': (Manifest, 'append')}[kill_in]
-    setattr(owner, name, lambda *_: os._exit(9))
-    files = picture_files(folder, '{seq}.png')
-    frame = gray_frame(5)
-    files.commit(frame, files.prepare(frame))
-    os._exit(1)
+    died = subprocess.run([sys.executable, '-c', DIE_WITHIN, str(folder), kill_in], check=False,
+                          cwd=Path(__file__).parent, timeout=DEADLINE)
+    assert died.returncode == 9
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(('kill_in', 'is_there'), [
     ('link', False), ('unlink', True), ('append', True)])
 def test_what_a_killed_recording_left_is_put_in_order(
@@ -553,6 +559,7 @@ for number in itertools.count():
 """
 
 
+@pytest.mark.process
 def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> None:
     moments = random.Random(5)
     checked: set[Path] = set()

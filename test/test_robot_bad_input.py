@@ -206,6 +206,7 @@ def _one_line(message: str, command: str) -> str:
     return message
 
 
+@pytest.mark.process
 @pytest.mark.parametrize('bad', HARMFUL.values(), ids=HARMFUL.keys())
 def test_what_would_do_harm(bad: Bad, tmp_path: Path) -> None:
     path = _written(bad, tmp_path)
@@ -270,6 +271,7 @@ def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.Capture
         assert none in _one_line(capfd.readouterr().err, 'robot_compare')
 
 
+@pytest.mark.process
 def test_what_has_no_end() -> None:
     message = _refused('urdf_to_sdf', Path('/dev/zero'), Path('/nowhere/output'))
     assert '/dev/zero' in message
@@ -292,6 +294,7 @@ def test_where_nothing_can_be_written(output: str, tmp_path: Path,
 BUFFERS = pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
 
 
+@pytest.mark.process
 @BUFFERS
 def test_a_disk_that_is_full(unbuffered: str) -> None:
     with Path('/dev/full').open('wb') as full:
@@ -302,6 +305,7 @@ def test_a_disk_that_is_full(unbuffered: str) -> None:
     assert 'No space left' in _one_line(done.stderr, 'urdf_to_sdf')
 
 
+@pytest.mark.process
 @BUFFERS
 def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
     # More than a pipe takes, so that it is written to when nobody reads any more.
@@ -321,6 +325,7 @@ def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
     assert process.returncode == 128 + signal.SIGPIPE
 
 
+@pytest.mark.process
 def test_control_c(tmp_path: Path) -> None:
     path = tmp_path / 'robot.urdf'
     os.mkfifo(path)

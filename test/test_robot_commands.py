@@ -65,6 +65,7 @@ def forest(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.process
 def test_they_are_a_pipe() -> None:
     command = [sys.executable, '-m', 'opencv_tools.robot.cli']
     there = subprocess.run([*command, 'urdf_to_sdf', '-'], input=MY_ROBOT.read_bytes(),
@@ -77,6 +78,7 @@ def test_they_are_a_pipe() -> None:
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
 
 
+@pytest.mark.process
 def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
     section = (ROOT / 'README.md').read_text().split('\n## One robot in URDF and SDF\n')[1]
     lines = section.split('```console\n')[1].split('```')[0].splitlines()

@@ -561,12 +561,14 @@ def test_without_matplotlib_the_error_says_how_to_get_it(
         plot(tutorial(), {}, str(tmp_path / 'robot.png'))
 
 
+@pytest.mark.process
 def test_neither_matplotlib_nor_numpy_is_imported_before_it_is_needed() -> None:
     script = ('import sys, opencv_tools.robot.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
     subprocess.run([sys.executable, '-c', script], check=True, timeout=30)
 
 
+@pytest.mark.process
 def test_neither_a_figure_nor_a_setting_stays(tmp_path: Path) -> None:
     script = ('import matplotlib, sys; before = matplotlib.rcParams.copy(); '
               'from test_robot_plot import plot, tutorial; '

@@ -181,6 +181,7 @@ def test_nothing_is_told_of_frames_that_fit_or_where_the_user_has_chosen(
     assert made.misfit(FULL_HD) == ''
 
 
+@pytest.mark.process
 def test_memory_of_frames_is_kept(tell: Callable[[str], None]) -> None:
     def faults(choice: str) -> float:
         finished = subprocess.run(
@@ -246,6 +247,7 @@ def test_the_publisher_says_once_what_was_set_up(
 
 # What is cleared away
 
+@pytest.mark.process
 def test_dead_segments_go_and_everything_else_stays(folder: Path) -> None:
     dead = [make_segment(folder, number) for number in (1, 0xfedcba9876543210)]
     living = make_segment(folder, 2)

@@ -430,6 +430,7 @@ for number in itertools.count():
 """
 
 
+@pytest.mark.process
 @every_format
 @pytest.mark.parametrize('moment', [30, 97, 234])
 def test_a_writer_that_is_killed_leaves_a_video(
@@ -448,6 +449,7 @@ def test_a_writer_that_is_killed_leaves_a_video(
     assert len(kept) >= written - 21  # a second and a frame
 
 
+@pytest.mark.process
 def test_pyav_is_not_imported_before_it_is_used() -> None:
     code = 'import opencv_tools.recording.video, sys; sys.exit("av" in sys.modules)'
     assert subprocess.run([sys.executable, '-c', code]).returncode == 0

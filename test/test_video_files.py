@@ -160,6 +160,7 @@ os._exit(0)
 """
 
 
+@pytest.mark.process
 def test_a_killed_recording_has_its_line(tmp_path: Path) -> None:
     subprocess.run([sys.executable, '-c', RECORD_AND_DIE, str(tmp_path)], check=True)
     assert play(tmp_path / 'clip.mkv') >= 50 - 21

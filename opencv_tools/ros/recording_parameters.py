@@ -108,8 +108,8 @@ def reception_depth(values: Mapping[str, Any]) -> int | None:
     """
     Return how many frames the middleware keeps until they are taken.
 
-    They are as many as the queue holds, for it is one more queue before it. With
-    ``on_overflow:=block`` the middleware keeps every frame, so that a publisher that can wait does.
+    They are as many as the queue holds. With ``on_overflow:=block`` the middleware keeps every
+    frame, and a publisher that can wait does so when it holds too many.
 
     :param values: of the parameters.
     :returns: the number; None for every frame.
