@@ -32,25 +32,26 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
 # The tests mostly wait for processes that they started: on two processors four at a time are best.
 WORKERS ?= 4
 
-# $(1): the command's environment
-workers = $(shell $(1) python3 -c 'import xdist' 2> /dev/null && \
-  echo '-p no:cacheprovider --numprocesses=$(WORKERS) --dist=worksteal')
+# $(1): the command's environment; $(2): how many tests at a time. Nothing where xdist is missing.
+workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\
+  --numprocesses=$(2) --dist=worksteal)
 
 # $(1): the command's environment; $(2): where build, install and log go
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
   --event-handlers console_stderr- || \
   { cat $(2)log/latest_build/opencv_tools/stdout_stderr.log; exit 1; }
-@rm -f $(2)build/opencv_tools/pytest.xml
+@rm -f $(2)build/opencv_tools/*.xml
 @$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
-  --return-code-on-test-failure --event-handlers console_direct+ --pytest-args ' $(call workers,$(1))'
+  --return-code-on-test-failure --event-handlers console_direct+ \
+  $(patsubst %,--pytest-args,$(firstword $(call workers,$(1),$(WORKERS)))) \
+  $(patsubst %,' %',$(call workers,$(1),$(WORKERS)))
 @$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
 endef
 
 # $(1): the command's environment
 define unit_test
-@PYTHONPATH="$(CURDIR):$$PYTHONPATH" $(1) python3 -m pytest --quiet -m 'not process' \
-  $(patsubst --numprocesses=%,--numprocesses=2,$(call workers,$(1)))
+@$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),2)
 endef
 
 ifeq ($(sourced),yes)
@@ -71,7 +72,7 @@ test:
 	$(call colcon_test,,)
 
 unit:
-	$(call unit_test,)
+	$(call unit_test,env PYTHONPATH="$(CURDIR):$$PYTHONPATH")
 
 test-network:
 	@command -v colcon > /dev/null || \

@@ -158,9 +158,9 @@ def _no_unmarked_process(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that start a process by a fixture."""
+    """Mark the tests that start a process, or need what colcon has built, by a fixture."""
     for item in items:
-        if {'start', 'count'} & set(getattr(item, 'fixturenames', ())):
+        if {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ())):
             item.add_marker(pytest.mark.process)
 
 
