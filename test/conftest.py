@@ -150,11 +150,20 @@ def executable(name: str) -> str:
 def _no_unmarked_process(
         request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail where a test that is not marked as one of processes starts one, for `make unit`."""
-    if request.node.get_closest_marker('process') is None:
-        def _refuse(*_: object, **__: object) -> None:
-            pytest.fail('a test that starts a process has to be marked: pytest.mark.process')
+    if request.node.get_closest_marker('process') is not None:
+        return
+    start_process = subprocess.Popen.__init__
 
-        monkeypatch.setattr(subprocess.Popen, '__init__', _refuse)
+    def _start(*arguments: Any, **keywords: Any) -> None:
+        frame = sys._getframe(1)
+        while frame.f_back and frame.f_code.co_filename == subprocess.__file__:
+            frame = frame.f_back
+        # Libraries may: the first figure of matplotlib on a machine asks for the fonts.
+        if Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
+            pytest.fail('a test that starts a process has to be marked: pytest.mark.process')
+        start_process(*arguments, **keywords)
+
+    monkeypatch.setattr(subprocess.Popen, '__init__', _start)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
