@@ -90,7 +90,7 @@ def _captures(path: Path, _changed_ns: int) -> bool:
 
 
 def _explain(name: str, err: OSError) -> CaptureError:
-    """Say what an error of a camera means and what helps."""
+    """Convert an error of a camera to one that says what it means and what helps."""
     if err.errno in (errno.EACCES, errno.EPERM):
         return UnavailableError(
             f'no permission to use camera {name}; add yourself to its group: '
