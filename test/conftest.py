@@ -167,9 +167,11 @@ def _no_unmarked_process(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that start a process, or need what colcon has built, by a fixture."""
+    """Mark the tests that start a process, or need what colcon has built: by fixture or folder."""
+    here = Path(__file__).parent
     for item in items:
-        if {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ())):
+        if item.path.parent != here or (
+                {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ()))):
             item.add_marker(pytest.mark.process)
 
 
