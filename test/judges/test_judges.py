@@ -96,13 +96,14 @@ def write_all(path: Path, folder: Path) -> Written:
     """Read a robot and write it in every way; one of SDF by way of URDF."""
     robot, language = read_robot(str(path), Report())
     source, original = robot, None
-    urdf = folder / f'{path.name}.urdf'
+    name = '_'.join(path.parts[-2:])  # several files are called model.sdf
+    urdf = folder / f'{name}.urdf'
     urdf.write_bytes(to_bytes(convert_to_urdf(robot, Report())))
     back, _ = read_robot(str(urdf), Report())
     if language == 'sdf':
         root = parse(path.read_bytes(), str(path), Report())
         source, original = back, Case(path, read_sdf(root, Report()))
-    return Written(original, list(write_sdf_of(source, path.name, folder)), [Case(urdf, back)])
+    return Written(original, list(write_sdf_of(source, name, folder)), [Case(urdf, back)])
 
 
 def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
