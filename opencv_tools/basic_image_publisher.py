@@ -34,7 +34,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.calibration_file import CameraInfoError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.capture_parameters import (
-    camera_request, look, OPENING, PARAMETERS, playback,
+    camera_request, ENCODING, look, OPENING, PARAMETERS, playback,
 )
 from opencv_tools.ros.controls import CameraControls
 from opencv_tools.ros.diagnostics import Condition, Diagnostics
@@ -72,6 +72,7 @@ class ImagePublisher(Node):
         self.done = Future()
         self._dropped = 0
         self._left_out = ''
+        self._opened_for = ''  # the encoding
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
         self._topics = FrameTopics(self, 'video_frames', self._calibrate(), transport,
@@ -170,7 +171,9 @@ class ImagePublisher(Node):
                 return
             width, height = rendition.size
         except ImageError as err:
-            self._leave_out(err)
+            # A camera that was opened for another encoding is about to be opened anew.
+            if not self._is_live() or self._settings['encoding'] == self._opened_for:
+                self._leave_out(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(
@@ -201,6 +204,7 @@ class ImagePublisher(Node):
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
+        self._opened_for = self._settings['encoding']
         return open_source(
             self._settings['source'], camera_request(self._settings, self._controls.wanted),
             self._settings['read_timeout'])
@@ -229,7 +233,9 @@ class ImagePublisher(Node):
         self._grabber.playback = playback(self._settings)
         if 'camera_info_url' in changes:
             self._topics.calibration = self._calibrate()
-        if OPENING & changes.keys():
+        if ENCODING in changes:
+            self._grabber.reopen()
+        elif OPENING & changes.keys():
             self._reopening.ask()
 
     def _set_capture(

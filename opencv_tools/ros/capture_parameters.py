@@ -93,7 +93,10 @@ PARAMETERS = (
 )
 
 #: Those for which a camera has to be opened anew.
-OPENING = frozenset(('width', 'height', 'fps', 'fourcc', 'encoding'))
+OPENING = frozenset(('width', 'height', 'fps', 'fourcc'))
+
+#: The one that frames of the camera as it is open may not be convertible to.
+ENCODING = 'encoding'
 
 
 def playback(values: Mapping[str, Any]) -> Playback:
