@@ -126,7 +126,7 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
 
 def test_what_another_program_sets_is_shown_and_kept(
         controlled: Callable[..., Controlled]) -> None:
-    node = controlled('flip:=true')
+    node = controlled('flip:=true', 'brightness:=50')
     node.controls.declare(node.camera)
     node.camera.change(BRIGHTNESS, 77)
     node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself

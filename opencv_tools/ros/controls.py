@@ -44,8 +44,8 @@ class CameraControls:
     """
     Declare a parameter for each setting that a camera has, and set the camera by them.
 
-    What was set, at the start or later, by whichever program, is set again on a camera that comes
-    back. A parameter shows what the camera has.
+    What was set by a parameter is set again on a camera that comes back, as it was last, whichever
+    program set it last. A parameter shows what the camera has.
     """
 
     def __init__(self, node: Node, table: Sequence[Parameter],
@@ -116,10 +116,11 @@ class CameraControls:
             return
         with suppress(CaptureError):  # it has gone, and comes back with what was wanted
             changed = camera.controls(changed=True)
+            wanted = dict(self.wanted)
             kept = {control.name: value for control, value in changed.items() if control.active
-                    and self._shown(control) not in (None, value)}
+                    and control.name in wanted and self._shown(control) not in (None, value)}
             self._show(changed)
-            self.wanted = tuple({**dict(self.wanted), **kept}.items())
+            self.wanted = tuple({**wanted, **kept}.items())
 
     def _shown(self, control: Control) -> int | None:
         """Read what the parameter of a setting shows, if it has one."""

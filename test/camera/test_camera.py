@@ -242,7 +242,8 @@ def shown(node: Node, *names: str) -> list[int]:
 
 def test_settings_of_another_program_are_shown_and_kept(start: Start, viewer: Viewer) -> None:
     control('contrast=128', 'horizontal_flip=0', 'vertical_flip=0')
-    publisher = start('img_publisher', source=0, brightness=100)
+    publisher = start('img_publisher', source=0, brightness=100, contrast=100,
+                      horizontal_flip='false')
     viewer.wait_for(3)
     spin_until(viewer.node, lambda: shown(viewer.node, 'brightness') == [100])
     control('brightness=77', 'contrast=99', 'horizontal_flip=1')
