@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 import sys
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.frames import Frame
+from opencv_tools.recording.frames import Arrivals, Frame
 from opencv_tools.recording.selection import Selection
 from opencv_tools.recording.trouble import Troubles
 from opencv_tools.ros.frame_subscription import FrameSubscription
@@ -62,6 +63,7 @@ class ImageSubscriber(Node):
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
         self._troubles = Troubles(self._log)
+        self._arrivals = Arrivals()
         bounds = limits(settings)
         self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
         self._folder, self._recorder = open_recorder(
@@ -93,7 +95,7 @@ class ImageSubscriber(Node):
         except CvBridgeError as err:
             self._refuse(err)
         else:
-            self._record(frame)
+            self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
             self._progress.tick(describe_message(message), self._dropped())
 
     def close(self) -> int:
@@ -113,7 +115,7 @@ class ImageSubscriber(Node):
             f'{account.written} written to {self._folder}, {account.dropped} dropped, '
             f'{failed} failed, {self.subscription.lost} lost on the way'
             + (f', {left_out} left out as asked' if left_out else ''))
-        if failed:
+        if failed or self._recorder.is_unfinished:
             return FAILED
         return self.done.result() if self.done.done() else DONE
 
@@ -121,7 +123,7 @@ class ImageSubscriber(Node):
         """Have a frame written, if it is wanted."""
         if not self._selection.has_begun:
             self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
-        if self._selection.is_late(frame.receive_ns):
+        if self._selection.is_late():
             self._left_out += 1
             self._end(DONE)
             return

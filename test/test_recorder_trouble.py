@@ -137,7 +137,7 @@ def test_a_killed_video_plays_and_has_its_line(
     start('img_publisher', source='pattern:64x48@50')
     assert last.finish() == 0, last.output
     assert [(line['file'], line['seq'], line['frames']) for line in read_manifest(folder)] == [
-        (f'clip.{suffix}', 0, 0), (f'clip_1.{suffix}', 1, 5)]
+        (f'clip.{suffix}', 0, len(played)), (f'clip_1.{suffix}', 1, 5)]
     assert not list(folder.glob('.*'))
 
 

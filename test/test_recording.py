@@ -43,7 +43,7 @@ from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.picture_files import PictureFiles
-from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.recorder import Recorder, Standing
 from opencv_tools.recording.selection import FullError, Limits
 from opencv_tools.recording.writers import (
     Content, encode_frame, Format, FORMATS, UnwritableError,
@@ -83,7 +83,8 @@ def random_image(encoding: str) -> np.ndarray:
 
 def frame_of(image: np.ndarray, encoding: str, seconds: float = 0.0) -> RawFrame:
     time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
-    return RawFrame(time_ns, 'camera', encoding, '/video_frames', time_ns + 5_000_000, image)
+    return RawFrame(time_ns, 'camera', encoding, '/video_frames', time_ns + 5_000_000, image,
+                    arrival_ns=round(seconds * NANO))
 
 
 def gray_frame(number: int, seconds: float = 0.0) -> RawFrame:
@@ -603,8 +604,9 @@ def test_temporary_files_of_others_stay(tmp_path: Path) -> None:
 LIMITS = [Limits(max_frames=4, ring=True), Limits(max_seconds=3.5, ring=True)]
 
 
-@pytest.mark.parametrize('limits', LIMITS)
-def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits) -> None:
+@pytest.mark.parametrize(('limits', 'kept'), [
+    (LIMITS[0], [248, 249, 250, 251]), (LIMITS[1], [250, 251])])  # what is there is years old
+def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits, kept: list[int]) -> None:
     (tmp_path / '7.txt').write_text('not ours')
     recorder = record(tmp_path, 250, limits=limits)
     (tmp_path / '7.txt').unlink()
@@ -612,8 +614,8 @@ def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits) -> None:
     assert gray_numbers(tmp_path) == [246, 247, 248, 249]
     assert len(read_manifest(tmp_path)) == 4
     record(tmp_path, 2, limits=limits, first=250)  # what is there already counts
-    assert gray_numbers(tmp_path) == [248, 249, 250, 251]
-    assert [line['seq'] for line in read_manifest(tmp_path)] == [248, 249, 250, 251]
+    assert gray_numbers(tmp_path) == [number % 256 for number in kept]
+    assert [line['seq'] for line in read_manifest(tmp_path)] == kept
 
 
 @pytest.mark.parametrize('ring', [False, True])
@@ -715,6 +717,48 @@ def test_the_last_lines_of_a_long_manifest(tmp_path: Path) -> None:
     assert tail == list(range(tail[0], 6000))
     whole = len(b''.join(lines[tail[0]:]))
     assert whole <= 2 ** 20 < whole + len(lines[tail[0] - 1])
+
+
+def test_lines_that_are_owed_are_added_by_the_next_recording(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    entries = Manifest(tmp_path).entries()
+    (tmp_path / 'manifest.jsonl').unlink()
+    folder = Folder(tmp_path)
+    for entry in entries[:2]:
+        folder.owe_line(entry)
+    folder.announce(entries[2])
+    folder.announce(replace(entries[2], frame_id=''))  # shorter than what stands there
+    os.close(folder._journal)  # as a process that ends
+    Folder(tmp_path).close()
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1, 2]
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_what_a_shorter_journal_leaves_of_a_longer_one_is_not_added(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    entries = Manifest(tmp_path).entries()
+    (tmp_path / 'manifest.jsonl').unlink()
+    folder = Folder(tmp_path)
+    folder.owe_line(entries[0])
+    folder.announce(entries[1])
+    folder.settle()
+    folder.announce(entries[0])
+    os.close(folder._journal)
+    Folder(tmp_path).close()
+    assert [entry.seq for entry in Manifest(tmp_path).entries()] == [0]
+
+
+def test_a_line_of_a_file_that_is_no_more_is_not_added(tmp_path: Path) -> None:
+    record(tmp_path, 2)
+    entries = Manifest(tmp_path).entries()
+    folder = Folder(tmp_path)
+    for name in ('manifest.jsonl', '000.png'):
+        (tmp_path / name).unlink()
+    for entry in entries:
+        folder.owe_line(entry)
+    folder.settle()
+    folder.close()
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [1]
 
 
 def test_lines_of_other_recordings_stay(tmp_path: Path) -> None:
@@ -861,12 +905,14 @@ class Numbers:
 
     def __init__(self) -> None:
         self.placed: list[int] = []
+        self.standing = Standing()
 
     def prepare(self, frame: RawFrame) -> Numbers:
         return self
 
     def commit(self, frame: RawFrame, _: Numbers) -> Path:
         self.placed.append(int(frame.image[0, 0]))
+        self.standing.kept += 1
         return Path()
 
     def discard(self) -> None:
@@ -889,8 +935,32 @@ def test_an_end_that_fails_is_told_once() -> None:
     recorder.put(gray_frame(0))
     recorder.close()
     recorder.close()
-    assert vars(recorder.account) == {'written': 1, 'dropped': 0, 'failed': 1, 'left_out': 0}
+    assert vars(recorder.account) == {'written': 1, 'dropped': 0, 'failed': 0, 'left_out': 0}
+    assert recorder.is_unfinished
     assert console.lines == ['error: the recording was not finished: Input/output error']
+
+
+class Waiting(Numbers):
+    """Keep the frames in memory until there are three, and lose what is there at the end."""
+
+    def commit(self, frame: RawFrame, _: Numbers) -> Path:
+        path = super().commit(frame, self)
+        self.standing.kept = len(self.placed) // 3 * 3
+        return path
+
+    def close(self) -> None:
+        self.standing.lost = len(self.placed) - self.standing.kept
+        self.standing.reason = 'the disk is full'
+
+
+def test_a_frame_counts_when_it_is_known_what_became_of_it() -> None:
+    console, files = Console(), Waiting()
+    recorder = Recorder(files, console, block=True)
+    for number in range(5):
+        recorder.put(gray_frame(number))
+    recorder.close()
+    assert vars(recorder.account) == {'written': 3, 'dropped': 0, 'failed': 2, 'left_out': 0}
+    assert console.lines == ['error: a frame was not written: the disk is full']
 
 
 class Full(Numbers):

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.frames import Arrivals, ReceivedFrame
 from opencv_tools.recording.manifest import Entry
 from opencv_tools.recording.selection import Budget, FullError, Limits, Selection
 import pytest
@@ -97,23 +97,25 @@ def test_it_is_over_when_so_many_were_taken_and_none_came_back() -> None:
 
 
 def test_a_duration_begins_with_the_first_frame() -> None:
-    selection = Selection(1, 0.0, Limits(max_seconds=2.0))
-    late = [selection.is_late(time) for time in (5 * NANO, 6 * NANO, 7 * NANO - 1, 7 * NANO)]
-    assert late == [False, False, False, True]
-    for_ever = Selection(1, 0.0, Limits())
-    assert not for_ever.is_late(1) and not for_ever.is_late(10**18)
+    times = iter([0.0, 1.0, 1.9, 2.0])
+    selection = Selection(1, 0.0, Limits(max_seconds=2.0), lambda: next(times))
+    assert not selection.has_begun
+    assert [selection.is_late() for _ in range(4)] == [False, False, False, True]
+    assert selection.has_begun
+    for_ever = Selection(1, 0.0, Limits(), iter([0.0, 1e9]).__next__)
+    assert not for_ever.is_late() and not for_ever.is_late()
 
 
 def entry(name: str, size: int = 10, receive_ns: int = 0) -> Entry:
     return Entry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
 
 
-def fill(budget: Budget, *entries: Entry) -> list[str]:
+def fill(budget: Budget, *entries: Entry, arrival_ns: int = 0) -> list[str]:
     """Let files come; the names of those that had to go."""
     gone = []
     for coming in entries:
-        going = budget.make_room(coming)
-        budget.add(coming, going)
+        going = budget.make_room(coming, arrival_ns)
+        budget.add(coming, going, arrival_ns)
         gone += going
     return gone
 
@@ -125,7 +127,43 @@ def test_a_ring_lets_as_many_go_as_it_must() -> None:
     assert fill(budget, entry('large', 25)) == ['b', 'c', 'd']
     assert budget.count == 1
     with pytest.raises(FullError, match='max_bytes is 30, and the next file has 31'):
-        budget.make_room(entry('larger', 31))
+        budget.make_room(entry('larger', 31), 0)
+
+
+HOUR = 3600 * NANO
+WALL = 500_000 * HOUR
+
+
+@pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
+def test_the_age_of_a_file_does_not_change_when_the_clock_is_set(jump: int) -> None:
+    budget = Budget(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
+                    lambda: HOUR, lambda: WALL)
+    gone = [fill(budget, entry(str(number), 10, WALL + number * NANO + (number > 3) * jump),
+                 arrival_ns=HOUR + number * NANO) for number in range(7)]
+    assert gone == [[], [], ['earlier'], ['0'], ['1'], ['2'], ['3']]
+
+
+def test_a_file_from_the_future_is_the_oldest() -> None:
+    earlier = [entry('old', 10, WALL - 3 * NANO), entry('new', 10, WALL - NANO),
+               entry('future', 10, WALL + HOUR), entry('older', 10, WALL - 4 * NANO)]
+    by_age = Budget(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_age, entry('a'), arrival_ns=HOUR) == ['future', 'older', 'old']
+    by_number = Budget(Limits(max_frames=4, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_number, entry('a'), entry('b'), arrival_ns=HOUR) == ['future', 'older']
+
+
+@pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
+def test_arrivals_go_on_when_the_clock_is_set(jump: int) -> None:
+    monotonic, wall = [HOUR], [WALL]
+    arrivals = Arrivals(lambda: monotonic[0], lambda: wall[0])
+    found = []
+    for number in range(6):
+        received = wall[0] + 8
+        monotonic[0] += 10
+        wall[0] += 10 + (number == 3) * jump  # between the reception and the call
+        found.append(arrivals.arrival_ns(received) - HOUR)
+    assert found[:3] + found[4:] == [8, 18, 28, 48, 58]
+    assert 28 <= found[3] <= 40
 
 
 def test_a_file_that_is_replaced_takes_no_room_twice() -> None:
@@ -138,5 +176,5 @@ def test_without_a_ring_nothing_goes_and_frames_are_not_counted_here() -> None:
     budget = Budget(Limits(max_frames=1, max_bytes=25), [])
     assert fill(budget, entry('a'), entry('b')) == []
     with pytest.raises(FullError):
-        budget.make_room(entry('c'))
+        budget.make_room(entry('c'), 0)
     assert fill(budget, entry('small', 5)) == []

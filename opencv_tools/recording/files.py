@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+import time
 from typing import Any
 
 from opencv_tools.recording.folder import Folder, RecordingError
@@ -47,6 +49,7 @@ def check_format(suffix: str) -> None:
 
 def open_files(
     path: Path, names: FileNames, wanted: Format, on_exists: str, limits: Limits, sync: bool,
+    monotonic: Callable[[], float] = time.monotonic,
 ) -> Files[Any]:
     """
     Make ready what frames are written to.
@@ -57,6 +60,8 @@ def open_files(
     :param on_exists: what is done about files that are there already.
     :param limits: how much is recorded.
     :param sync: have each file on the disk before it gets its name.
+    :param monotonic: returns seconds of a clock that only goes on, by which a video that cannot
+        be written is tried again.
     :returns: files for a recorder.
     :raises RecordingError: the folder cannot be written to, files that are there are in the way,
         or videos cannot be written here.
@@ -73,8 +78,9 @@ def open_files(
     folder = Folder(path, sync)
     try:
         numbering = Numbering(names, folder, on_exists)
-        kind = VideoFiles if is_video else PictureFiles
-        return kind(folder, numbering, wanted, limits)
+        if is_video:
+            return VideoFiles(folder, numbering, wanted, limits, monotonic)
+        return PictureFiles(folder, numbering, wanted, limits)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err

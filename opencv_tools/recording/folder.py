@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 import errno
 import fcntl
 import itertools
@@ -27,10 +28,15 @@ import secrets
 from threading import Lock
 from typing import Any
 
+from opencv_tools.recording.killed_video import count_frames
 from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
 
 # Every run has a journal, and temporary files with its name before theirs.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
+
+# Lines that the manifest could not take, at most. A file begins only where there is room for it,
+# so that there are few.
+_MOST_OWED = 100
 
 # What file systems say that have no hard links, or no more for this file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
@@ -44,9 +50,9 @@ class Folder:
     """
     Write files under temporary names, and give them theirs with their line in the manifest.
 
-    A journal, locked as long as this lives, holds the line of the file that gets its name next. So
-    whoever finds an abandoned one knows which temporary files nobody will finish, and whether a
-    file was left without its line.
+    A journal, locked as long as this lives, holds the line of the file that gets its name next,
+    behind those that the manifest could not take. So whoever finds an abandoned one knows which
+    temporary files nobody will finish, and which files were left without their line.
     """
 
     def __init__(self, path: Path, sync: bool = False) -> None:
@@ -61,6 +67,7 @@ class Folder:
         self.manifest = Manifest(path)
         self._sync = sync
         self._journal = -1
+        self._owed: list[Entry] = []
         self._numbers = itertools.count()
         self._making = Lock()
         try:
@@ -136,15 +143,41 @@ class Folder:
         :param entry: its line, without a digest when its content is yet to come.
         :raises OSError: the journal cannot be written to.
         """
-        os.pwrite(self._journal, entry.line(), 0)
+        self._write_journal(*self._owed, entry)
+
+    def owe_line(self, entry: Entry) -> None:
+        """
+        Keep the line of a file, which it gets with ``settle``.
+
+        :param entry: the line.
+        """
+        self._owed = [*self._owed, entry][-_MOST_OWED:]
+
+    def settle(self) -> None:
+        """
+        Add the lines that are owed; those of files that are no more are dropped.
+
+        :raises OSError: the manifest cannot be written to; what is left is owed on.
+        """
+        while self._owed:
+            if (self.path / self._owed[0].name).exists():
+                self.manifest.append(self._owed[0])
+            self._owed = self._owed[1:]
 
     def close(self) -> None:
-        """Leave the folder as others expect it, without a journal."""
+        """Leave the folder as others expect it: without a journal, unless it owes a line."""
         if self._journal >= 0:
             with suppress(OSError):  # of a disk that is gone; the next recording removes it
-                self._journal_path.unlink(missing_ok=True)
+                if self._owed:
+                    self._write_journal(*self._owed)
+                else:
+                    self._journal_path.unlink(missing_ok=True)
             os.close(self._journal)
             self._journal = -1
+
+    def _write_journal(self, *entries: Entry) -> None:
+        """Write lines over those that are there; an empty one is their end."""
+        os.pwrite(self._journal, b''.join(entry.line() for entry in entries) + b'\n', 0)
 
     def _write(self, data: Any) -> Path:
         temporary = self.path / f'{self._prefix}{next(self._numbers)}{_TEMPORARY}'
@@ -188,17 +221,30 @@ class Folder:
                 os.close(journal)
 
     def _complete(self, journal: bytes) -> None:
-        """Add the last line of a recording that was killed before it could, if it was."""
-        try:
-            entry = parse_line(journal.partition(b'\n')[0])
-            found = entry.measured(self.path)
-        except (ValueError, FileNotFoundError):
-            return  # it was killed before it gave a file its name
+        """Add the last lines of a recording that was killed before it could, if it was."""
+        for line in journal.split(b'\n'):
+            try:
+                entry = parse_line(line)
+            except ValueError:
+                return  # behind the last of them, or killed before it gave a file its name
+            with suppress(FileNotFoundError):
+                self._complete_file(entry)
+
+    def _complete_file(self, entry: Entry) -> None:
+        found = entry.measured(self.path)
         # The name may be that of another recording's file, even with the same frame in it.
-        has_line = any((line.name, line.sha256) == (entry.name, found.sha256)
-                       for line in self.manifest.entries())
-        if entry.sha256 in ('', found.sha256) and not has_line:
-            self.manifest.append(found)
+        if entry.sha256 not in ('', found.sha256) or any(
+                (line.name, line.sha256) == (entry.name, found.sha256)
+                for line in self.manifest.entries()):
+            return
+        if not entry.sha256:
+            path = self.path / entry.name
+            frames = count_frames(path)
+            if frames == 0:
+                path.unlink()
+                return
+            found = replace(found, frames=frames or 0)
+        self.manifest.append(found)
 
 
 def _write_all(file: int, data: Any) -> None:

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import time
 from typing import Any
 
 from numpy.typing import NDArray
@@ -31,9 +33,11 @@ class ReceivedFrame(Labels):
     What frames of both kinds have.
 
     :param receive_ns: when the message came, in nanoseconds of the system's clock.
+    :param arrival_ns: the same in nanoseconds of a clock that nobody sets, CLOCK_MONOTONIC.
     """
 
     receive_ns: int
+    arrival_ns: int = field(default_factory=time.monotonic_ns, kw_only=True)
 
     @property
     def time_ns(self) -> int:
@@ -76,7 +80,35 @@ class CompressedFrame(ReceivedFrame):
         image = decode_picture(self.data)
         encoding = stored_encoding(image, self.encoding)
         return RawFrame(self.stamp_ns, self.frame_id, encoding.name, self.topic, self.receive_ns,
-                        image)
+                        image, arrival_ns=self.arrival_ns)
+
+
+class Arrivals:
+    """Convert times of the system's clock, which may be set at any moment, to arrivals."""
+
+    def __init__(
+        self, monotonic: Callable[[], int] = time.monotonic_ns,
+        wall: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """
+        Begin now.
+
+        :param monotonic: returns nanoseconds of a clock that only goes on.
+        :param wall: returns nanoseconds of the system's clock.
+        """
+        self._monotonic = monotonic
+        self._wall = wall
+        self._last = monotonic()
+
+    def arrival_ns(self, receive_ns: int) -> int:
+        """
+        Return when a message came, by the monotonic clock; never before the last one, nor later.
+
+        :param receive_ns: nanoseconds of the system's clock, a moment ago.
+        """
+        now = self._monotonic()
+        self._last = max(self._last, now - max(0, self._wall() - receive_ns))
+        return self._last
 
 
 #: What is recorded.

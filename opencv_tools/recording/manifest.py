@@ -52,7 +52,7 @@ class Entry:
     :param height: in pixels, 0 where nobody looked.
     :param size: bytes of the file.
     :param sha256: of its content, in hexadecimal digits.
-    :param frames: how many frames are in it; 0 of a video whose recording was killed.
+    :param frames: how many frames are in it; 0 of a video that was cut off and cannot be read.
     """
 
     seq: int

@@ -25,6 +25,7 @@ from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import Frame
 from opencv_tools.recording.manifest import Entry, file_entry
 from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.recorder import Standing
 from opencv_tools.recording.selection import Budget, Limits
 from opencv_tools.recording.writers import Content, encode_frame, Format
 
@@ -69,6 +70,7 @@ class PictureFiles:
         :param limits: how much is kept.
         :raises OSError: the account of earlier files cannot be read.
         """
+        self.standing = Standing()
         self._folder = folder
         self._numbering = numbering
         self._wanted = wanted
@@ -108,7 +110,8 @@ class PictureFiles:
         path = self._numbering.claim(frame, lambda seq, name: self._publish(
             picture.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                picture.size, picture.sha256, frames=1)))
+                picture.size, picture.sha256, frames=1), frame.arrival_ns))
+        self.standing.kept += 1
         if self._stale_lines > max(_MANY_LINES, self._budget.count):
             self._compact()
         return path
@@ -121,13 +124,13 @@ class PictureFiles:
         finally:
             self._folder.close()
 
-    def _publish(self, temporary: Path, entry: Entry) -> Path:
-        gone = self._budget.make_room(entry)
+    def _publish(self, temporary: Path, entry: Entry, arrival_ns: int) -> Path:
+        gone = self._budget.make_room(entry, arrival_ns)
         for name in gone:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
         self._stale_lines += len(gone) or self._numbering.replaces
-        self._budget.add(entry, gone)
+        self._budget.add(entry, gone, arrival_ns)
         return path
 
     def _compact(self) -> None:

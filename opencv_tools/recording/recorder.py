@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 from threading import Lock, Thread
@@ -45,8 +45,32 @@ class Prepared(Protocol):
 P = TypeVar('P', bound=Prepared)
 
 
+@dataclass
+class Standing:
+    """
+    What became of the frames that were put in their place.
+
+    :param kept: frames that are whole in files; fewer when a file is lost.
+    :param lost: frames that were taken and are in no file.
+    :param left_out: frames that were taken and were too much for the limits.
+    :param reason: why frames were lost the last time.
+    """
+
+    kept: int = 0
+    lost: int = 0
+    left_out: int = 0
+    reason: str = ''
+
+
 class Files(Protocol[P]):
-    """What frames are written to."""
+    """
+    What frames are written to.
+
+    A frame that was put in its place may wait in memory. It has its part in ``standing`` when it
+    is known what became of it: at the latest when the files are closed.
+    """
+
+    standing: Standing
 
     def prepare(self, frame: Frame) -> P:
         """Do what takes time; more than one thread may."""
@@ -60,7 +84,7 @@ class Files(Protocol[P]):
 
 @dataclass
 class Account:
-    """What became of the frames that were handed over."""
+    """What became of the frames that were handed over; those that wait are not in it."""
 
     written: int = 0
     dropped: int = 0
@@ -97,6 +121,8 @@ class Recorder(Generic[P]):
         """
         self.account = Account()
         self.is_full = False
+        self.is_unfinished = False  # though no frame may have failed
+        self._seen = Standing()
         self._files = files
         self._log = log
         self._on_full = on_full
@@ -142,8 +168,10 @@ class Recorder(Generic[P]):
             try:
                 self._files.close()
             except (OSError, ImageError) as err:
-                self.account.failed += 1
-                self._log.error(f'the recording was not finished: {_reason(err)}')
+                self.is_unfinished = True
+                self._log.error(f'the recording was not finished: {reason_of(err)}')
+            finally:
+                self._settle()
 
     def _write_all(self) -> None:
         while (taken := self._queue.get()) is not None:
@@ -175,12 +203,24 @@ class Recorder(Generic[P]):
         except Exception as err:  # noqa: B902 - as above
             self.account.failed += 1
             tell = self._troubles.outage if isinstance(err, OSError) else self._troubles.failed
-            tell(f'a frame was not written: {_reason(err)}')
-            job.done(_reason(err))
+            tell(f'a frame was not written: {reason_of(err)}')
+            job.done(reason_of(err))
         else:
-            self.account.written += 1
-            self._troubles.written()
             job.done(path)
+        finally:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Count what became of the frames that were put in their place."""
+        standing, seen, account = replace(self._files.standing), self._seen, self.account
+        self._seen = standing
+        for _ in range(standing.lost - seen.lost):
+            self._troubles.outage(f'a frame was not written: {standing.reason}')
+        if standing.kept > seen.kept:
+            self._troubles.written()
+        account.written += standing.kept - seen.kept
+        account.failed += standing.lost - seen.lost
+        account.left_out += standing.left_out - seen.left_out
 
     def _commit(self, frame: Frame, prepared: P | Exception) -> Path:
         if isinstance(prepared, Exception):
@@ -200,6 +240,6 @@ class Recorder(Generic[P]):
             self._on_full()
 
 
-def _reason(err: Exception) -> str:
+def reason_of(err: Exception) -> str:
     """Say what failed, without the name of a file that is another for every frame."""
     return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+import time
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import Entry
@@ -24,6 +26,9 @@ from opencv_tools.recording.naming import NANO
 
 # Frames that come a little early by this much of the period are not early: stamps tremble.
 _SLACK = 0.25
+
+
+_LONG_AGO = -1 << 62  # nanoseconds
 
 
 class FullError(Exception):
@@ -55,26 +60,31 @@ class Limits:
 class Selection:
     """Choose frames by their number and their time."""
 
-    def __init__(self, every_n: int, max_rate: float, limits: Limits) -> None:
+    def __init__(
+        self, every_n: int, max_rate: float, limits: Limits,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         """
         Wait for the first frame, which is wanted.
 
         :param every_n: take the first of so many frames.
         :param max_rate: frames per second to take at most, by their stamps; 0 for all.
         :param limits: when to end, unless they are those of a ring.
+        :param monotonic: returns seconds of a clock that only goes on.
         """
         self._every_n = every_n
         self._period_ns = int(NANO / max_rate) if max_rate else 0
         self._limits = Limits() if limits.ring else limits
         self._seen = 0
         self._taken = 0
-        self._first_ns = 0
+        self._monotonic = monotonic
+        self._began_at: float | None = None
         self._due_ns = 0
 
     @property
     def has_begun(self) -> bool:
         """Tell whether a frame has come."""
-        return self._first_ns > 0
+        return self._began_at is not None
 
     @property
     def max_seconds(self) -> float:
@@ -95,10 +105,12 @@ class Selection:
         """Count a frame that is recorded."""
         self._taken += 1
 
-    def is_late(self, receive_ns: int) -> bool:
+    def is_late(self) -> bool:
         """Tell whether a frame comes after the time that is recorded, which the first begins."""
-        self._first_ns = self._first_ns or receive_ns
-        return 0 < self._limits.max_ns <= receive_ns - self._first_ns
+        now = self._monotonic()
+        if self._began_at is None:
+            self._began_at = now
+        return 0 < self._limits.max_seconds <= now - self._began_at
 
     def put_back(self) -> None:
         """Let another frame take the place of one that was dropped."""
@@ -115,30 +127,52 @@ class Selection:
         return True
 
 
+@dataclass(frozen=True)
+class _Kept:
+    name: str
+    size: int
+    arrival_ns: int
+
+
 class Budget:
     """Keep the files of a recording within its limits."""
 
-    def __init__(self, limits: Limits, entries: list[Entry]) -> None:
+    def __init__(
+        self, limits: Limits, entries: list[Entry],
+        monotonic: Callable[[], int] = time.monotonic_ns,
+        wall: Callable[[], int] = time.time_ns,
+    ) -> None:
         """
-        Begin with the files there are.
+        Begin with the files there are, in the order of their age.
 
         :param limits: of the recording.
-        :param entries: files of earlier recordings, which a ring counts and replaces.
+        :param entries: files of earlier recordings, which a ring counts and replaces. Those of a
+            time that is yet to come are the oldest: nobody knows when the clock was wrong.
+        :param monotonic: returns nanoseconds of the clock of arrivals, which only goes on.
+        :param wall: returns nanoseconds of the system's clock, by which earlier files have an age.
         """
         self._limits = limits
-        self._kept = {entry.name: entry for entry in entries} if limits.ring else {}
-        self._bytes = sum(entry.size for entry in self._kept.values())
+        self._kept: dict[str, _Kept] = {}
+        now, offset = wall(), wall() - monotonic()
+        earlier = {entry.name: entry for entry in entries} if limits.ring else {}
+        for entry in sorted(earlier.values(), key=lambda entry: (
+                entry.receive_ns <= now, entry.receive_ns)):
+            is_past = entry.receive_ns <= now
+            self._kept[entry.name] = _Kept(
+                entry.name, entry.size, entry.receive_ns - offset if is_past else _LONG_AGO)
+        self._bytes = sum(kept.size for kept in self._kept.values())
 
     @property
     def count(self) -> int:
         """Count the files that a ring keeps."""
         return len(self._kept)
 
-    def make_room(self, entry: Entry) -> list[str]:
+    def make_room(self, entry: Entry, arrival_ns: int) -> list[str]:
         """
         Find out what has to go before a file may come.
 
         :param entry: the file.
+        :param arrival_ns: when its frame came, by a clock that only goes on.
         :returns: names of the files to delete, the oldest first.
         :raises FullError: nothing can go, and the file is too much.
         """
@@ -149,7 +183,7 @@ class Budget:
         gone: list[str] = []
         for other in self._kept.values():
             too_many = 0 < limits.max_frames < count - len(gone)
-            too_old = 0 < limits.max_ns < entry.receive_ns - other.receive_ns
+            too_old = 0 < limits.max_ns < arrival_ns - other.arrival_ns
             if not (too_many or too_old or self._is_too_large(size)):
                 break
             if other is not replaced:
@@ -159,14 +193,14 @@ class Budget:
             raise FullError(f'max_bytes is {limits.max_bytes}, and the next file has {entry.size}')
         return gone
 
-    def add(self, entry: Entry, gone: list[str]) -> None:
+    def add(self, entry: Entry, gone: list[str], arrival_ns: int) -> None:
         """Take note of a file that came, and of those that went for it."""
         for name in (*gone, entry.name):
             other = self._kept.pop(name, None)
             self._bytes -= other.size if other else 0
         self._bytes += entry.size
         if self._limits.ring:
-            self._kept[entry.name] = entry
+            self._kept[entry.name] = _Kept(entry.name, entry.size, arrival_ns)
 
     def _is_too_large(self, size: int) -> bool:
         return 0 < self._limits.max_bytes < size

@@ -15,7 +15,8 @@
 """
 Video files: H.264 in MP4, Matroska or AVI, with the true time of each frame.
 
-A file that is cut off at any moment plays, but for about its last second. MP4 holds times to
+A file that is cut off at any moment plays, but for about its last second: frames wait in memory
+until FFmpeg writes them together. The first frame is written with the third. MP4 holds times to
 11 us, Matroska to 1 ms. AVI knows a constant rate only: it gets 300 frames a second, most of them
 empty, which holds times to 2 ms and takes 26 MB an hour. OpenCV reads the true times from it, but
 300 for the rate, counts the empty frames, and cannot seek; FFmpeg shows each frame when its next
@@ -33,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.recording.naming import NANO
+from opencv_tools.recording.output_file import OutputFile
 from opencv_tools.recording.video_picture import VideoError, VideoPicture
 
 # PyAV is imported where it is used: it takes a while, and most recordings are no videos.
@@ -43,23 +45,29 @@ class _Format:
     name: str  # FFmpeg's
     ticks: int  # steps of its time in a second
     longest: int  # seconds it can wait for a frame
+    # What FFmpeg writes beside the packets, in bytes at most:
+    beside: int  # for each packet
+    ending: int  # at the end of the file, and for what is written together
+    per_key: int  # for each key frame, at the end of the file
+    per_tick: int = 0  # at the end, for each tick, in a format that has a packet for each
+    lag: int = 1  # packets, from the last one, that are not in what was written with it
     options: dict[str, str] = field(default_factory=dict)
 
 
 _FORMATS = {
     # A fragment begins with each key frame and needs nothing that comes after it.
-    '.mp4': _Format('mp4', 90000, 3600,
-                    {'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
-    '.mkv': _Format('matroska', 1000, 3600, {'cluster_time_limit': '500'}),
+    '.mp4': _Format('mp4', 90000, 3600, 16, 200, 24, options={
+                    'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
+    '.mkv': _Format('matroska', 1000, 3600, 16, 100, 48, options={'cluster_time_limit': '500'}),
     # 300 is a multiple of the usual rates. FFmpeg puts at most 60000 empty frames in a row.
-    '.avi': _Format('avi', 300, 199),
+    '.avi': _Format('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
 }
 
 #: File name extensions of the formats.
 FORMATS = tuple(_FORMATS)
 
 # Recordings run beside other work: superfast takes 12 ms of a core for a frame of 1920x1080,
-# veryfast 22 ms for 0.9 of the size, ultrafast 9 ms for 1.8 of it. No frame waits in the encoder.
+# veryfast 22 ms for 0.9 of the size, ultrafast 9 ms for 1.8 of it. One frame waits in the encoder.
 _OPTIONS = {
     'preset': 'superfast', 'tune': 'zerolatency', 'x264-params': 'force-cfr=0', 'forced-idr': '1',
     'threads': str(min(4, os.cpu_count() or 1)), 'colorspace': 'smpte170m', 'color_range': 'tv',
@@ -89,47 +97,12 @@ def check_video() -> None:
                          "get one that has it with 'pip install --force-reinstall av'") from err
 
 
-class _File:
-    """
-    A new file as FFmpeg writes to it.
-
-    An error is kept here; FFmpeg does not hear of it, for it would make another one of it.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.size = 0
-        self.error: OSError | None = None
-        self._path = path
-        self.raw = path.open('xb', buffering=0)  # not ``close``, which PyAV would call
-        self.seek, self.tell = self.raw.seek, self.raw.tell
-
-    def write(self, data: bytes) -> int:
-        """Write all of it, or nothing after an error."""
-        rest = memoryview(data)
-        try:
-            while rest and self.error is None:
-                rest = rest[self.raw.write(rest):]  # a disk that fills up takes a part
-                self.size = max(self.size, self.raw.tell())
-        except OSError as err:
-            self.error = err.with_traceback(None)  # which would keep the encoder alive
-        return len(data)
-
-    def check(self, whole: int) -> None:
-        """
-        Raise the error that was met, if any.
-
-        :param whole: size of what is surely whole; what stands behind it is cut off then.
-        """
-        if self.error is not None:
-            with suppress(OSError):
-                self.size = self.raw.truncate(whole)
-            raise OSError(self.error.errno, self.error.strerror, str(self._path)) from self.error
-
-
 class VideoWriter:
     """One video file; one thread at a time may write to it."""
 
-    def __init__(self, path: Path, picture: VideoPicture, time_ns: int, crf: int = 23) -> None:
+    def __init__(
+        self, path: Path, picture: VideoPicture, time_ns: int, crf: int = 23, max_bytes: int = 0,
+    ) -> None:
         """
         Make the file.
 
@@ -137,20 +110,27 @@ class VideoWriter:
         :param picture: one that has the form of those to come; it is not written.
         :param time_ns: when the file begins; its comment says so.
         :param crf: quality of x264, from 0, the best, to 51.
+        :param max_bytes: size of the file at most; 0 for no limit.
         :raises FileExistsError: there is such a file, which is left alone.
         :raises OSError: it cannot be written to.
         :raises VideoError: the encoder cannot take pictures of that size.
         """
-        self.frames = 0
+        self.frames = 0  # that it took
+        self.flushed = 0  # of these, that are whole in the file
+        self.is_full = False  # the next frame would be too much
         self._path = path
         self._form = picture.form
         self._format = _FORMATS[path.suffix.lower()]
         self._start_ns = self._last_ns = time_ns
         self._last, self._next_key = -1, 0  # ticks
+        self._packets = self._keys = 0
+        self._last_packet = -1  # ticks
+        self._max_bytes = max_bytes
         self._whole = 0
+        self._waiting = 0  # bytes of frames that are not flushed
         self._container: Any = None
         self._stream: Any = None
-        self._file = _File(path)
+        self._file = OutputFile(path)
         try:
             self._call(self._open, crf)
         except BaseException:
@@ -161,6 +141,20 @@ class VideoWriter:
     def bytes_written(self) -> int:
         """Bytes in the file so far."""
         return self._file.size
+
+    @property
+    def left_out(self) -> int:
+        """Frames that it took, but that are too much for the file."""
+        return self.frames - self._packets if self.is_full else 0
+
+    @property
+    def bytes_waiting(self) -> int:
+        """Bytes of frames that are not in the file yet, at most."""
+        return self._waiting
+
+    def is_named(self) -> bool:
+        """Return whether the file was neither removed nor moved."""
+        return self._file.is_named()
 
     def fits(self, picture: VideoPicture, time_ns: int) -> bool:
         """
@@ -174,12 +168,13 @@ class VideoWriter:
         return (picture.form == self._form
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
-    def write(self, picture: VideoPicture, time_ns: int) -> None:
+    def write(self, picture: VideoPicture, time_ns: int) -> bool:
         """
-        Add a picture to the file.
+        Add a picture to the file, where it may wait in memory for those that come.
 
         :param picture: one that ``fits``.
         :param time_ns: its time; one that is not later than the last is put right behind it.
+        :returns: False where the file would grow larger than it may; then it can only be closed.
         :raises OSError: the file cannot be written to, and only be closed any more.
         :raises VideoError: the encoder did not take it.
         """
@@ -187,19 +182,26 @@ class VideoWriter:
         ticks = self._format.ticks
         since = ((time_ns - self._start_ns) * ticks + NANO // 2) // NANO
         pts = max(since, self._last + 1)
-        is_key = pts >= self._next_key
+        # The first frame is written when the second one is a key frame: a short video has it.
+        is_key = pts >= self._next_key or self.frames == 1
+        self.is_full = self.is_full or not self._has_room(0, pts)
+        if self.is_full:
+            return False
         frame = picture.frame
         frame.pts, frame.time_base = pts, Fraction(1, ticks)
         frame.pict_type = _KEY_FRAME if is_key else 0
         self._call(self._encode, frame)
-        if is_key:
+        if self.is_full:
+            return False
+        self.frames += 1
+        if pts >= self._next_key:
             self._next_key = pts + _KEY_SECONDS * ticks
         self._last, self._last_ns = pts, time_ns
-        self.frames += 1
+        return True
 
     def close(self) -> None:
         """
-        End the file; one without a frame is removed.
+        End the file; one that no frame was written to is removed.
 
         After an error of ``write`` it ends quietly. In any case, what is in the file plays.
 
@@ -210,7 +212,9 @@ class VideoWriter:
             return
         try:
             if self._file.error is None:
-                self._call(self._finish)
+                self._call(self._encode, None)
+                self._call(self._container.close)
+                self.flushed, self._waiting = self._packets, 0
         finally:
             self._release()
 
@@ -234,12 +238,27 @@ class VideoWriter:
         self._container.start_encoding()
 
     def _encode(self, frame: Any) -> None:
+        """Add what the encoder makes; it keeps a frame until it knows how long that one lasts."""
         for packet in self._stream.encode(frame):
+            steps = packet.pts - self._last_packet if self._format.per_tick else 1
+            added = packet.size + self._format.beside * steps
+            self.is_full = self.is_full or not self._has_room(added, packet.pts)
+            if self.is_full:
+                continue
+            size, self._last_packet = self._file.size, packet.pts
+            self._packets += 1
+            self._keys += packet.is_keyframe
             self._container.mux(packet)
+            if self._file.size > size and self._file.error is None:
+                self.flushed, self._whole = self._packets - self._format.lag, self._file.size
+                self._waiting = 0
+            self._waiting += added * self._format.lag
 
-    def _finish(self) -> None:
-        self._encode(None)
-        self._container.close()
+    def _has_room(self, size: int, pts: int) -> bool:
+        form = self._format
+        end = form.ending + form.per_key * (self._keys + 1) + form.per_tick * pts
+        return not self._max_bytes or self._file.size + self._waiting + size + end <= (
+            self._max_bytes)
 
     def _call(self, step: Callable[..., None], *arguments: Any) -> None:
         """Let FFmpeg do a step, and give its errors as ours."""
@@ -260,6 +279,6 @@ class VideoWriter:
         with suppress(av.error.FFmpegError):
             if container is not None:
                 container.close()  # after an error of the file it writes nothing
-        self._file.raw.close()
-        if not self.frames:
-            self._path.unlink(missing_ok=True)
+        with self._file.raw:
+            if not self.flushed and self._file.is_named():
+                self._path.unlink(missing_ok=True)

@@ -73,7 +73,7 @@ PARAMETERS = (
               fixed=True, ends=True),
     Parameter('max_duration', 0.0, 'end so many seconds after the first frame; 0 for no end',
               maximum=1e9, fixed=True, ends=True),
-    Parameter('max_bytes', 0, 'end when the files take so much; 0 for no end', maximum=10**18,
+    Parameter('max_bytes', 0, 'end before the files take more; 0 for no end', maximum=10**18,
               fixed=True, ends=True),
     Parameter('ring', False, 'at these limits do not end, but delete the oldest files',
               fixed=True, ends=True),

@@ -1,0 +1,54 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames of a video whose recording was killed before it could count them."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+from opencv_tools.recording.video import FORMATS
+
+# A file of so many bytes may be no more than the header that FFmpeg wrote; an MP4 that was cut off
+# in the header of a fragment cannot be opened either, but has frames that can be rescued.
+_HEADER_BYTES = 8192
+
+
+def count_frames(path: Path) -> int | None:
+    """
+    Count the frames that are whole in a video.
+
+    :param path: of the video, which may end at any byte, and can be read.
+    :returns: the number; None where that cannot be told, and 0 only where nothing of value is in
+        the file: the header of a video.
+    :raises OSError: the file cannot be read.
+    """
+    if path.suffix.lower() not in FORMATS:
+        return None
+    try:
+        import av
+    except ImportError:
+        return None
+    count, is_read = 0, True
+    try:
+        with av.open(str(path)) as container:
+            for packet in container.demux(video=0):
+                count += bool(packet.size) and not packet.is_corrupt
+    except (av.error.InvalidDataError, av.error.EOFError, IndexError):
+        pass  # cut off; an IndexError is for want of a stream
+    except av.error.FFmpegError as err:
+        is_read = err.errno == errno.EIO  # cut off, for Matroska; the file itself was read before
+    is_empty = is_read and path.stat().st_size <= _HEADER_BYTES
+    return count or (0 if is_empty else None)

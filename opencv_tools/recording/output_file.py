@@ -1,0 +1,66 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A file that FFmpeg writes to, of which what is whole stays when the disk is full."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from opencv_tools.recording.manifest import is_file
+
+
+class OutputFile:
+    """
+    A new file as FFmpeg writes to it.
+
+    An error is kept here; FFmpeg does not hear of it, for it would make another one of it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.size = 0
+        self.error: OSError | None = None
+        self._path = path
+        self.raw = path.open('xb', buffering=0)  # not ``close``, which PyAV would call
+        self.seek, self.tell = self.raw.seek, self.raw.tell
+
+    def write(self, data: bytes) -> int:
+        """Write all of it, or nothing after an error."""
+        rest = memoryview(data)
+        try:
+            while rest and self.error is None:
+                rest = rest[self.raw.write(rest):]  # a disk that fills up takes a part
+                self.size = max(self.size, self.raw.tell())
+        except OSError as err:
+            self.error = err.with_traceback(None)  # which would keep the encoder alive
+        return len(data)
+
+    def is_named(self) -> bool:
+        """Return whether the file is still the one at its path, as far as that can be told."""
+        try:
+            return is_file(self.raw.fileno(), self._path)
+        except OSError:  # of a folder that may not be read just now
+            return True
+
+    def check(self, whole: int) -> None:
+        """
+        Raise the error that was met, if any.
+
+        :param whole: size of what is surely whole; what stands behind it is cut off then.
+        """
+        if self.error is not None:
+            with suppress(OSError):
+                self.size = self.raw.truncate(whole)
+            raise OSError(self.error.errno, self.error.strerror, str(self._path)) from self.error
