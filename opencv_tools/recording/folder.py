@@ -23,14 +23,18 @@ import fcntl
 import itertools
 import os
 from pathlib import Path
+import re
 import secrets
 from threading import Lock
 from typing import Any
 
 from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
+from opencv_tools.regular_files import open_regular, RefusedFileError
 
 # Every run has a journal, and temporary files with its name before theirs.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
+_OWN = re.compile(r'\.recording-[0-9a-z]+-')
+_LINE = 1 << 24
 
 # What file systems say that have no hard links, or no more for this file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
@@ -174,15 +178,15 @@ class Folder:
         hidden = [path.name for path in self.path.glob(f'{_PREFIX}*')]
         for name in hidden:
             prefix = name.removesuffix(_JOURNAL)
-            if prefix == name or prefix == self._prefix:
+            if prefix == name or prefix == self._prefix or not _OWN.fullmatch(prefix):
                 continue
             try:
-                journal = os.open(self.path / name, os.O_RDWR | os.O_CLOEXEC)
+                journal = open_regular(self.path / name, os.O_RDWR, follow=False)
             except FileNotFoundError:
                 continue  # another one that begins has cleaned up
             try:
                 if _try_lock(journal):
-                    self._complete(os.pread(journal, os.fstat(journal).st_size, 0))
+                    self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
                     _remove(self.path / other for other in hidden if other.startswith(prefix))
             finally:
                 os.close(journal)
@@ -192,7 +196,7 @@ class Folder:
         try:
             entry = parse_line(journal.partition(b'\n')[0])
             found = entry.measured(self.path)
-        except (ValueError, FileNotFoundError):
+        except (ValueError, FileNotFoundError, RefusedFileError):
             return  # it was killed before it gave a file its name
         # The name may be that of another recording's file, even with the same frame in it.
         has_line = any((line.name, line.sha256) == (entry.name, found.sha256)
@@ -218,7 +222,7 @@ def _move(source: Path, target: Path) -> None:
     except OSError as err:
         if err.errno not in _NO_LINKS:
             raise
-        if target.exists():
+        if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from err
         source.rename(target)
     else:

@@ -18,10 +18,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.regular_files import read_regular
 from opencv_tools.ros.parameters import Parameter, ParameterError
 import yaml
 
@@ -72,16 +72,11 @@ def load_parameters(path: Path) -> Any:
 
     :param path: the file.
     :returns: what the YAML says.
-    :raises OSError: it cannot be read.
-    :raises ValueError: it is no regular file, larger than 1 MB, or no text.
+    :raises OSError: it cannot be read, is no regular file, or is larger than 1 MB.
+    :raises ValueError: it is no text.
     :raises yaml.YAMLError: it is no YAML, nested too deep, or has aliases, which rcl refuses too.
     """
-    if not path.is_file():  # to open a pipe would end its writer
-        raise ValueError(f'{path} is no regular file')
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb') as file:
-        content = file.read(_FILE_BYTES + 1)
-    if len(content) > _FILE_BYTES:
-        raise ValueError(f'{path} is larger than {_FILE_BYTES} bytes')
+    content = read_regular(path, _FILE_BYTES)
     loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # which is quicker by far
     depth = 0
     for event in yaml.parse(content, loader):
