@@ -227,8 +227,6 @@ class ImagePublisher(Node):
         """Go on with parameters that were changed."""
         self._settings = {**self._settings, **changes}
         self._grabber.playback = playback(self._settings)
-        if 'camera_info_url' in changes:
-            self._topics.calibration = self._calibrate()
         if OPENING & changes.keys():
             self._reopening.ask()
 
@@ -252,7 +250,8 @@ class ImagePublisher(Node):
     ) -> SetCameraInfo.Response:
         """Keep a calibration and publish it from now on."""
         try:
-            response.status_message = self._topics.calibration.save(request.camera_info)
+            response.status_message = self._topics.calibration.save(
+                request.camera_info, self._settings['flip'], self._settings['rotate'])
             response.success = True
         except CameraInfoError as err:
             response.status_message = str(err)

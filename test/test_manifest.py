@@ -105,14 +105,18 @@ def test_a_folder_with_something_else_in_place_of_a_file(
     assert victim.read_bytes() == line()
 
 
-def test_a_pipe_that_takes_the_place_of_the_manifest(tmp_path: Path) -> None:
+@pytest.mark.parametrize('kind', ['named pipe', 'symbolic link'])
+def test_what_takes_the_place_of_the_manifest(tmp_path: Path, kind: str) -> None:
     manifest = Manifest(tmp_path)
     manifest.append(parse_line(line()))
-    (tmp_path / FILE_NAME).unlink()
-    os.mkfifo(tmp_path / FILE_NAME)
+    (tmp_path / FILE_NAME).rename(tmp_path / 'target')
+    if kind == 'named pipe':
+        os.mkfifo(tmp_path / FILE_NAME)
+    else:
+        (tmp_path / FILE_NAME).symlink_to('target')
     for act in (lambda: manifest.append(parse_line(line())), manifest.entries, manifest.tail,
                 lambda: manifest.compact(lambda _: True, lambda _: tmp_path / 'new')):
-        with pytest.raises(OSError, match=r'manifest\.jsonl is a named pipe'):
+        with pytest.raises(OSError, match=rf'manifest\.jsonl is a {kind}'):
             act()
 
 

@@ -111,7 +111,9 @@ class FrameTopics:
                     rendition.image, rendition.encoding, header))
                 self.backlog.add(self.images)
             if to_infos:
-                self._infos.publish(self.calibration.message(header, *rendition.size))
+                look = rendition.look
+                self._infos.publish(self.calibration.message(
+                    header, *rendition.size, look.flip, look.rotate))
                 self.backlog.add(self._infos)
         except ImageError as err:
             failure = err  # what cannot be read may still go as its camera has compressed it
