@@ -73,7 +73,7 @@ def picture(tmp_path: Path) -> np.ndarray:
 
 # Beside the frames
 
-FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed ',
+FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed mono8',
            'bgr16': 'bgr8; jpeg compressed bgr8', 'bgr8': 'bgr8; jpeg compressed bgr8'}
 
 
