@@ -263,7 +263,7 @@ class ImagePublisher(Node):
         return Condition(
             self._settings['source'], source.description if source else '',
             self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
-            self._grabber.reconnects)
+            self._grabber.reconnects, self._topics.awaited)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -461,6 +461,12 @@ def test_part_of_a_file_is_played_as_often_as_asked(
     assert numbers(play(numbered, rate=500.0, **settings), 9) == expected
 
 
-def test_a_first_frame_that_there_is_not(numbered: Source) -> None:
-    with pytest.raises(CaptureError, match='has 4 frames, and none of the number 7'):
-        list(play(numbered, rate=500.0, first=7).frames())
+@pytest.mark.parametrize('first', [4, 5, 7])
+def test_a_first_frame_that_there_is_not(numbered: Source, first: int) -> None:
+    with pytest.raises(CaptureError, match=f'has 4 frames, and none of the number {first}$'):
+        list(play(numbered, rate=500.0, first=first).frames())
+
+
+def test_a_first_frame_that_a_video_has_not() -> None:
+    with pytest.raises(CaptureError, match=f'has {CLIP_FRAMES} frames, and none of the number'):
+        list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())

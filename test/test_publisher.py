@@ -222,6 +222,16 @@ def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) ->
     assert (values['dropped'], values['missed']) == ('1', '2')
 
 
+def test_diagnostics_tell_that_subscribers_are_awaited(start: Start, node: Node) -> None:
+    messages = receive(node, DiagnosticArray, '/diagnostics')
+    start('img_publisher', source='pattern:64x48@20', wait_for_subscribers=1)
+    spin_until(node, lambda: bool(messages))
+    (status,) = messages[-1].status
+    assert (status.level, status.message) == (b'\0', 'waiting for 1 subscriber(s)')
+    receive(node, Image, 'video_frames')
+    spin_until(node, lambda: messages[-1].status[0].message == 'publishing')
+
+
 def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> None:
     messages = receive(node, DiagnosticArray, '/diagnostics')
     start('img_publisher', source=987)

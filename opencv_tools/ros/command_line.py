@@ -66,6 +66,17 @@ def check_ros_arguments(
     return [remark for remark in remarks if remark]
 
 
+def check_params_file(path: str) -> None:
+    """
+    Check that a parameter file exists, for launch only warns and starts nodes without it.
+
+    :param path: the file.
+    :raises ParameterError: there is no such file.
+    """
+    if not Path(path).is_file():
+        raise ParameterError(f'params_file is {path!r}: give a file that exists')
+
+
 def load_parameters(path: Path) -> Any:
     """
     Read a parameter file, as long as that takes no time to speak of.
