@@ -22,6 +22,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from opencv_tools.ros.command_line import check_params_file
 
 
 ARGUMENTS = {
@@ -32,7 +33,13 @@ EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subs
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
-    """Start each node with the file's parameters, and over them the arguments that were given."""
+    """
+    Start each node with the file's parameters, and over them the arguments that were given.
+
+    :raises ParameterError: there is no such file.
+    """
+    params_file = LaunchConfiguration('params_file').perform(context)
+    check_params_file(params_file)
     nodes = []
     for name, executable in EXECUTABLES.items():
         given = {argument: LaunchConfiguration(argument).perform(context)
@@ -42,7 +49,7 @@ def start_nodes(context: LaunchContext) -> list[Node]:
         nodes.append(Node(
             package='opencv_tools', executable=executable, name=name, output='screen',
             namespace=LaunchConfiguration('namespace'),
-            parameters=[LaunchConfiguration('params_file'), *([over] if over else [])]))
+            parameters=[params_file, *([over] if over else [])]))
     return nodes
 
 

@@ -19,6 +19,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from opencv_tools.ros.command_line import check_params_file
 
 
 def parse_cameras(text: str) -> dict[str, str]:
@@ -36,8 +37,14 @@ def parse_cameras(text: str) -> dict[str, str]:
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
-    """Start a publisher for each camera, with the file's parameters and its own source."""
+    """
+    Start a publisher for each camera, with the file's parameters and its own source.
+
+    :raises ValueError: ``cameras`` is written wrongly, or there is no such file.
+    """
     params_file = LaunchConfiguration('params_file').perform(context)
+    if params_file:
+        check_params_file(params_file)
     cameras = parse_cameras(LaunchConfiguration('cameras').perform(context))
     return [
         Node(package='opencv_tools', executable='img_publisher', name='image_publisher',

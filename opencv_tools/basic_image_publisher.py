@@ -231,8 +231,6 @@ class ImagePublisher(Node):
         """Go on with parameters that were changed."""
         self._settings = {**self._settings, **changes}
         self._grabber.playback = playback(self._settings)
-        if 'camera_info_url' in changes:
-            self._topics.calibration = self._calibrate()
         if ENCODING in changes:
             self._grabber.reopen()
         elif OPENING & changes.keys():
@@ -258,7 +256,8 @@ class ImagePublisher(Node):
     ) -> SetCameraInfo.Response:
         """Keep a calibration and publish it from now on."""
         try:
-            response.status_message = self._topics.calibration.save(request.camera_info)
+            response.status_message = self._topics.calibration.save(
+                request.camera_info, self._settings['flip'], self._settings['rotate'])
             response.success = True
         except CameraInfoError as err:
             response.status_message = str(err)
@@ -270,7 +269,7 @@ class ImagePublisher(Node):
         return Condition(
             self._settings['source'], source.description if source else '',
             self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
-            self._grabber.reconnects)
+            self._grabber.reconnects, self._topics.awaited)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
@@ -23,7 +24,7 @@ import signal
 
 from conftest import NodeProcess
 from opencv_tools import basic_image_publisher, basic_image_subscriber
-from opencv_tools.ros.command_line import check_ros_arguments, load_parameters
+from opencv_tools.ros.command_line import check_params_file, check_ros_arguments, load_parameters
 from opencv_tools.ros.parameters import Parameter, ParameterError
 import pytest
 import yaml
@@ -67,6 +68,11 @@ PUBLISHER = {
                     "parameter on_end is 'explode': give one of 'stop', 'loop', 'hold'"),
     'unknown pixel format': (BAD_USAGE, {'fourcc': 'H264'},
                              "parameter fourcc is 'H264': the known pixel formats are BGR3"),
+    'a start after the stop': (
+        BAD_USAGE, {'source': 'pattern', 'start_frame': 5, 'stop_frame': 5},
+        'parameter start_frame is 5, which is not before stop_frame 5: give a smaller'),
+    'a name with a path': (BAD_USAGE, {'source': 'pattern', 'camera_name': '../x'},
+                           "parameter camera_name is '../x': give up to 128 letters"),
     'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
     'unknown wait': (BAD_USAGE, {'reconnect': 'soon'},
                      "parameter reconnect is 'soon': give forever, never or a number of seconds"),
@@ -253,6 +259,21 @@ def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) ->
     ended, output = run('img_publisher', '--ros-args', '--params-file', 'p.yaml')
     assert ended == FAILED
     assert 'none.mp4 cannot be opened' in output
+
+
+@pytest.mark.parametrize('name', ['', '.', 'none.yaml'])
+def test_a_params_file_of_a_launch_file_that_there_is_not(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'p.yaml').touch()
+    check_params_file('p.yaml')
+    with pytest.raises(ParameterError, match=f'params_file is {name!r}: give a file that exists'):
+        check_params_file(name)
+    for launch_file in (Path(__file__).parent.parent / 'launch').glob('*.launch.py'):
+        calls = [call for call in ast.walk(ast.parse(launch_file.read_text()))
+                 if isinstance(call, ast.Call) and ast.unparse(call.func) == 'check_params_file']
+        assert [ast.unparse(argument) for call in calls for argument in call.args] == [
+            'params_file']
 
 
 def test_parameter_files_that_are_left_to_rcl(tmp_path: Path) -> None:

@@ -16,16 +16,18 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from threading import Event, Thread
 import time
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from conftest import DEADLINE
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 from opencv_tools.ros.calibration_file import (
-    CameraInfoError, read_camera_info, write_camera_info,
+    CameraInfoError, check_camera_name, read_camera_info, write_camera_info,
 )
 from opencv_tools.ros.camera_info import Calibration, resolve_url, scale_camera_info
 import pytest
@@ -75,6 +77,8 @@ SIZES = st.integers(1, 2**32 - 1)
 # However long it takes.
 ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+MODELS = st.from_regex(r'[A-Za-z0-9_]{0,64}', fullmatch=True)
+NAMES = st.from_regex(r'[A-Za-z0-9_.-]{0,127}[A-Za-z0-9]', fullmatch=True)
 
 
 @pytest.fixture
@@ -93,7 +97,7 @@ def infos(draw: st.DrawFn, numbers: st.SearchStrategy[float] = NUMBERS) -> Camer
         height=draw(st.integers(0, height - top)), do_rectify=draw(st.booleans()))
     k, r, p = (draw(st.lists(numbers, min_size=n, max_size=n)) for n in (9, 9, 12))
     return CameraInfo(
-        width=width, height=height, distortion_model=draw(st.text()), d=draw(st.lists(numbers)),
+        width=width, height=height, distortion_model=draw(MODELS), d=draw(st.lists(numbers)),
         k=k, r=r, p=p, binning_x=draw(SIZES), binning_y=draw(SIZES), roi=roi)
 
 
@@ -119,14 +123,17 @@ def test_reads_what_camera_calibration_parsers_writes(file: Path) -> None:
 
 @pytest.mark.parametrize(('old', 'new', 'complaint'), [
     *((f'{key}:', f'x{key}:', f'{key}.* is missing: give ') for key in (
-        'image_width', 'image_height', 'camera_matrix', 'distortion_model', 'projection_matrix',
+        'image_width', 'image_height', 'camera_matrix', 'projection_matrix',
         'distortion_coefficients', 'rectification_matrix')),
     ('640', '0', "image_width is '0': give a whole number from 1"),
     ('480', '-480', "image_height is '-480'"),
     ('480', '480.5', "image_height is '480.5'"),
     ('480', '4294967296', "image_height is '4294967296'"),
     ('480', '[480]', r"image_height is \['480'\]"),
+    ('640', '0x', "image_width is '0x': give a whole number"),
     ('plumb_bob', '{}', 'distortion_model is {}: give a text'),
+    ('plumb_bob', '$(touch x)', r"distortion_model is '\$\(touch x\)': give a text"),
+    ('plumb_bob', 'x' * 65, "distortion_model is 'xxx"),
     ('cols: 4', 'cols: 3', "projection_matrix.cols is '3': give 4"),
     ('cols: 5', 'cols: 4', 'distortion_coefficients.data is .*: give a list of 4 finite'),
     ('cols: 5\n  data', 'cols: 5\n  date', 'distortion_coefficients.data is missing'),
@@ -144,7 +151,8 @@ def test_reads_what_camera_calibration_parsers_writes(file: Path) -> None:
     ('640', '[640', 'is no YAML in line 2: give the file'),
     ('640', '"\\UFFFFFFFF"', 'is no YAML: give the file'),
     (CALIBRATION + OPERATION, '', 'image_width is missing'),
-    (CALIBRATION + OPERATION, '[' * 100_000, 'is no YAML'),
+    (CALIBRATION + OPERATION, '[' * 60_000, 'is no YAML'),
+    (CALIBRATION + OPERATION, '[' * 70_000, 'cannot be read: camera.yaml is larger than 65536'),
 ])
 def test_files_that_are_refused(file: Path, old: str, new: str, complaint: str) -> None:
     file.write_text((CALIBRATION + OPERATION).replace(old, new, 1))
@@ -168,11 +176,12 @@ def test_paths_that_cannot_be_read_or_written(file: Path, name: str, complaint: 
 
 
 @ANY_MACHINE
-@given(info=infos(), name=st.text())
+@given(info=infos(), name=NAMES)
 def test_what_is_written_is_read_again(
         tmp_path_factory: pytest.TempPathFactory, info: CameraInfo, name: str) -> None:
-    path = tmp_path_factory.mktemp('written') / 'new' / 'newer' / 'camera.yaml'
-    write_camera_info(path, info, name)
+    home = tmp_path_factory.mktemp('written')
+    path = home / 'new' / 'newer' / 'camera.yaml'
+    write_camera_info(path, info, name, home)
     assert read_camera_info(path) == info
     assert list(path.parent.iterdir()) == [path]
     plain = yaml.safe_load(path.read_text())  # as other programs have it, with types of its own
@@ -189,17 +198,85 @@ def test_a_refused_calibration_leaves_the_file_as_it_was(file: Path) -> None:
     assert file.read_text() == CALIBRATION
 
 
-def test_a_link_stays_a_link_and_the_old_file_whole(file: Path) -> None:
+def test_a_calibration_is_replaced_and_the_old_file_whole(file: Path) -> None:
     old = file.with_name('old.yaml')
     old.hardlink_to(file)  # what a program that has it open sees
-    link = file.with_name('link.yaml')
-    link.symlink_to(file.name)
-    info = read_camera_info(link)
+    info = read_camera_info(file)
     info.binning_x = 7
-    write_camera_info(link, info, 'x')
-    assert link.is_symlink()
+    write_camera_info(file, info, 'x')
     assert read_camera_info(file).binning_x == 7
     assert old.read_text() == CALIBRATION
+
+
+@pytest.mark.parametrize(('kind', 'reason'), [
+    ('text', 'there is a file that is no calibration; remove it, or give another URL'),
+    ('empty', 'there is a file that is no calibration; remove it, or give another URL'),
+    ('link', 'camera.yaml is a symbolic link, not a regular file; remove it'),
+    ('dangling', 'camera.yaml is a symbolic link, not a regular file; remove it'),
+    ('fifo', 'camera.yaml is a named pipe, not a regular file; remove it'),
+    ('no folder', 'No such file or directory; make its folder, or give another URL'),
+    ('outside', 'No such file or directory; make its folder, or give another URL')])
+def test_what_is_no_calibration_is_not_replaced(file: Path, kind: str, reason: str) -> None:
+    info = read_camera_info(file)
+    other = file.rename(file.with_name('other.yaml'))
+    path = file
+    if kind in ('text', 'empty'):
+        file.write_text('alias ls=ls\n' if kind == 'text' else '')
+    elif kind in ('link', 'dangling'):
+        file.symlink_to('other.yaml' if kind == 'link' else 'missing.yaml')
+    elif kind == 'fifo':
+        os.mkfifo(file)
+    else:
+        path = file.parent.joinpath(
+            *(('ros', '..') if kind == 'outside' else ()), 'new', 'camera.yaml')
+    before = {entry.name: entry.lstat().st_mtime_ns for entry in file.parent.iterdir()}
+    for home in (None, file.parent / 'ros', file.parent / 'other'):
+        with pytest.raises(CameraInfoError) as caught:
+            write_camera_info(path, info, 'x', home)
+        assert str(caught.value).startswith(f'{path} cannot be written: {reason}')
+    assert {entry.name: entry.lstat().st_mtime_ns for entry in file.parent.iterdir()} == before
+    assert other.read_text() == CALIBRATION
+
+
+@pytest.mark.parametrize('name', ['', '.', '..', 'a/b', 'a b', 'a\n', '$(x)', 'é', 'x' * 129])
+def test_names_that_no_camera_has(file: Path, name: str) -> None:
+    with pytest.raises(CameraInfoError, match=r'^the name of the camera is .*: give up to 128'):
+        write_camera_info(file, read_camera_info(file), name)
+    with pytest.raises(ValueError, match='give up to 128 letters'):
+        check_camera_name(name)
+    assert file.read_text() == CALIBRATION
+
+
+@pytest.mark.parametrize(('field', 'value', 'complaint'), [
+    ('distortion_model', '$(touch /tmp/PWNED)', 'distortion_model is '),
+    ('distortion_model', 'a\nb: c', 'distortion_model is '), ('d', [np.inf], 'distortion_coeff'),
+    ('width', 0, 'image_width is '), ('d', [0.1] * 30_000, 'has [0-9]+ bytes: give one of')])
+def test_calibrations_that_are_not_written(
+        file: Path, field: str, value: Any, complaint: str) -> None:
+    info = read_camera_info(file)
+    setattr(info, field, value)
+    with pytest.raises(CameraInfoError, match=complaint):
+        write_camera_info(file, info, 'x')
+    with pytest.raises(CameraInfoError, match=complaint):
+        write_camera_info(file.with_name('new.yaml'), info, 'x')
+    assert file.read_text() == CALIBRATION
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_what_yaml_cpp_takes_is_read(file: Path) -> None:
+    remarks: list[str] = []
+    expected = read_camera_info(file, remarks.append)
+    assert not remarks
+    text = CALIBRATION.replace('distortion_model: plumb_bob\n', '')
+    file.write_text(text.replace('640', '0x280'))
+    assert read_camera_info(file, remarks.append) == expected
+    assert remarks == [f'{file} has no distortion_model: plumb_bob is assumed']
+    Calibration(str(file), 'left', remarks.append)
+    assert remarks[1:] == remarks[:1]
+    for word, truth in (('True', True), ('yes', True), ('ON', True), ('False', False),
+                        ('NO', False), ('n', False)):
+        file.write_text(CALIBRATION + OPERATION.replace('true', word))
+        assert read_camera_info(file).roi.do_rectify is truth
 
 
 def test_urls(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,7 +296,11 @@ def test_urls(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(('url', 'complaint'), [
     ('file://a/b', 'give file:///PATH'), ('flash:///a', 'give file:///PATH'),
     ('http://a/b', 'give file:///PATH'), ('package://sensor_msgs', 'give file:///PATH'),
-    ('package:///a', 'give file:///PATH'), ('package://no_such_package/a', 'unknown package'),
+    ('package:///a', 'give file:///PATH'), ('package://sensor_msgs//etc/x', 'leads out of'),
+    ('package://sensor_msgs/../x', 'leads out of'),
+    ('package://sensor_msgs/a/../../x', 'leads out of'),
+    ('package://sensor_msgs/a/', 'leads out of'), ('package://sensor_msgs/./a', 'leads out of'),
+    ('package://sensor_msgs/', 'leads out of'), ('package://no_such_package/a', 'unknown package'),
     ('package://a b/c', 'unknown package'), ('/${HOME}/a', r'unknown variable \$\{HOME\}'),
     ('/${NAME', r'unknown variable \$\{NAME: '), ('~no such user/a', 'needs a home folder')])
 def test_urls_that_are_refused(url: str, complaint: str) -> None:
@@ -317,7 +398,7 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
     index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
     index.mkdir(parents=True)
     (index / 'my_robot').touch()
-    (tmp_path / 'share' / 'my_robot').mkdir()
+    (tmp_path / 'share' / 'my_robot' / 'a').mkdir(parents=True)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     calibration = Calibration('package://my_robot/a/${NAME}.yaml', 'left', lambda _: None)
     info = read_camera_info(file)
@@ -330,6 +411,19 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
         calibration.save(CameraInfo())
     assert calibration.message(Header(), 640, 480) == read_camera_info(Path(path))
     assert read_camera_info(Path(path)).k[0] == 602.31847
+
+
+def test_the_file_is_that_of_the_start(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: Path) -> None:
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
+    calibration = Calibration('', 'left', lambda _: None)
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'other'))
+    path = calibration.save(read_camera_info(file))
+    assert path == str(tmp_path / 'ros' / 'camera_info' / 'left.yaml')
+    assert not (tmp_path / 'other').exists()
+    refused = Calibration('flash:///x', 'left', lambda _: None)
+    with pytest.raises(CameraInfoError, match='give file:///PATH'):
+        refused.save(read_camera_info(file))
 
 
 def test_saving_beside_messages_never_mixes(tmp_path: Path) -> None:

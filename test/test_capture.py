@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 import errno
+import os
 from pathlib import Path
 from threading import Event
 import time
@@ -38,6 +39,7 @@ from opencv_tools.capture.source import check_source, expected_size, open_source
 from opencv_tools.capture.video import VideoSource
 import pytest
 from stepped_clock import BEGAN, SteppedClock
+from test_regular_files import KINDS
 
 
 def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,
@@ -268,6 +270,59 @@ def test_devices_that_are_no_camera(text: str, reason: str) -> None:
         open_source(text)
 
 
+@pytest.mark.parametrize(('kind', 'name', 'reason'), [
+    ('fifo', 'x.png', 'x.png is a named pipe: give a file or a folder'),
+    ('socket', 'x.png', 'x.png is a socket: give a file or a folder'),
+    ('socket', 'x.mp4', 'x.mp4 is a socket: give a file or a folder'),
+    ('device', 'x.png', 'x.png is not a camera'),
+    ('folder', 'x.png', 'there is no picture in .*x.png')])
+def test_what_is_no_file_is_refused_as_a_source(
+        tmp_path: Path, kind: str, name: str, reason: str) -> None:
+    KINDS[kind][0](tmp_path / name)
+    with pytest.raises(CaptureError, match=reason):
+        open_source(str(tmp_path / name))
+
+
+@pytest.mark.parametrize('kind', ['socket', 'device', 'folder'])
+def test_what_takes_the_place_of_a_picture_is_left_out(tmp_path: Path, kind: str) -> None:
+    for name in ('1.png', '2.png', '3.png'):
+        cv2.imwrite(str(tmp_path / name), np.full((2, 2), int(name[0]), np.uint8))
+    source = open_source(str(tmp_path))
+    (tmp_path / '2.png').unlink()
+    KINDS[kind][0](tmp_path / '2.png')
+    reasons: list[str] = []
+    assert numbers(play(source, lambda err: reasons.append(str(err)), rate=500.0), 9) == [1, 3]
+    assert len(reasons) == 1
+    assert KINDS[kind][1] in reasons[0]
+
+
+def test_a_picture_that_is_too_large_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / '1.png').touch()
+    os.truncate(tmp_path / '1.png', 1 << 42)
+    reasons: list[str] = []
+    with pytest.raises(CaptureError, match='has no frame that can be read'):
+        list(play(open_source(str(tmp_path)), lambda err: reasons.append(str(err))).frames())
+    assert '1.png cannot be read: 1.png is larger than' in reasons[0]
+
+
+@pytest.mark.parametrize('form', ['{}', 'file://{}'])
+def test_a_pipe_is_not_read_before_it_is_shown(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    def _open(path: str) -> None:
+        opened.append(path)
+        raise CaptureError('no video')
+
+    opened: list[str] = []
+    monkeypatch.setattr('opencv_tools.capture.source.open_video', _open)
+    os.mkfifo(tmp_path / 'pipe')
+    text = form.format(tmp_path / 'pipe')
+    assert expected_size(text) is None
+    assert not opened
+    with pytest.raises(CaptureError, match='no video'):
+        open_source(text)  # for that may be a video
+    assert opened == [str(tmp_path / 'pipe')]
+
+
 def numbers(player: Player, most: int) -> list[int]:
     return [int(frame.image.flat[0]) for _, frame in zip(range(most), player.frames())]
 
@@ -406,6 +461,12 @@ def test_part_of_a_file_is_played_as_often_as_asked(
     assert numbers(play(numbered, rate=500.0, **settings), 9) == expected
 
 
-def test_a_first_frame_that_there_is_not(numbered: Source) -> None:
-    with pytest.raises(CaptureError, match='has 4 frames, and none of the number 7'):
-        list(play(numbered, rate=500.0, first=7).frames())
+@pytest.mark.parametrize('first', [4, 5, 7])
+def test_a_first_frame_that_there_is_not(numbered: Source, first: int) -> None:
+    with pytest.raises(CaptureError, match=f'has 4 frames, and none of the number {first}$'):
+        list(play(numbered, rate=500.0, first=first).frames())
+
+
+def test_a_first_frame_that_a_video_has_not() -> None:
+    with pytest.raises(CaptureError, match=f'has {CLIP_FRAMES} frames, and none of the number'):
+        list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())

@@ -30,22 +30,25 @@ MODULES = sorted(
     for path in ROOT.rglob('*.py'))
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
-PURE = ('opencv_tools.image', 'opencv_tools.recording.naming', 'opencv_tools.robot')
+PURE = ('opencv_tools.image', 'opencv_tools.regular_files', 'opencv_tools.recording.naming',
+        'opencv_tools.robot')
 ALLOWED = {
     'opencv_tools.image': {'opencv_tools.image'},
+    'opencv_tools.regular_files': set(),
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
-                             'opencv_tools.pictures', 'cv2'},
+                             'opencv_tools.pictures', 'opencv_tools.regular_files', 'cv2'},
     'opencv_tools.pictures': {'opencv_tools.image', 'cv2'},
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
-                               'opencv_tools.pictures', 'av', 'cv2'},
+                               'opencv_tools.pictures', 'opencv_tools.regular_files', 'av',
+                               'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.pictures', 'sensor_msgs',
                                'std_msgs'},
     'opencv_tools.ros': {
         'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
-        'opencv_tools.image', 'opencv_tools.recording', 'ament_index_python',
-        'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
-        'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
+        'opencv_tools.image', 'opencv_tools.recording', 'opencv_tools.regular_files',
+        'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces',
+        'sensor_msgs', 'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
     'opencv_tools.robot': {'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib',
                            'xacro'},
 }

@@ -73,7 +73,7 @@ def picture(tmp_path: Path) -> np.ndarray:
 
 # Beside the frames
 
-FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed ',
+FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed mono8',
            'bgr16': 'bgr8; jpeg compressed bgr8', 'bgr8': 'bgr8; jpeg compressed bgr8'}
 
 
@@ -162,7 +162,8 @@ def test_a_calibration_is_saved_and_published_from_then_on(
         start: Start, node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
     infos = receive(node, CameraInfo, '/left/camera_info')
-    start('img_publisher', '--ros-args', '-r', '__ns:=/left', '--', source='pattern:640x480')
+    start('img_publisher', '--ros-args', '-r', '__ns:=/left', '--', source='pattern:640x480',
+          rotate=180)
     spin_until(node, lambda: len(infos) > 1)
     assert infos[-1].k[0] == 0.0
     (tmp_path / 'sent.yaml').write_text(CALIBRATION)
@@ -171,10 +172,11 @@ def test_a_calibration_is_saved_and_published_from_then_on(
                           SetCameraInfo.Request(camera_info=sent))
     assert answer.success, answer.status_message
     saved = read_camera_info(tmp_path / 'ros' / 'camera_info' / 'left.yaml')
-    assert saved == sent
-    infos.clear()
-    spin_until(node, lambda: len(infos) > 1)
-    assert infos[-1].k[0] == 500.5
+    # The file has the camera itself, which is not turned.
+    assert (saved.k[0], saved.k[2], saved.d[2]) == (500.5, 639 - 320.25, -0.001)
+    spin_until(node, lambda: infos[-1].k[0] > 0)
+    assert (infos[-1].k == sent.k).all()
+    assert infos[-1].d == sent.d
 
 
 def test_a_calibration_that_cannot_be_saved_is_refused_with_the_reason(
@@ -218,6 +220,16 @@ def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) ->
     assert (values['rate'], values['age']) == ('1.5 Hz', '25.0 ms at most')
     assert (status.level, status.message) == (b'\1', '3 frames lost in the last second')
     assert (values['dropped'], values['missed']) == ('1', '2')
+
+
+def test_diagnostics_tell_that_subscribers_are_awaited(start: Start, node: Node) -> None:
+    messages = receive(node, DiagnosticArray, '/diagnostics')
+    start('img_publisher', source='pattern:64x48@20', wait_for_subscribers=1)
+    spin_until(node, lambda: bool(messages))
+    (status,) = messages[-1].status
+    assert (status.level, status.message) == (b'\0', 'waiting for 1 subscriber(s)')
+    receive(node, Image, 'video_frames')
+    spin_until(node, lambda: messages[-1].status[0].message == 'publishing')
 
 
 def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> None:
@@ -309,7 +321,8 @@ def test_a_change_is_taken_as_at_the_start(start: Start, node: Node) -> None:
 
 
 REFUSED = (
-    ('source', 'pattern:8x8', 'read-only'), ('rotate', 91, 'give one of 0, 90, 180, 270'),
+    ('source', 'pattern:8x8', 'read-only'), ('camera_info_url', '/x', 'read-only'),
+    ('rotate', 91, 'give one of 0, 90, 180, 270'),
     ('encoding', 'bgr9', "parameter encoding is 'bgr9'"),
     ('fourcc', 'H264', 'the known pixel formats are'), ('jpeg_quality', 0, 'out of range'),
     ('publish_rate', 2000, 'out of range'), ('publish_rate', '5', 'Wrong parameter type'),

@@ -85,6 +85,15 @@ def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
         assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
 
 
+def test_the_gray_jpeg_of_a_camera_is_told_as_gray() -> None:
+    gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
+    for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
+        data, format_text = Rendition(Frame(gray, JPEG), Look(encoding)).jpeg
+        assert data is gray
+        assert format_text == 'mono8; jpeg compressed mono8'
+    assert Rendition(Frame(gray, JPEG), Look('mono8', rotate=90)).jpeg[1] == format_text
+
+
 @pytest.mark.parametrize('look', [Look(flip='vertical'), Look(rotate=180), Look('mono8')])
 def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(look: Look) -> None:
     rendition = Rendition(frame_of(JPEG), look)
@@ -99,7 +108,7 @@ def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(look: L
 
 @pytest.mark.parametrize(('captured', 'format_text'), [
     ('bgr8', 'bgr8; jpeg compressed bgr8'), ('rgb8', 'rgb8; jpeg compressed bgr8'),
-    ('mono8', 'mono8; jpeg compressed '), ('bgr16', 'bgr8; jpeg compressed bgr8'),
+    ('mono8', 'mono8; jpeg compressed mono8'), ('bgr16', 'bgr8; jpeg compressed bgr8'),
     ('yuv422_yuy2', 'bgr8; jpeg compressed bgr8'), ('nv12', 'bgr8; jpeg compressed bgr8'),
     ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
 def test_a_jpeg_is_told_as_compressed_image_transport_does(
@@ -144,5 +153,5 @@ def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> No
     assert not calls
     for _ in range(2):
         assert rendition.image.shape == (48, 64)
-        assert rendition.jpeg[1] == 'mono8; jpeg compressed '
+        assert rendition.jpeg[1] == 'mono8; jpeg compressed mono8'
     assert calls == ['decode_picture', 'convert_picture', 'encode_picture']

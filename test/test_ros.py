@@ -65,8 +65,8 @@ ALLOWED = {
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9)}}
 # The README: all of the publisher may be changed but these, and none of the subscriber.
-FIXED = {'source', 'camera_name', 'on_end', 'loop', 'start_frame', 'stop_frame', 'max_frames',
-         'wait_for_subscribers'}
+FIXED = {'source', 'camera_info_url', 'camera_name', 'on_end', 'loop', 'start_frame',
+         'stop_frame', 'max_frames', 'wait_for_subscribers'}
 
 
 @pytest.fixture

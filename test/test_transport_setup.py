@@ -284,6 +284,22 @@ def test_a_lock_without_a_segment_goes_too(folder: Path) -> None:
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize('kind', ['link', 'pipe', 'device'])
+def test_what_is_no_lock_is_neither_opened_nor_removed(folder: Path, kind: str) -> None:
+    segment = make_segment(folder, 1)
+    lock = segment.with_name(f'{segment.name}_el')
+    target = lock.rename(folder / 'target')
+    if kind == 'pipe':
+        os.mkfifo(lock)
+        end = os.open(lock, os.O_RDWR)  # so that whoever opens it need not wait
+    else:
+        lock.symlink_to(target if kind == 'link' else '/dev/null')
+    assert remove_dead_segments() == 0
+    assert set(folder.iterdir()) == {segment, lock, target}
+    if kind == 'pipe':
+        os.close(end)
+
+
 def test_free_bytes_are_those_of_the_file_system(
         monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     def told() -> int:

@@ -179,8 +179,7 @@ class Player:
         playback = self._playback()
         for number in range(playback.first):
             if not self._source.skip():
-                raise CaptureError(f'{self._source.name} has {number} frames, '
-                                   f'and none of the number {playback.first}')
+                raise self._too_short(number, playback.first)
         number = playback.first
         while not self._stopped.is_set() and (not playback.stop or number < playback.stop):
             number += 1
@@ -190,5 +189,11 @@ class Player:
                 self._on_broken(err)
                 continue
             if frame is None:
+                if number == playback.first + 1 > 1:
+                    raise self._too_short(playback.first, playback.first)
                 return
             yield frame
+
+    def _too_short(self, count: int, first: int) -> CaptureError:
+        return CaptureError(f'{self._source.name} has {count} frames, '
+                            f'and none of the number {first}')

@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
+from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.jpeg import read_jpeg_header
 from opencv_tools.image.orientation import orient
 from opencv_tools.pictures import convert_picture, decode_picture, encode_picture
 
@@ -64,7 +66,8 @@ class Rendition:
         :param look: how it is wanted.
         """
         self._frame = frame
-        self._look = look
+        #: How the frame is wanted.
+        self.look = look
 
     @property
     def image(self) -> NDArray[Any]:
@@ -104,22 +107,30 @@ class Rendition:
         :raises ImageError: the frame is no picture, or cannot be what is wanted.
         """
         if self._is_ready():
-            told = self._look.encoding or 'bgr8'
-            return self._frame.image, f'{told}; jpeg compressed bgr8'
+            if self._is_gray_jpeg:
+                return self._frame.image, 'mono8; jpeg compressed mono8'
+            return self._frame.image, f'{self.look.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
-        gray = actual.order == 'y'
-        stored = find_encoding('mono8' if gray else 'bgr8')
+        stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
             image = convert_picture(image, actual, stored)
-        data = encode_picture(np.ascontiguousarray(image), '.jpg', self._look.jpeg_quality)
+        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.look.jpeg_quality)
         # Sixteen bits, and other things than colours, are told as what is left of them.
         told = actual.name if actual.name in _AS_JPEG else stored.name
-        return data, f'{told}; jpeg compressed {"" if gray else stored.name}'
+        return data, f'{told}; jpeg compressed {stored.name}'
 
     def _is_ready(self) -> bool:
         """Tell whether the camera's own JPEG is what is wanted."""
-        return (self._frame.encoding == JPEG and not self._look.turns
-                and self._look.encoding in _AS_JPEG)
+        return (self._frame.encoding == JPEG and not self.look.turns
+                and (self.look.encoding in _AS_JPEG
+                     or (self.look.encoding == 'mono8' and self._is_gray_jpeg)))
+
+    @cached_property
+    def _is_gray_jpeg(self) -> bool:
+        try:
+            return read_jpeg_header(self._frame.image).components == 1
+        except EncodingError:
+            return False  # whoever decodes it will find out
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
@@ -129,7 +140,7 @@ class Rendition:
             encoding = picture_encoding(image)
         else:
             encoding = find_encoding(self._frame.encoding)
-        wanted = find_encoding(self._look.encoding) if self._look.encoding else encoding
+        wanted = find_encoding(self.look.encoding) if self.look.encoding else encoding
         if not wanted.has_layout_of(encoding):
             image = convert_picture(image, encoding, wanted)
-        return orient(image, wanted, self._look.flip, self._look.rotate)
+        return orient(image, wanted, self.look.flip, self.look.rotate)

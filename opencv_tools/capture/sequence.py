@@ -25,10 +25,13 @@ from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
 from opencv_tools.image.encodings import picture_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import decode_picture
+from opencv_tools.regular_files import read_regular
 
 PICTURE_SUFFIXES = frozenset((
     '.png', '.jpg', '.jpeg', '.jpe', '.jp2', '.bmp', '.dib', '.tif', '.tiff', '.webp', '.pbm',
     '.pgm', '.ppm', '.pnm', '.pxm', '.exr', '.hdr', '.pic', '.sr', '.ras'))
+
+_FILE_BYTES = 1 << 30
 
 
 def natural_order(path: Path) -> list[tuple[bool, int, str]]:
@@ -69,7 +72,7 @@ class PictureSequence:
         path = self._paths[self._next]
         self._next += 1
         try:
-            image = decode_picture(path.read_bytes(), upright=True)
+            image = decode_picture(read_regular(path, _FILE_BYTES), upright=True)
             return Frame(image, picture_encoding(image).name)
         except OSError as err:
             raise BrokenFrameError(f'{path} cannot be read: {err.strerror}') from err

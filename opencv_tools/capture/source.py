@@ -32,6 +32,7 @@ from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, Pictu
 from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2 import CameraSource
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
+from opencv_tools.regular_files import describe_kind
 
 # How much of a name has to be as in ``pattern`` for it to be mistyped: 0.0 nothing, 1.0 all.
 _CLOSE = 0.8
@@ -85,7 +86,7 @@ def open_source(
         return CameraSource(device, request)
     if _is_url(text):
         return _open_url(text, timeout)
-    return _open_path(Path(text.removeprefix('file://')).expanduser())
+    return _open_path(_path(text))
 
 
 def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, int] | None:
@@ -103,7 +104,7 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
         return spec.width, spec.height
     if is_camera(text):
         return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
-    if _is_url(text) or Path(text).expanduser().is_fifo():
+    if _is_url(text) or _path(text).is_fifo():
         return None
     source = open_source(text)
     try:
@@ -115,6 +116,10 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
 
 def _is_pattern(text: str) -> bool:
     return text == 'pattern' or text.startswith('pattern:')
+
+
+def _path(text: str) -> Path:
+    return Path(text.removeprefix('file://')).expanduser()
 
 
 def _is_url(text: str) -> bool:
@@ -146,7 +151,11 @@ def _open_path(path: Path) -> Source:
         raise CaptureError(f'no permission to read {path}')
     if stat.S_ISDIR(mode):
         return PictureSequence(_pictures(path.iterdir()), str(path))
-    if path.suffix.lower() in PICTURE_SUFFIXES:
+    is_picture = path.suffix.lower() in PICTURE_SUFFIXES
+    kind = describe_kind(mode)
+    if kind and (is_picture or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
+        raise CaptureError(f'{path} is {kind}: give a file or a folder')
+    if is_picture:
         return PictureSequence([path], str(path))
     return VideoSource(str(path), open_video(str(path)))
 

@@ -56,6 +56,20 @@ def orient(
     return _turn(image, flip, degrees), encoding
 
 
+def turned_axes(flip: str, degrees: int) -> NDArray[Any]:
+    """
+    Return how ``orient`` turns the axes of an image.
+
+    :param flip: one of ``FLIPS``.
+    :param degrees: one of ``ROTATIONS``, clockwise.
+    :returns: (2, 2) orthogonal matrix of -1.0, 0.0 and 1.0, which takes a direction (x, y) of the
+        image to that of the oriented one.
+    """
+    rows, columns = FLIPS[flip]
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    return np.linalg.matrix_power(quarter, degrees // 90) @ np.diag([columns, rows]) + 0.0
+
+
 def _turn(image: NDArray[Any], flip: str, degrees: int) -> NDArray[Any]:
     rows, columns = FLIPS[flip]
     return np.rot90(image[::rows, ::columns], -degrees // 90)

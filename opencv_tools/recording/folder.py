@@ -24,15 +24,19 @@ import fcntl
 import itertools
 import os
 from pathlib import Path
+import re
 import secrets
 from threading import Lock
 from typing import Any
 
 from opencv_tools.recording.killed_video import count_frames
 from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
+from opencv_tools.regular_files import open_regular, RefusedFileError
 
 # Every run has a journal, and temporary files with its name before theirs.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
+_OWN = re.compile(r'\.recording-[0-9a-z]+-')
+_LINE = 1 << 24
 
 # Lines that the manifest could not take, at most. A file begins only where there is room for it,
 # so that there are few.
@@ -207,15 +211,15 @@ class Folder:
         hidden = [path.name for path in self.path.glob(f'{_PREFIX}*')]
         for name in hidden:
             prefix = name.removesuffix(_JOURNAL)
-            if prefix == name or prefix == self._prefix:
+            if prefix == name or prefix == self._prefix or not _OWN.fullmatch(prefix):
                 continue
             try:
-                journal = os.open(self.path / name, os.O_RDWR | os.O_CLOEXEC)
+                journal = open_regular(self.path / name, os.O_RDWR, follow=False)
             except FileNotFoundError:
                 continue  # another one that begins has cleaned up
             try:
                 if _try_lock(journal):
-                    self._complete(os.pread(journal, os.fstat(journal).st_size, 0))
+                    self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
                     _remove(self.path / other for other in hidden if other.startswith(prefix))
             finally:
                 os.close(journal)
@@ -227,7 +231,7 @@ class Folder:
                 entry = parse_line(line)
             except ValueError:
                 return  # behind the last of them, or killed before it gave a file its name
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError, RefusedFileError):
                 self._complete_file(entry)
 
     def _complete_file(self, entry: Entry) -> None:
@@ -264,7 +268,7 @@ def _move(source: Path, target: Path) -> None:
     except OSError as err:
         if err.errno not in _NO_LINKS:
             raise
-        if target.exists():
+        if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target)) from err
         source.rename(target)
     else:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 import errno
@@ -25,15 +25,21 @@ import hashlib
 import json
 import os
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.naming import NANO
+from opencv_tools.regular_files import open_regular, RefusedFileError
 
 FILE_NAME = 'manifest.jsonl'
 
 _BLOCK = 4096
 _CHUNK = 1 << 20
 _TAIL = 1 << 20
+_LINE = 1 << 24
+# The lines of four days at 30 frames a second.
+_LARGEST = 1 << 32
+_MAX_NUMBER = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -79,12 +85,12 @@ class Entry:
 
     def measured(self, folder: Path) -> Entry:
         """
-        Give the entry with the size and the digest that its file has.
+        Return the entry with the size and the digest that its file has.
 
-        :raises OSError: there is no such file, or it cannot be read.
+        :raises OSError: there is no such regular file, or it cannot be read.
         """
         digest, size = hashlib.sha256(), 0
-        with (folder / self.name).open('rb') as file:
+        with os.fdopen(open_regular(folder / self.name, follow=False), 'rb') as file:
             while chunk := file.read(_CHUNK):
                 digest.update(chunk)
                 size += len(chunk)
@@ -104,17 +110,17 @@ def parse_line(line: bytes) -> Entry:
     """
     Read a line of a manifest.
 
-    :raises ValueError: it is not one.
+    :raises ValueError: it is not one, or its file is not in the folder of the manifest.
     """
     try:
         fields = json.loads(line)
-        width, height = map(int, fields['size'])
+        width, height = map(_count, fields['size'])
         return Entry(
-            int(fields['seq']), str(fields['file']), _nanoseconds(fields['stamp']),
+            _count(fields['seq']), _file_name(fields['file']), _nanoseconds(fields['stamp']),
             _nanoseconds(fields['receive_time']), str(fields['frame_id']),
             str(fields['encoding']), str(fields['kept_as']), width, height,
-            int(fields['bytes']), str(fields['sha256']), int(fields['frames']))
-    except (LookupError, TypeError) as err:
+            _count(fields['bytes']), str(fields['sha256']), _count(fields['frames']))
+    except (LookupError, OverflowError, RecursionError, TypeError, UnicodeError) as err:
         raise ValueError(f'{line[:80]!r} is no line of a manifest') from err
 
 
@@ -145,10 +151,11 @@ class Manifest:
         """
         Read all lines; what is none, and was not written here, is passed over.
 
-        :raises OSError: it cannot be read.
+        :raises OSError: it cannot be read, or is no regular file.
         """
         try:
-            return list(_parse(self._path.read_bytes()))
+            with self._opened() as file:
+                return list(_parse(file))
         except FileNotFoundError:
             return []
 
@@ -159,9 +166,9 @@ class Manifest:
         :raises OSError: they cannot be read.
         """
         try:
-            with self._path.open('rb') as file:
-                file.seek(max(0, self._path.stat().st_size - _TAIL))
-                return list(_parse(file.read()))
+            with self._opened() as file:
+                file.seek(max(0, os.fstat(file.fileno()).st_size - _TAIL))
+                return list(_parse(file))
         except FileNotFoundError:
             return []
 
@@ -176,18 +183,24 @@ class Manifest:
         :raises OSError: it cannot be written anew.
         """
         with self._locked() as file:
-            size = os.fstat(file).st_size
-            before = os.pread(file, size, 0)
-            last = {entry.name: entry for entry in _parse(before)}
-            after = b''.join(entry.line() for entry in last.values() if is_wanted(entry))
-            if after != before:
-                write(after).replace(self._path)
+            with os.fdopen(os.dup(file), 'rb') as reading:
+                last = {entry.name: entry for entry in _parse(reading)}
+                lines = [entry.line() for entry in last.values() if is_wanted(entry)]
+                reading.seek(0)
+                is_same = all(reading.read(len(line)) == line for line in lines)
+                is_same = is_same and not reading.read(1)
+            if not is_same:
+                write(b''.join(lines)).replace(self._path)
+
+    def _opened(self) -> BinaryIO:
+        return os.fdopen(_checked(open_regular(self._path, follow=False), self._path), 'rb')
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
         """Open the file for this process alone."""
         while True:
-            file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            file = _checked(open_regular(
+                self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, follow=False), self._path)
             try:
                 _lock(file)
                 if is_file(file, self._path):
@@ -204,11 +217,49 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def _nanoseconds(time: dict[str, int]) -> int:
-    return int(time['sec']) * NANO + int(time['nanosec'])
+    return _number(time['sec']) * NANO + _number(time['nanosec'])
 
 
-def _parse(content: bytes) -> Iterable[Entry]:
-    for line in content.splitlines():
+def _number(value: Any) -> int:
+    number = int(value)
+    if abs(number) > _MAX_NUMBER:
+        raise ValueError(f'{number:.3e} is larger than any number of a manifest')
+    return number
+
+
+def _count(value: Any) -> int:
+    number = _number(value)
+    if number < 0:
+        raise ValueError(f'{number} is no number of a manifest')
+    return number
+
+
+def _file_name(value: Any) -> str:
+    """
+    Check that a text names a file of a folder itself, not of another one.
+
+    :raises ValueError: it does not, or no file has such a name.
+    """
+    if not isinstance(value, str) or value in ('', '.', '..') or {'/', '\0'} & set(value):
+        raise ValueError(f'{value!r:.80} is no name of a file in a folder')
+    os.fsencode(value)
+    return value
+
+
+def _checked(file: int, path: Path) -> int:
+    """
+    Check that a manifest is not too large to be read.
+
+    :raises RefusedFileError: it is; the file is then closed.
+    """
+    if os.fstat(file).st_size > _LARGEST:
+        os.close(file)
+        raise RefusedFileError(path, f'{path.name} is larger than {_LARGEST} bytes', errno.EFBIG)
+    return file
+
+
+def _parse(file: BinaryIO) -> Iterator[Entry]:
+    while line := file.readline(_LINE):
         try:
             yield parse_line(line)
         except ValueError:
@@ -235,6 +286,6 @@ def _lock(file: int) -> None:
 def is_file(file: int, path: Path) -> bool:
     """Tell whether an open file is still the one at a path."""
     try:
-        return os.path.samestat(os.fstat(file), path.stat())
+        return os.path.samestat(os.fstat(file), path.lstat())
     except FileNotFoundError:
         return False

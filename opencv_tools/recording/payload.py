@@ -20,13 +20,11 @@ from dataclasses import dataclass
 import struct
 from typing import Any
 
+from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.jpeg import read_jpeg_header
 from opencv_tools.pictures import is_cut_off, JPEG_BEGINS, PictureError
 
 _PNG_BEGINS, _PNG_ENDS = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
-# Of the markers of a JPEG, those that begin a frame; three in their row mean something else.
-_FRAME_MARKERS = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
-_STANDALONE_MARKERS = frozenset((0x01, *range(0xd0, 0xd8)))
-_MAX_SEGMENTS = 1000
 
 
 @dataclass(frozen=True)
@@ -57,27 +55,10 @@ def read_payload(data: Any) -> Payload:
         if content.startswith(_PNG_BEGINS) and content.endswith(_PNG_ENDS):
             return Payload(('.png',), *struct.unpack_from('>II', content, 16))
         if content.startswith(JPEG_BEGINS) and not is_cut_off(content):
-            return Payload(('.jpg', '.jpeg'), *_jpeg_size(content))
-    except struct.error as err:
+            header = read_jpeg_header(content)
+            return Payload(('.jpg', '.jpeg'), header.width, header.height)
+    except (struct.error, EncodingError) as err:
         raise PictureError(f'{len(content)} bytes of a picture without a size') from err
     if content.startswith((_PNG_BEGINS, JPEG_BEGINS)):
         raise PictureError(f'{len(content)} bytes of a picture whose end is missing')
     return Payload(())
-
-
-def _jpeg_size(jpeg: bytes) -> tuple[int, int]:
-    """
-    Find the width and height of a JPEG.
-
-    :raises struct.error: it has none.
-    """
-    position = len(JPEG_BEGINS)
-    for _ in range(_MAX_SEGMENTS):
-        fill, marker, length = struct.unpack_from('>BBH', jpeg, position)
-        if fill != 0xff:
-            break
-        if marker in _FRAME_MARKERS:
-            height, width = struct.unpack_from('>HH', jpeg, position + 5)
-            return width, height
-        position += 2 if marker in _STANDALONE_MARKERS else 2 + length
-    raise struct.error('no frame')

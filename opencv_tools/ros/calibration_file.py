@@ -21,16 +21,27 @@ from dataclasses import dataclass
 import math
 import os
 from pathlib import Path
+import re
 import reprlib
 from typing import Any, TypeVar
 
+from opencv_tools.regular_files import read_regular, RefusedFileError, replace_file
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 import yaml
 
 _T = TypeVar('_T')
 
 _UINT32_MAX = 2**32 - 1
-_TRUTH = {'true': True, 'false': False}
+# Words of YAML 1.1 for a truth, each also capitalised and in capitals.
+_TRUTH = {form(word): truth for truth, words in (
+    (True, ('y', 'yes', 'true', 'on')), (False, ('n', 'no', 'false', 'off')))
+    for word in words for form in (str.lower, str.capitalize, str.upper)}
+
+# One has less than 2 KB.
+_FILE_BYTES = 1 << 16
+_USUAL_MODEL = 'plumb_bob'
+_MODEL = re.compile('[A-Za-z0-9_]{0,64}')
+_NAME = re.compile('[A-Za-z0-9_.-]{1,128}')
 
 # Key of the file to field of the message, rows and columns; distortion has any number of both.
 _MATRICES = {
@@ -45,48 +56,86 @@ class CameraInfoError(ValueError):
     """A calibration that cannot be used; the message says where, what is wrong and what to do."""
 
 
-def read_camera_info(path: Path) -> CameraInfo:
+def check_camera_name(name: str) -> None:
+    """
+    Check that a name of a camera can be part of a path.
+
+    :raises ValueError: it cannot.
+    """
+    if not _NAME.fullmatch(name) or not name.strip('.'):
+        raise ValueError("give up to 128 letters, digits, '_', '-' and '.'")
+
+
+def read_camera_info(
+    path: Path, warn: Callable[[str], object] = lambda _: None,
+) -> CameraInfo:
     """
     Read a calibration as camera_calibration and camera_calibration_parsers write it, in YAML.
 
     :param path: the file.
+    :param warn: told in one sentence what the file lacks and is assumed.
     :returns: the calibration, with an empty header.
     :raises CameraInfoError: it cannot be read, or is not what those write.
     """
     try:
-        content = path.read_bytes()
+        content = read_regular(path, _FILE_BYTES)
     except (OSError, ValueError) as err:  # ValueError: no file has such a name
         raise CameraInfoError(f'{path} cannot be read: {getattr(err, "strerror", err)}; calibrate '
                               'the camera with camera_calibration, or give another URL') from err
-    return _parse(content, path)
+    return _parse(content, path, warn)
 
 
-def write_camera_info(path: Path, info: CameraInfo, name: str) -> None:
+def write_camera_info(
+    path: Path, info: CameraInfo, name: str, ros_home: Path | None = None,
+) -> None:
     """
-    Write a calibration as camera_calibration_parsers does, to the last bit; its folder is made.
+    Write a calibration as camera_calibration_parsers does, to the last bit.
 
-    The file appears whole or not at all.
+    The file appears whole or not at all. A file is only replaced by its like.
 
-    :param path: the file; what a symbolic link points to is replaced, not the link.
+    :param path: the file, which is missing or a calibration.
     :param info: the calibration.
     :param name: the camera's name.
-    :raises CameraInfoError: it could not be read again, or the file cannot be written.
+    :param ros_home: a folder; below it the folder of the file is made when it is missing.
+    :raises CameraInfoError: it could not be read again, something else is in its place, or the
+        file cannot be written.
     """
+    try:
+        check_camera_name(name)
+    except ValueError as err:
+        raise CameraInfoError(f'the name of the camera is {name!r:.80}: {err}') from err
     content = yaml.safe_dump(
         _describe(info, name), sort_keys=False, default_flow_style=None, width=math.inf).encode()
+    if len(content) > _FILE_BYTES:
+        raise CameraInfoError(f'the calibration has {len(content)} bytes: '
+                              f'give one of up to {_FILE_BYTES}')
     _parse(content, path)
     try:
-        target = Path(os.path.realpath(path))
-        temporary = target.parent / f'.{target.name}.{os.getpid()}.part'
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            temporary.write_bytes(content)
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
+        if os.path.lexists(path):
+            _check_replaceable(path)
+        elif ros_home and '..' not in path.parts and path.is_relative_to(ros_home):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, content)
+    except CameraInfoError:
+        raise
     except (OSError, ValueError) as err:
+        remedy = 'make its folder' if isinstance(err, FileNotFoundError) else 'make it writable'
         raise CameraInfoError(f'{path} cannot be written: {getattr(err, "strerror", err)}; '
-                              'make it writable, or give another URL') from err
+                              f'{remedy}, or give another URL') from err
+
+
+def _check_replaceable(path: Path) -> None:
+    """
+    Check that a file is a calibration.
+
+    :raises CameraInfoError: it is none, and nobody meant it to be replaced.
+    """
+    try:
+        _parse(read_regular(path, _FILE_BYTES, follow=False), path)
+    except (CameraInfoError, RefusedFileError) as err:
+        reason = getattr(err, 'strerror', 'there is a file that is no calibration')
+        raise CameraInfoError(f'{path} cannot be written: {reason}; '
+                              'remove it, or give another URL') from err
 
 
 @dataclass(frozen=True)
@@ -112,7 +161,7 @@ class _Document:
         self, key: str, lowest: int = 0, highest: int = _UINT32_MAX, default: str | None = None,
     ) -> int:
         def _convert(value: Any) -> int:
-            number = int(value)
+            number = int(value, 16) if str(value)[:2].lower() == '0x' else int(value)
             if not lowest <= number <= highest:
                 raise ValueError
             return number
@@ -136,7 +185,9 @@ class _Document:
         return self.get(f'{key}.data', _convert, f'a list of {size} finite numbers')
 
 
-def _parse(content: bytes, path: Path) -> CameraInfo:
+def _parse(
+    content: bytes, path: Path, warn: Callable[[str], object] = lambda _: None,
+) -> CameraInfo:
     try:
         # Every scalar comes as text, as yaml-cpp has it. By the rules that yaml.safe_load follows
         # the 1e-05 that yaml-cpp writes is no number.
@@ -148,10 +199,13 @@ def _parse(content: bytes, path: Path) -> CameraInfo:
             f'{path} is no YAML{line}: give the file that camera_calibration writes') from err
     info = CameraInfo(
         width=document.whole('image_width', 1), height=document.whole('image_height', 1),
-        distortion_model=document.get('distortion_model', str.__str__, 'a text like plumb_bob'),
+        distortion_model=document.get(
+            'distortion_model', _check_model, 'a text like plumb_bob', _USUAL_MODEL),
         binning_x=document.whole('binning_x', default='0'),
         binning_y=document.whole('binning_y', default='0'),
         **{field: document.matrix(key, *size) for key, (field, *size) in _MATRICES.items()})
+    if 'distortion_model' not in document.root:
+        warn(f'{path} has no distortion_model: {_USUAL_MODEL} is assumed')
     if 'roi' in document.root:
         left = document.whole('roi.x_offset', 0, info.width)
         top = document.whole('roi.y_offset', 0, info.height)
@@ -161,6 +215,12 @@ def _parse(content: bytes, path: Path) -> CameraInfo:
             height=document.whole('roi.height', 0, info.height - top),
             do_rectify=document.get('roi.do_rectify', _TRUTH.__getitem__, 'true or false'))
     return info
+
+
+def _check_model(value: Any) -> str:
+    if not isinstance(value, str) or not _MODEL.fullmatch(value):
+        raise ValueError
+    return value
 
 
 def _describe(info: CameraInfo, name: str) -> dict[str, Any]:

@@ -28,7 +28,8 @@ from opencv_tools.capture.rendition import Look
 from opencv_tools.capture.source import check_source
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
-from opencv_tools.ros.parameters import Parameter
+from opencv_tools.ros.calibration_file import check_camera_name
+from opencv_tools.ros.parameters import Parameter, ParameterError
 from opencv_tools.ros.stamps import STAMPS
 
 
@@ -46,6 +47,11 @@ def _parse_reconnect(text: str) -> float:
     if not seconds >= 0:
         raise ValueError('give forever, never or a number of seconds')
     return seconds
+
+
+def _check_camera_name(name: str) -> None:
+    if name:
+        check_camera_name(name)
 
 
 #: What ``img_publisher`` can be told.
@@ -75,9 +81,9 @@ PARAMETERS = (
     Parameter('reconnect', 'forever', 'how long a camera that is away is waited for: forever, '
               'never or a number of seconds', check=_parse_reconnect, ends=True),
     Parameter('camera_info_url', '', 'calibration: file:// or package://, with ${NAME} and '
-              '${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml'),
+              '${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml', fixed=True),
     Parameter('camera_name', '', "the ${NAME} of the calibration; empty for the namespace's, or "
-              'camera', fixed=True),
+              'camera', check=_check_camera_name, fixed=True),
     Parameter('on_end', 'stop', 'what follows the last frame of a file', choices=ON_END,
               fixed=True, ends=True),
     Parameter('loop', 1, 'how often a file is played; 0 for ever, as with on_end:=loop',
@@ -100,11 +106,19 @@ ENCODING = 'encoding'
 
 
 def playback(values: Mapping[str, Any]) -> Playback:
-    """Gather from the parameters how a source is shown."""
+    """
+    Gather from the parameters how a source is shown.
+
+    :raises ParameterError: two of them contradict each other.
+    """
+    first, stop = values['start_frame'], values['stop_frame']
+    if 0 < stop <= first:
+        raise ParameterError(f'parameter start_frame is {first}, which is not before stop_frame '
+                             f'{stop}: give a smaller start_frame, or 0 as stop_frame')
     for_ever = values['on_end'] == 'loop' and values['loop'] == 1
     return Playback(
         values['publish_rate'], values['on_end'], 0 if for_ever else values['loop'],
-        values['start_frame'], values['stop_frame'], values['read_timeout'],
+        first, stop, values['read_timeout'],
         _parse_reconnect(values['reconnect']))
 
 

@@ -18,10 +18,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.regular_files import read_regular
 from opencv_tools.ros.parameters import Parameter, ParameterError
 import yaml
 
@@ -66,22 +66,28 @@ def check_ros_arguments(
     return [remark for remark in remarks if remark]
 
 
+def check_params_file(path: str) -> None:
+    """
+    Check that a parameter file exists, for launch only warns and starts nodes without it.
+
+    :param path: the file.
+    :raises ParameterError: there is no such file.
+    """
+    if not Path(path).is_file():
+        raise ParameterError(f'params_file is {path!r}: give a file that exists')
+
+
 def load_parameters(path: Path) -> Any:
     """
     Read a parameter file, as long as that takes no time to speak of.
 
     :param path: the file.
     :returns: what the YAML says.
-    :raises OSError: it cannot be read.
-    :raises ValueError: it is no regular file, larger than 1 MB, or no text.
+    :raises OSError: it cannot be read, is no regular file, or is larger than 1 MB.
+    :raises ValueError: it is no text.
     :raises yaml.YAMLError: it is no YAML, nested too deep, or has aliases, which rcl refuses too.
     """
-    if not path.is_file():  # to open a pipe would end its writer
-        raise ValueError(f'{path} is no regular file')
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb') as file:
-        content = file.read(_FILE_BYTES + 1)
-    if len(content) > _FILE_BYTES:
-        raise ValueError(f'{path} is larger than {_FILE_BYTES} bytes')
+    content = read_regular(path, _FILE_BYTES)
     loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # which is quicker by far
     depth = 0
     for event in yaml.parse(content, loader):

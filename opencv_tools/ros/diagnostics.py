@@ -40,6 +40,7 @@ class Condition:
     :param missed: frames that the camera gave and nobody could take.
     :param dropped: frames that could not be read or published.
     :param reconnects: how often it has come back.
+    :param awaited: subscribers for which the first frame waits; 0 when it waits no more.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Condition:
     missed: int
     dropped: int
     reconnects: int
+    awaited: int = 0
 
 
 class Diagnostics:
@@ -112,4 +114,6 @@ def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
         return DiagnosticStatus.ERROR, condition.trouble
     if lost > 0:
         return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
+    if condition.awaited and not frames:
+        return DiagnosticStatus.OK, f'waiting for {condition.awaited} subscriber(s)'
     return DiagnosticStatus.OK, 'publishing' if frames else 'no frame was due'

@@ -71,20 +71,21 @@ class FrameTopics:
             node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
         #: What reliable subscribers have not confirmed.
         self.backlog = Backlog(self._publishers(), self._log)
-        self._awaited = subscribers
+        #: Subscribers that the first frame waits for; 0 once they have come.
+        self.awaited = subscribers
         self._settled_at = 0.0
 
     def is_there(self) -> bool:
         """Tell whether the subscribers that are awaited have come; they may leave again."""
-        if self._awaited:
+        if self.awaited:
             now = time.monotonic()
-            if _count(self.images) + _count(self._compressed) < self._awaited:
+            if _count(self.images) + _count(self._compressed) < self.awaited:
                 self._settled_at = 0.0
             else:
                 self._settled_at = self._settled_at or now + _SETTLE_SECONDS
                 if now >= self._settled_at:
-                    self._awaited = 0
-        return not self._awaited
+                    self.awaited = 0
+        return not self.awaited
 
     def is_looking(self) -> bool:
         """Tell whether anybody subscribes."""
@@ -111,7 +112,9 @@ class FrameTopics:
                     rendition.image, rendition.encoding, header))
                 self.backlog.add(self.images)
             if to_infos:
-                self._infos.publish(self.calibration.message(header, *rendition.size))
+                look = rendition.look
+                self._infos.publish(self.calibration.message(
+                    header, *rendition.size, look.flip, look.rotate))
                 self.backlog.add(self._infos)
         except ImageError as err:
             failure = err  # what cannot be read may still go as its camera has compressed it

@@ -22,6 +22,8 @@ import os
 from pathlib import Path
 import re
 
+from opencv_tools.regular_files import open_regular
+
 SHARED_MEMORY = Path('/dev/shm')
 
 # Of each participant Fast DDS keeps a segment, and beside it a file that is locked while it lives.
@@ -58,7 +60,7 @@ def _remove_if_dead(lock: Path) -> bool:
 
     Should its owner be about to take it, it takes another name instead.
     """
-    with lock.open('rb') as file:
+    with os.fdopen(open_regular(lock, follow=False), 'rb') as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
