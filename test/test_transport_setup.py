@@ -123,6 +123,17 @@ def test_the_segment_holds_several_frames_as_far_as_there_is_room(
     assert not path.exists()
 
 
+@pytest.mark.parametrize(('room', 'frame_bytes', 'pieces'), [
+    (2048 * MB, VGA, 512), (2048 * MB, FULL_HD, 766), (2048 * MB, UHD_4K, 3063),
+    (2048 * MB, UHD_8K, 8192), (2048 * MB, 0, 4096), (8 * MB, 0, 4096), (4 * MB, 0, 2621),
+    (MB, 0, 655), (0, UHD_4K, None)])
+def test_the_pieces_of_the_frames_in_the_segment_may_wait_for_a_reader(
+        monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int, pieces: int | None) -> None:
+    monkeypatch.setattr(transport, 'free_bytes', lambda: room)
+    with transport_for_frames(frame_bytes):
+        assert profile_in_force('port_queue_capacity') == pieces
+
+
 @pytest.mark.parametrize(('variable', 'value', 'buffer'), [
     ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET', 4 * MB),
     ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', None), ('ROS_LOCALHOST_ONLY', '1', None)])

@@ -40,6 +40,15 @@ _LEAST_SEGMENT = 16 * _MB
 _LARGEST_SEGMENT = 256 * _MB
 _USUAL_SEGMENT = _MB // 2  # what Fast DDS takes for small messages
 
+# A reader's port lists the pieces that wait for it, and more are thrown away: Fast DDS's own 512
+# are 1.35 frames of 3840x2160. They are 65482 bytes, as UDP takes no more, and fewer here.
+_PIECE = 65_000
+_LEAST_PIECES = 512
+_MOST_PIECES = 8192
+_UNKNOWN_PIECES = 4096  # eight frames of 3840x2160 and some more, of whoever publishes them
+_DESCRIPTOR_BYTES = 100  # that the port keeps of each piece
+_PORTS_OF_ROOM = 1 / 16  # each participant has two or three ports
+
 # Asked of the kernel for what comes over UDP; it gives what net.core.rmem_max allows. As much to
 # send from would let a slow link choke on what is sent again.
 _SOCKET_BYTES = 4 * _MB
@@ -89,9 +98,10 @@ _NAME = """
 _DESCRIPTOR = """
     <transport_descriptor>
       <transport_id>{name}</transport_id>
-      <type>{name}</type>
-      <{option}>{value}</{option}>
+      <type>{name}</type>{options}
     </transport_descriptor>"""
+_OPTION = """
+      <{name}>{value}</{name}>"""
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,7 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     removed = remove_dead_segments()
     room = free_bytes()
     segment = _affordable_segment(frame_bytes, room)
-    with _profile(_describe_profile(segment)):
+    with _profile(_describe_profile(segment, _affordable_pieces(frame_bytes, room))):
         yield Transport(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
             f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
@@ -188,16 +198,25 @@ def _affordable_segment(frame_bytes: int, room: int) -> int:
     return segment if segment >= max(_LEAST_FRAMES * frame_bytes, _USUAL_SEGMENT) else 0
 
 
-def _describe_profile(segment: int) -> str:
+def _affordable_pieces(frame_bytes: int, room: int) -> int:
+    """Return how many pieces may wait for this process: those of all frames in the segment."""
+    wanted = math.ceil(_FRAMES * frame_bytes / _PIECE) if frame_bytes else _UNKNOWN_PIECES
+    affordable = int(room * _PORTS_OF_ROOM) // _DESCRIPTOR_BYTES
+    return max(_LEAST_PIECES, min(wanted, affordable, _MOST_PIECES))
+
+
+def _describe_profile(segment: int, pieces: int) -> str:
     """Write the profile; a segment that is too small for frames is slower than UDP alone."""
-    transports = []
+    transports: dict[str, dict[str, int]] = {}
     if segment:
-        transports.append({'name': 'SHM', 'option': 'segment_size', 'value': segment})
+        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': pieces}
     if not _is_local():
-        transports.append({'name': 'UDPv4', 'option': 'receiveBufferSize', 'value': _SOCKET_BYTES})
+        transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     participant = _PARTICIPANT.format(
-        descriptors=''.join(_DESCRIPTOR.format(**transport) for transport in transports),
-        names=''.join(_NAME.format(**transport) for transport in transports))
+        descriptors=''.join(_DESCRIPTOR.format(name=name, options=''.join(
+            _OPTION.format(name=option, value=value) for option, value in options.items()))
+            for name, options in transports.items()),
+        names=''.join(_NAME.format(name=name) for name in transports))
     return _PROFILE.format(
         participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS)
 
