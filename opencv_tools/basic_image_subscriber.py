@@ -36,7 +36,7 @@ from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import (
     limits, open_recorder, PARAMETERS, reception_depth,
 )
-from opencv_tools.ros.runtime import DONE, FAILED, Program, run
+from opencv_tools.ros.runtime import DONE, FAILED, ignore_signals, Program, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
@@ -170,7 +170,9 @@ def main(args: Sequence[str] | None = None) -> int:
     program = Program(
         'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
-    return run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    ignore_signals()
+    return status
 
 
 if __name__ == '__main__':

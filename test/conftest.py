@@ -94,6 +94,10 @@ class NodeProcess:
             assert time.monotonic() < deadline, f'{name} did not come:\n{self.output}'
             time.sleep(0.02)
 
+    def is_running(self) -> bool:
+        """Return whether it has not ended yet."""
+        return self._process.poll() is None
+
     def finish(self) -> int:
         """Wait for the end; the exit status, which is -N when signal N ended it."""
         try:
