@@ -104,6 +104,8 @@ class ImageSubscriber(Node):
         """
         self.subscription.destroy()
         self._recorder.close()
+        if self._requests:
+            self._requests.close()
         self._progress.close()
         account = self._recorder.account
         failed = account.failed + self._refused
