@@ -164,7 +164,7 @@ def _no_unmarked_process(
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that start a process, or need what colcon has built, by a fixture."""
     for item in items:
-        if {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ())):
+        if {'start', 'count', 'prefix', 'mount_namespace'} & set(getattr(item, 'fixturenames', ())):
             item.add_marker(pytest.mark.process)
 
 
@@ -249,6 +249,17 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
         for path in left_behind - used:
             for name in (path.name, f'{path.name}_el', f'sem.{path.name}_mutex'):
                 path.with_name(name).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def mount_namespace() -> tuple[str, ...]:
+    """Return what to run a process within that mounts what no other one sees."""
+    command = ('unshare', '--mount', *(() if os.getuid() == 0 else ('--user', '--map-root-user')))
+    probe = subprocess.run([*command, 'mount', '-t', 'tmpfs', 'none', '/dev/shm'],
+                           capture_output=True, text=True, check=False)
+    if probe.returncode:
+        pytest.skip(f'no mount namespace here: {probe.stderr}')
+    return command
 
 
 @pytest.fixture

@@ -148,6 +148,16 @@ def test_what_comes_over_udp_has_room_where_the_middleware_adds_no_udp_of_its_ow
         assert profile_in_force('sendBufferSize') is None
 
 
+@pytest.mark.process
+def test_a_shared_memory_that_cannot_be_written_to_is_said_first(
+        start: Start, mount_namespace: tuple[str, ...]) -> None:
+    publisher = start('img_publisher', source='pattern', max_frames=1, within=(
+        *mount_namespace, 'sh', '-c', 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$0" "$@"'))
+    assert publisher.finish() == 0, publisher.output
+    assert '/dev/shm cannot be written to, so that frames go over UDP' in \
+        publisher.output.splitlines()[0]
+
+
 @pytest.mark.parametrize('is_writable', [True, False])
 def test_a_shared_memory_that_cannot_be_written_to_is_no_error(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, is_writable: bool) -> None:

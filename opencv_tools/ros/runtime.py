@@ -117,6 +117,8 @@ def run(
         with transport_for_frames(program.frame_bytes(args)) as transport:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             logger.debug(transport.remark)
+            if transport.warning:
+                logger.warning(transport.warning)
             node = make_node(transport)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:

@@ -24,7 +24,9 @@ import math
 import os
 from tempfile import NamedTemporaryFile
 
-from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments, SHARED_MEMORY
+from opencv_tools.ros.shared_memory import (
+    free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY,
+)
 
 #: What ``--help`` says of it.
 HELP = ('environment:\n'
@@ -104,6 +106,12 @@ _OPTION = """
       <{name}>{value}</{name}>"""
 
 
+# Where rmw_fastrtps adds a transport of its own, Fast DDS tries and prints lines of its own.
+_NO_SHARED_MEMORY = (
+    f'{SHARED_MEMORY} cannot be written to, so that frames go over UDP and may come late; errors '
+    'of RTPS_TRANSPORT_SHM below say the same')
+
+
 @dataclass(frozen=True)
 class Transport:
     """
@@ -113,11 +121,13 @@ class Transport:
     :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that is
         the user's choice.
     :param room: bytes of shared memory that were free.
+    :param warning: what is wrong whatever the size of the frames, in a sentence; '' for nothing.
     """
 
     remark: str
     segment: int | None = None
     room: int = 0
+    warning: str = ''
 
     def misfit(self, frame_bytes: int) -> str:
         """
@@ -168,7 +178,8 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
         yield Transport(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
             f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
-            'malloc keeps the memory of frames', segment, room)
+            'malloc keeps the memory of frames', segment, room,
+            '' if is_writable() else _NO_SHARED_MEMORY)
 
 
 def _user_choice() -> str:
