@@ -24,6 +24,7 @@ import math
 import os
 from tempfile import NamedTemporaryFile
 
+from opencv_tools.ros.other_users import find_other_user
 from opencv_tools.ros.shared_memory import (
     free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY,
 )
@@ -111,6 +112,11 @@ _NO_SHARED_MEMORY = (
     f'{SHARED_MEMORY} cannot be written to, so that frames go over UDP and may come late; errors '
     'of RTPS_TRANSPORT_SHM below say the same')
 
+_OTHER_USER = ('user {user} runs nodes here too, and Fast DDS has no shared memory between users: '
+               '{what}; run all nodes as one user')
+_SLOWLY = 'frames go over UDP and may come late'
+_NOT_AT_ALL = 'no frame goes between those nodes and this one while the discovery is LOCALHOST'
+
 
 @dataclass(frozen=True)
 class Transport:
@@ -118,8 +124,8 @@ class Transport:
     How frames go to the subscribers on this machine.
 
     :param remark: what was set up and why, in a sentence.
-    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that is
-        the user's choice.
+    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that
+        is the user's choice, or nothing would help.
     :param room: bytes of shared memory that were free.
     :param warning: what is wrong whatever the size of the frames, in a sentence; '' for nothing.
     """
@@ -173,13 +179,20 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     _keep_memory()
     removed = remove_dead_segments()
     room = free_bytes()
+    other_user = find_other_user()
+    if other_user and not _is_local():  # there rmw_fastrtps adds shared memory of its own
+        with _profile(_describe_profile(0, 0)):
+            yield Transport('UDP for frames, because of the other user', room=room,
+                            warning=_OTHER_USER.format(user=other_user, what=_SLOWLY))
+        return
     segment = _affordable_segment(frame_bytes, room)
     with _profile(_describe_profile(segment, _affordable_pieces(frame_bytes, room))):
         yield Transport(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
             f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
             'malloc keeps the memory of frames', segment, room,
-            '' if is_writable() else _NO_SHARED_MEMORY)
+            _NO_SHARED_MEMORY if not is_writable() else
+            _OTHER_USER.format(user=other_user, what=_NOT_AT_ALL) if other_user else '')
 
 
 def _user_choice() -> str:
