@@ -76,6 +76,9 @@ class LostFrames:
 
     def take(self, info: MessageInfo) -> None:
         """Count what a message's publisher has sent since its last one but did not arrive."""
+        if not info.number:
+            self._is_partial = True
+            return
         publisher = bytes(info.publisher)
         if publisher in self._last:
             self._begin_earlier(publisher, info)

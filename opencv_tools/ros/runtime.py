@@ -26,6 +26,7 @@ import time
 from types import FrameType
 from typing import Protocol
 
+from opencv_tools.ros import rcl
 from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
@@ -116,7 +117,9 @@ def run(
             logger.error(remark)
         with transport_for_frames(program.frame_bytes(args)) as transport:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(transport.remark)
+            logger.debug(transport.remark + (
+                f'; messages go with the copies of rclpy: {rcl.reason_for_rclpy}'
+                if rcl.reason_for_rclpy else ''))
             if transport.warning:
                 logger.warning(transport.warning)
             node = make_node(transport)
