@@ -126,8 +126,8 @@ def test_the_segment_holds_several_frames_as_far_as_there_is_room(
 
 @pytest.mark.parametrize(('room', 'frame_bytes', 'pieces'), [
     (2048 * MB, VGA, 512), (2048 * MB, FULL_HD, 766), (2048 * MB, UHD_4K, 3063),
-    (2048 * MB, UHD_8K, 8192), (2048 * MB, 0, 4096), (8 * MB, 0, 4096), (4 * MB, 0, 2621),
-    (MB, 0, 655), (0, UHD_4K, None)])
+    (2048 * MB, UHD_8K, 8192), (2048 * MB, 0, 4096), (8 * MB, 0, 4096), (MB, 0, 3276),
+    (MB // 2, 0, None), (0, UHD_4K, None)])
 def test_the_pieces_of_the_frames_in_the_segment_may_wait_for_a_reader(
         monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int, pieces: int | None) -> None:
     monkeypatch.setattr(transport, 'free_bytes', lambda: room)

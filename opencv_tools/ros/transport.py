@@ -49,7 +49,7 @@ _PIECE = 65_000
 _LEAST_PIECES = 512
 _MOST_PIECES = 8192
 _UNKNOWN_PIECES = 4096  # eight frames of 3840x2160 and some more, of whoever publishes them
-_DESCRIPTOR_BYTES = 100  # that the port keeps of each piece
+_DESCRIPTOR_BYTES = 20  # that the port keeps of each piece
 _PORTS_OF_ROOM = 1 / 16  # each participant has two or three ports
 
 # Asked of the kernel for what comes over UDP; it gives what net.core.rmem_max allows. As much to
