@@ -61,7 +61,7 @@ class LostFrames:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every publisher is counted from its first message on."""
+        """Return whether every publisher is counted from its first message on."""
         return not (self._is_partial or self._first)
 
     def begin(self) -> None:

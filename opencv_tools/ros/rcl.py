@@ -105,7 +105,7 @@ class MessageInfo(ctypes.Structure):
 
     @property
     def number(self) -> int:
-        """The publisher's count of its messages, from 1 on; 0 where it is not known."""
+        """Return the publisher's count of its messages, from 1 on; 0 where it is not known."""
         number = int(self.publication_sequence_number)
         return 0 if number == _UNKNOWN_NUMBER else number
 
