@@ -291,7 +291,8 @@ def publish_ours(load: Load) -> int:
 def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
-    program = Program('img_subscriber', 'image_subscriber', '', recording_parameters.PARAMETERS, '')
+    program = Program('img_subscriber', 'image_subscriber', '', recording_parameters.PARAMETERS,
+                      '')
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(program, lambda _: OurSubscriber(), [
