@@ -163,9 +163,8 @@ def _no_unmarked_process(
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that start a process, or need what colcon has built, by a fixture."""
-    starting = {'start', 'count', 'prefix', 'mount_namespace'}
     for item in items:
-        if starting & set(getattr(item, 'fixturenames', ())):
+        if {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ())):
             item.add_marker(pytest.mark.process)
 
 
