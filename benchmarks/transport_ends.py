@@ -277,7 +277,7 @@ class TutorialSubscriber(Node):
 def publish_ours(load: Load) -> int:
     """Run the package's publisher."""
     camera = OurPublisher.camera = Camera(load)
-    program = Program('img_publisher', '', capture_parameters.PARAMETERS,
+    program = Program('img_publisher', 'image_publisher', '', capture_parameters.PARAMETERS, '',
                       lambda _: load.frame_bytes)
     topic = f'{load.namespace}/{TOPIC}'
     status = run(program, OurPublisher, [
@@ -291,7 +291,8 @@ def publish_ours(load: Load) -> int:
 def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
-    program = Program('img_subscriber', '', recording_parameters.PARAMETERS)
+    program = Program('img_subscriber', 'image_subscriber', '', recording_parameters.PARAMETERS,
+                      '')
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(program, lambda _: OurSubscriber(), [

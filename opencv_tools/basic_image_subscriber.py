@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 import sys
+import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
@@ -37,12 +38,17 @@ from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import (
     limits, open_recorder, PARAMETERS, reception_depth,
 )
-from opencv_tools.ros.runtime import DONE, FAILED, Program, run
+from opencv_tools.ros.runtime import DONE, FAILED, ignore_signals, Program, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.timer import Timer
+
+# How long frames that were received are recorded at the end, and how often there is a look for
+# room in the queue meanwhile.
+_END_SECONDS = 60.0
+_POLL_SECONDS = 0.001
 
 
 class ImageSubscriber(Node):
@@ -59,7 +65,7 @@ class ImageSubscriber(Node):
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self.br = CvBridge()
-        self._left_out = self._refused = 0
+        self._left_out = self._refused = self._put = 0
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
         self._troubles = Troubles(self._log)
@@ -72,6 +78,7 @@ class ImageSubscriber(Node):
         self.subscription = FrameSubscription(
             self, 'video_frames', settings['transport'], reception_depth(settings), self._log,
             self.listener_callback, self._refuse)
+        self._queue_size = settings['queue_size']
         self._timeout = settings['timeout']
         self._patience = self._start_timer(self._timeout, self._give_up)
         for name in unknown_parameters(self, PARAMETERS):
@@ -104,8 +111,10 @@ class ImageSubscriber(Node):
 
         :returns: the exit status.
         """
-        self.subscription.destroy()
+        not_taken = self._take_the_rest()
         self._recorder.close()
+        if self._requests:
+            self._requests.close()
         self._progress.close()
         account = self._recorder.account
         failed = account.failed + self._refused
@@ -114,10 +123,35 @@ class ImageSubscriber(Node):
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{account.written} written to {self._folder}, {account.dropped} dropped, '
             f'{failed} failed, {self.subscription.lost} lost on the way'
+            + ('' if self.subscription.losses.is_complete else ' since the first that arrived')
+            + (f', {not_taken} not taken' if not_taken else '')
             + (f', {left_out} left out as asked' if left_out else ''))
-        if failed or self._recorder.is_unfinished:
+        if failed or not_taken or self._recorder.is_unfinished:
             return FAILED
         return self.done.result() if self.done.done() else DONE
+
+    def _take_the_rest(self) -> int:
+        """
+        Record what was received, while the writers go on, unless the node has all it wants.
+
+        :returns: how many frames were received but not taken.
+        """
+        if self.done.done():
+            self.subscription.destroy()
+            return 0
+        deadline = time.monotonic() + _END_SECONDS
+
+        def has_room() -> bool:
+            while time.monotonic() < deadline and not self.done.done():
+                account = self._recorder.account
+                if self._put - account.written - account.dropped - account.failed \
+                        - account.left_out < self._queue_size:
+                    return True
+                time.sleep(_POLL_SECONDS)
+            return False
+
+        not_taken = self.subscription.close(has_room)
+        return 0 if self.done.done() else not_taken
 
     def _record(self, frame: Frame) -> None:
         """Have a frame written, if it is wanted."""
@@ -133,6 +167,7 @@ class ImageSubscriber(Node):
             return
         self._selection.take()
         on_done = partial(self._requests.answer, requests) if self._requests else None
+        self._put += 1
         if not self._recorder.put(frame, on_done):
             self._selection.put_back()
         if self._selection.is_over:
@@ -172,7 +207,9 @@ def main(args: Sequence[str] | None = None) -> int:
     program = Program(
         'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
-    return run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    ignore_signals()
+    return status
 
 
 if __name__ == '__main__':

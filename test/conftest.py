@@ -94,6 +94,10 @@ class NodeProcess:
             assert time.monotonic() < deadline, f'{name} did not come:\n{self.output}'
             time.sleep(0.02)
 
+    def is_running(self) -> bool:
+        """Return whether it has not ended yet."""
+        return self._process.poll() is None
+
     def finish(self) -> int:
         """Wait for the end; the exit status, which is -N when signal N ended it."""
         try:
@@ -256,6 +260,17 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
         for path in left_behind - used:
             for name in (path.name, f'{path.name}_el', f'sem.{path.name}_mutex'):
                 path.with_name(name).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def mount_namespace() -> tuple[str, ...]:
+    """Return what to run a process within that mounts what no other one sees."""
+    command = ('unshare', '--mount', *(() if os.getuid() == 0 else ('--user', '--map-root-user')))
+    probe = subprocess.run([*command, 'mount', '-t', 'tmpfs', 'none', '/dev/shm'],
+                           capture_output=True, text=True, check=False)
+    if probe.returncode:
+        pytest.skip(f'no mount namespace here: {probe.stderr}')
+    return command
 
 
 @pytest.fixture

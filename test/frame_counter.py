@@ -73,6 +73,7 @@ class Receiver(Thread):
     def _take(self, message: Any) -> None:
         if not self.checksums:
             print('the first frame', flush=True)
+        print(f'a frame of {memoryview(message.data).nbytes} bytes', flush=True)
         self.checksums.append(zlib.crc32(message.data))
 
 

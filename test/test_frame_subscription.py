@@ -17,13 +17,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 import itertools
+from pathlib import Path
+import re
 import threading
 import time
 
-from conftest import DEADLINE, spin_until
+from conftest import DEADLINE, recorded_files, spin_until
 import numpy as np
+from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage
-from opencv_tools.ros import frame_subscription, silence
+from opencv_tools.ros import frame_subscription, lost_frames, silence
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage, read_compressed_image
 from opencv_tools.ros.qos import following_qos, qos_mismatch
@@ -32,6 +35,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -316,6 +320,76 @@ def test_lost_frames_are_counted_for_each_publisher(
     other.publish(image(103))
     spin_until(node, lambda: received.numbers()[-1:] == [103])
     assert subscription.lost == 20
+
+
+def test_the_first_frames_of_a_new_publisher_are_counted_too(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lost_frames, '_DISCOVERY_SECONDS', 0.0)
+    subscription = subscribe()
+    for restarts in range(1, 4):
+        publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+        wait_until(lambda: are_matched(publisher, subscription))  # noqa: B023
+        for number in range(30):
+            publisher.publish(image(100 * restarts + number))
+        last = 100 * restarts + 29
+        spin_until(node, lambda: received.numbers()[-1:] == [last])  # noqa: B023
+        camera.destroy_publisher(publisher)
+        wait_until(lambda: not subscription._reception.publisher_count())
+        assert len(received.frames) + subscription.lost == 30 * restarts
+    assert subscription.losses.is_complete
+
+
+@pytest.mark.parametrize(('passed_on', 'error'), [(30, None), (7, None), (7, KeyboardInterrupt)])
+def test_what_was_received_is_passed_on_or_counted_at_the_end(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
+        passed_on: int, error: type[BaseException] | None) -> None:
+    subscription = subscribe(depth=None)
+    publisher = camera.create_publisher(Image, TOPIC, QoSProfile(depth=30))
+    wait_until(lambda: are_matched(publisher, subscription))
+    for number in range(30):
+        publisher.publish(image(number))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
+
+    def is_patient() -> bool:
+        if error and len(received.frames) == passed_on:
+            raise error
+        return len(received.frames) < passed_on
+
+    assert subscription.close(is_patient if passed_on < 30 else lambda: True) == 30 - passed_on
+    assert received.numbers() == list(range(passed_on))
+    assert subscription.lost == 0
+    assert list(node.subscriptions) == []
+
+
+def test_the_sum_is_exact_when_the_node_ends_after_20000_frames(
+        camera: Node, domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    rclpy.init(domain_id=domain, args=[
+        '--ros-args', '-p', 'on_overflow:=block', '-p', 'queue_size:=1', '-p', 'every_n:=100',
+        '-p', f'output_dir:={tmp_path}', '-p', 'file_name:=f{seq:06d}.npy'])
+    subscriber = ImageSubscriber()
+    executor = SingleThreadedExecutor()
+    executor.add_node(subscriber)
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+    wait_until(lambda: are_matched(publisher, subscriber.subscription))
+    message = image(1)
+    deadline = time.monotonic() + DEADLINE
+    while len(recorded_files(tmp_path)) < 2:
+        assert time.monotonic() < deadline, 'no files came'
+        publisher.publish(message)
+        executor.spin_once(timeout_sec=0.05)
+    for _ in range(20_000):  # of which the middleware keeps 5000 for the node
+        publisher.publish(message)
+    subscriber.close()
+    received, lost = map(int, re.search(
+        r'Received (\d+) frames .* (\d+) lost on the way,', capfd.readouterr().err).groups())
+    (last,) = subscriber.subscription.losses._last.values()
+    assert received > 1000
+    assert received + lost == last
+    executor.shutdown()
+    subscriber.destroy_node()
+    rclpy.shutdown()
 
 
 def test_messages_that_come_late_are_no_gap(

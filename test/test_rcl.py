@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import ctypes
 from dataclasses import replace
 from pathlib import Path
 import time
+from typing import Any
 
 from conftest import DEADLINE, spin_until
 import numpy as np
@@ -223,3 +225,56 @@ def test_memory_does_not_grow_with_what_was_taken(
             sizes.append(resident_bytes())
     tell(f'{(sizes[-1] - sizes[0]) / MB:.1f} MB more after 100 images of 6 MB')
     assert sizes[-1] - sizes[0] < 30 * MB
+
+
+# Where rcl is another
+
+class OtherImage(ctypes.Structure):
+    """An image with one field more."""
+
+    _fields_ = (*rcl._Image._fields_[:4], ('depth', ctypes.c_uint64), *rcl._Image._fields_[4:])
+
+
+class OtherArray(ctypes.Structure):
+    """A serialized message whose numbers have changed places."""
+
+    _fields_ = tuple(rcl._SerializedMessage._fields_[index] for index in (0, 2, 1, 3))
+
+
+@pytest.fixture
+def use_rcl_again() -> Iterator[None]:
+    """Use what there is after a test."""
+    yield
+    assert rcl.use_rcl() == ''
+
+
+@pytest.mark.parametrize(('name', 'value', 'reason'), [
+    *(('_FUNCTIONS', {**rcl._FUNCTIONS, library: (f'{function}_gone',)}, f'{function}_gone')
+      for library, functions in rcl._FUNCTIONS.items() for function in functions),
+    ('_FUNCTIONS', {'librcl_gone.so': (), 'librcutils.so': ()}, 'librcl_gone.so'),
+    ('_FUNCTIONS', {'librcl.so': (), 'librcutils_gone.so': ()}, 'librcutils_gone.so'),
+    ('_Image', OtherImage, 'sensor_msgs__msg__Image is another'),
+    ('_SerializedMessage', OtherArray, 'rmw_serialized_message_t is another'),
+    ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
+    ('ROS_DISTRO', 'kilted', 'ROS_DISTRO is kilted')])
+def test_messages_go_by_rclpy_where_rcl_is_another(
+        use_rcl_again: None, publisher: Publisher, subscription: Subscription,
+        name: str, value: Any, reason: str) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        if name.isupper() and not name.startswith('_'):
+            patch.setenv(name, value)
+        else:
+            patch.setattr(rcl, name, value)
+        assert reason in rcl.use_rcl()
+        images = [large_image(3), replace(PIXEL, frame_id='Kamera für 深度', is_bigendian=True)]
+        for image in images:
+            publish_image(publisher.handle, image)
+            data, info = take(subscription)
+            message = cdr_to_image(data)
+            assert bytes(message.data) == bytes(image.data)
+            assert replace(message, data=b'') == replace(image, data=b'')
+            assert (info.number, info.source_timestamp > 0) == (0, True)
+            assert info.received_timestamp >= info.source_timestamp
+        assert take_serialized(subscription.handle) is None
+        with pytest.raises(CdrError, match='has a NUL'):
+            publish_image(publisher.handle, replace(PIXEL, frame_id='a\0b'))

@@ -12,21 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ctrl-C and SIGTERM in the middle: exit status 0, whole files, nothing left behind."""
+"""Signals in the middle and at the end: exit status 0, whole files, nothing left behind."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+import os
 from pathlib import Path
+import pty
 import re
 import signal
+import subprocess
+import time
 
-from conftest import NodeProcess, read_manifest, read_pictures
+from conftest import (
+    DEADLINE, executable, NodeProcess, read_manifest, read_pictures, recorded_files,
+)
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
 import pytest
 
 Start = Callable[..., NodeProcess]
+IGNORING_SIGHUP = ('sh', '-c', 'trap "" HUP && exec "$0" "$@"')
 SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
@@ -94,3 +102,47 @@ def test_frames_in_the_queue_are_written_before_the_end(start: Start, tmp_path: 
     assert received > 1
     assert (written, failed) == (received, 0)
     assert len(read_pictures(tmp_path / 'out')) == written
+
+
+def test_signals_after_the_last_line_change_nothing(start: Start) -> None:
+    subscriber = start('img_subscriber', max_frames=3)
+    publisher = start('img_publisher', source='pattern', max_frames=3, wait_for_subscribers=1)
+    for process, last_line in ((publisher, 'Published 3'), (subscriber, 'Received 3')):
+        process.wait_for(last_line)
+        while process.is_running():  # its interpreter shuts down
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                process.interrupt(number)
+            time.sleep(0.001)
+        assert process.finish() == 0, process.output
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('within', [(), IGNORING_SIGHUP], ids=['as usual', 'as by nohup'])
+def test_a_recording_survives_its_terminal(
+        start: Start, tmp_path: Path, within: tuple[str, ...]) -> None:
+    start('img_publisher', source='pattern:80x60@60', publish_rate=0)
+    folder = tmp_path / 'out'
+
+    def wait_for_files(count: int) -> None:
+        deadline = time.monotonic() + DEADLINE
+        while len(recorded_files(folder)) < count:
+            assert time.monotonic() < deadline, 'no file came'
+            time.sleep(0.02)
+
+    master, slave = pty.openpty()
+    with subprocess.Popen(
+            ['setsid', '--ctty', *within, executable('img_subscriber'), '--ros-args',
+             '-p', f'output_dir:={folder}'], stdin=slave, stdout=slave, stderr=slave) as recorder:
+        try:
+            os.close(slave)
+            wait_for_files(3)
+            os.close(master)
+            if within:
+                wait_for_files(len(recorded_files(folder)) + 3)
+                recorder.send_signal(signal.SIGINT)
+            assert recorder.wait(DEADLINE) == 0
+        finally:
+            with suppress(ProcessLookupError):
+                recorder.kill()
+    assert len(read_manifest(folder)) >= 3
+    assert not list(folder.glob('.*'))

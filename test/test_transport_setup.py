@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import fcntl
 import os
 from pathlib import Path
 import shutil
@@ -28,7 +29,7 @@ import xml.etree.ElementTree as ElementTree
 from conftest import CLIP, NodeProcess
 import cv2
 import numpy as np
-from opencv_tools.ros import shared_memory, transport
+from opencv_tools.ros import other_users, shared_memory, transport
 from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments
 from opencv_tools.ros.transport import Transport, transport_for_frames, UNTOUCHED
@@ -123,6 +124,17 @@ def test_the_segment_holds_several_frames_as_far_as_there_is_room(
     assert not path.exists()
 
 
+@pytest.mark.parametrize(('room', 'frame_bytes', 'pieces'), [
+    (2048 * MB, VGA, 512), (2048 * MB, FULL_HD, 766), (2048 * MB, UHD_4K, 3063),
+    (2048 * MB, UHD_8K, 8192), (2048 * MB, 0, 4096), (8 * MB, 0, 4096), (MB, 0, 3276),
+    (MB // 2, 0, None), (0, UHD_4K, None)])
+def test_the_pieces_of_the_frames_in_the_segment_may_wait_for_a_reader(
+        monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int, pieces: int | None) -> None:
+    monkeypatch.setattr(transport, 'free_bytes', lambda: room)
+    with transport_for_frames(frame_bytes):
+        assert profile_in_force('port_queue_capacity') == pieces
+
+
 @pytest.mark.parametrize(('variable', 'value', 'buffer'), [
     ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET', 4 * MB),
     ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', None), ('ROS_LOCALHOST_ONLY', '1', None)])
@@ -135,6 +147,16 @@ def test_what_comes_over_udp_has_room_where_the_middleware_adds_no_udp_of_its_ow
     with transport_for_frames(frame_bytes):
         assert profile_in_force('receiveBufferSize') == buffer
         assert profile_in_force('sendBufferSize') is None
+
+
+@pytest.mark.process
+def test_a_shared_memory_that_cannot_be_written_to_is_said_first(
+        start: Start, mount_namespace: tuple[str, ...]) -> None:
+    publisher = start('img_publisher', source='pattern', max_frames=1, within=(
+        *mount_namespace, 'sh', '-c', 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$0" "$@"'))
+    assert publisher.finish() == 0, publisher.output
+    assert '/dev/shm cannot be written to, so that frames go over UDP' in \
+        publisher.output.splitlines()[0]
 
 
 @pytest.mark.parametrize('is_writable', [True, False])
@@ -243,6 +265,59 @@ def test_the_publisher_says_once_what_was_set_up(
     assert remark in lines[0]
     assert (max(sizes) > 16 * MB) is is_large
     assert is_large or max(sizes) < LARGEST_OF_FAST_DDS
+
+
+# Other users
+
+@pytest.mark.parametrize(('discovery', 'sentence', 'frames'), [
+    ('SUBNET', 'frames go over UDP and may come late; run all nodes as one user', 3),
+    ('LOCALHOST', 'no frame goes between those nodes and this one while', 0)])
+def test_frames_go_from_user_to_user_over_udp_or_it_is_said(
+        start: Start, mount_namespace: tuple[str, ...], monkeypatch: pytest.MonkeyPatch,
+        tmp_path: Path, discovery: str, sentence: str, frames: int) -> None:
+    if os.getuid() != 0:
+        pytest.skip('only root can be another user')
+    (tmp_path / 'log').mkdir(mode=0o777)
+    (tmp_path / 'log').chmod(0o777)
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
+    subscriber = start('img_subscriber', max_frames=3, within=(
+        *mount_namespace, 'sh', '-c', 'mount -t tmpfs none /dev/shm && exec "$0" "$@"'))
+    subscriber.wait_for('Waiting for /video_frames')
+    # The other user may read everything, such as the interpreter in a folder of root.
+    publisher = start('img_publisher', source='pattern', wait_for_subscribers=1, within=(
+        'nsenter', '--mount', f'--target={subscriber.pid}', 'setpriv', '--reuid=65534',
+        '--regid=65534', '--clear-groups', '--inh-caps=-all,+dac_read_search',
+        '--ambient-caps=-all,+dac_read_search'))
+    if frames:
+        assert subscriber.finish() == 0, subscriber.output
+    else:
+        subscriber.wait_for('users: run all nodes as one user')
+        subscriber.interrupt()
+        assert subscriber.finish() == 0, subscriber.output
+    assert f'Received {frames} frames' in subscriber.output
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    assert sentence in publisher.output
+
+
+@pytest.mark.parametrize(('name', 'owner', 'is_held', 'found'), [
+    ('fastrtps_port10161_el', 'another', True, 'jo'), ('fastrtps_port10161_el', 'me', True, ''),
+    ('fastrtps_port10161_el', 'another', False, ''),
+    ('fastrtps_port10411_el', 'another', True, ''), ('fastrtps_port7000_el', 'another', True, ''),
+    ('fastrtps_port10161', 'another', True, ''),
+    ('fastrtps_portx_el', 'another', True, '')])
+def test_another_user_is_one_who_holds_a_port_of_the_domain(
+        folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, owner: str, is_held: bool,
+        found: str) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', '11')
+    monkeypatch.setattr(os, 'geteuid', lambda: os.getuid() if owner == 'me' else -1)
+    monkeypatch.setattr(other_users, '_user_name', lambda _: 'jo')
+    os.mkfifo(folder / 'fastrtps_port10160_el')  # whoever opens it waits for a writer
+    with (folder / name).open('w') as file:
+        if is_held:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        assert other_users.find_other_user() == found
 
 
 # What is cleared away

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from opencv_tools.ros.messages import FrameMessage, read_compressed_image, read_image
+from opencv_tools.ros.other_users import find_other_user
 from opencv_tools.ros.qos import qos_mismatch
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -171,6 +172,11 @@ def _describe_silent(
         return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the quality of '
                 f'service that is asked for: {mismatch}; change that of the publisher')
     nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
+    user = find_other_user()
+    if user:
+        return (f'{topic} has a publisher ({nodes}), which sends nothing that arrives; user '
+                f'{user} runs nodes here too, and Fast DDS has no shared memory between users: '
+                'run all nodes as one user')
     return (f'{topic} has a publisher ({nodes}), which sends nothing that arrives; it may be '
             'paused or its source may have no frames, and containers on one machine have to '
             'share /dev/shm (--ipc=host)')

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.cdr import CdrError
 from opencv_tools.recording.trouble import Log
 from opencv_tools.ros.frame_sources import FrameSource, FrameSources
+from opencv_tools.ros.lost_frames import LostFrames
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.rcl import MessageInfo
@@ -85,8 +86,8 @@ class FrameSubscription:
         self._silence = Silence(log, self.describe_silence)
         self._candidate: FrameSource | None = None
         self._has_frames = False  # since a publisher is there
-        self._lost = 0
-        self._last_numbers: dict[bytes, int] = {}  # of each publisher
+        #: Those that were published but did not arrive.
+        self.losses = LostFrames()
         self._publishers: frozenset[bytes] = frozenset()
         self._heard: set[tuple[int, int]] = set()
         self._heard_before: set[tuple[int, int]] = set()
@@ -105,19 +106,55 @@ class FrameSubscription:
     @property
     def lost(self) -> int:
         """Count the messages that were published but did not arrive."""
-        return self._lost
+        return self.losses.count
 
     def describe_silence(self) -> str:
         """Say in a sentence why no frame arrives, and what helps."""
         return self._sources.describe_silence(self._reception.source, self._reception.qos)
 
+    def close(self, is_patient: Callable[[], bool]) -> int:
+        """
+        Pass on what was received until now, and receive no more.
+
+        :param is_patient: returns, maybe after a wait, whether to pass on one more message.
+        :returns: how many messages were not passed on, as somebody was not patient or pressed
+            Ctrl-C.
+        """
+        now = time.time_ns()
+        rest = 0
+        is_cut_short = False
+
+        def goes_on() -> bool:
+            nonlocal is_cut_short
+            is_cut_short = is_cut_short or not is_patient()
+            return not is_cut_short
+
+        try:
+            for reception in self._receptions():
+                for taken in reception.waiting(now, goes_on):
+                    rest = 1
+                    self._take(reception, *taken)
+                    rest = 0
+        except KeyboardInterrupt:
+            is_cut_short = True
+        for reception in self._receptions() if is_cut_short else ():
+            for _, info in reception.waiting(now):
+                if not self._is_repeated((info.source_timestamp, info.number)):
+                    self.losses.take(info)
+                    rest += 1
+        self.destroy()
+        return rest
+
     def destroy(self) -> None:
         """Receive no more."""
         self._node.destroy_timer(self._timer)
-        for reception in (self._previous, self._reception):
-            if reception:
-                reception.destroy()
+        for reception in self._receptions():
+            reception.destroy()
         self._previous = None
+
+    def _receptions(self) -> list[Reception]:
+        """Return the subscriptions, the oldest first."""
+        return [reception for reception in (self._previous, self._reception) if reception]
 
     # Publishers and what they offer
 
@@ -153,6 +190,7 @@ class FrameSubscription:
         if best != current:
             self._subscribe_again(best, self._best_qos(self._sources.offers(best)))
             self._silence.forget()
+            self.losses.begin()
 
     def _follow(self, _event: object = None) -> None:
         """Subscribe again when what was asked for does not fit, or new publishers offer more."""
@@ -170,6 +208,7 @@ class FrameSubscription:
         publishers = _identify(offers)
         if publishers != self._publishers:
             self._publishers = publishers
+            self.losses.discover(publishers)
             self._silence.begin()
 
     # Subscriptions
@@ -203,7 +242,7 @@ class FrameSubscription:
         if self._is_repeated((info.source_timestamp, info.number)):
             return
         self._has_frames = True
-        self._count_lost(info)
+        self.losses.take(info)
         try:
             message = reception.read(data)
         except CdrError as err:
@@ -220,14 +259,6 @@ class FrameSubscription:
         if len(self._heard) == _REMEMBERED:
             self._heard_before, self._heard = self._heard, set()
         return False
-
-    def _count_lost(self, info: MessageInfo) -> None:
-        """Count what a message's publisher has sent since its last one but did not arrive."""
-        publisher = bytes(info.publisher)
-        last = self._last_numbers.get(publisher, info.number)
-        self._lost += max(0, info.number - last - 1)
-        # What was published before may come later, when it is asked for.
-        self._last_numbers[publisher] = max(info.number, last)
 
 
 def _identify(offers: Iterable[TopicEndpointInfo]) -> frozenset[bytes]:

@@ -19,27 +19,38 @@ rclpy copies a serialised message once before it publishes it and once after it 
 holds the interpreter meanwhile. Here rcl gets the address of the pixels, and hands over the bytes
 that it took. The structures are those of rcl/publisher.h, rcl/subscription.h, rmw/types.h,
 rcutils/types/uint8_array.h and, for the message, of the header that rosidl_generator_c makes of
-sensor_msgs/Image.
+sensor_msgs/Image. Where these are not as in ROS 2 Jazzy, messages go rclpy's way, with its copies.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import ctypes
+import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import encode_text, WireImage
+from opencv_tools.image.cdr import encode_text, image_to_cdr, WireImage
 # Imported first, it loads the libraries below from where they are.
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from sensor_msgs.msg import Image
 
 _OK = 0
 _NOTHING_TAKEN = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 _UNKNOWN_NUMBER = 2**64 - 1  # RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
 _GID_SIZE = 16
 
-_rcl = ctypes.CDLL('librcl.so')
-_rcutils = ctypes.CDLL('librcutils.so')
+# What is called, by library.
+_FUNCTIONS: dict[str, Sequence[str]] = {
+    'librcl.so': ('rcl_publish', 'rcl_take_serialized_message'),
+    'librcutils.so': ('rcutils_get_default_allocator', 'rcutils_get_error_string',
+                      'rcutils_reset_error', 'rcutils_uint8_array_init',
+                      'rcutils_uint8_array_fini')}
+_CHECKED_BYTES = 17
+
+_rcl: Any = None
+_rcutils: Any = None
 _free = ctypes.CDLL(None).free
 _free.argtypes = [ctypes.c_void_p]
 _free.restype = None
@@ -94,7 +105,7 @@ class MessageInfo(ctypes.Structure):
 
     @property
     def number(self) -> int:
-        """Give the publisher's count of its messages, from 1 on; 0 where it is not known."""
+        """Return the publisher's count of its messages, from 1 on; 0 where it is not known."""
         number = int(self.publication_sequence_number)
         return 0 if number == _UNKNOWN_NUMBER else number
 
@@ -119,10 +130,84 @@ class _Buffer:
         free(self._address)
 
 
-_rcl.rcl_publish.argtypes = [ctypes.c_void_p] * 3
-_rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
-_rcutils.rcutils_get_default_allocator.restype = _Allocator
-_rcutils.rcutils_get_error_string.restype = _ErrorText
+def use_rcl() -> str:
+    """
+    Check that rcl is the one whose structures are copied here, and use it.
+
+    :returns: why it is not used; '' where it is.
+    """
+    global _rcl, _rcutils
+    _rcl = _rcutils = None
+    if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
+        return 'OPENCV_TOOLS_TRANSPORT is default'
+    if os.environ.get('ROS_DISTRO', 'jazzy') != 'jazzy':
+        return f'ROS_DISTRO is {os.environ["ROS_DISTRO"]}'
+    try:
+        rcl, rcutils = (ctypes.CDLL(name) for name in _FUNCTIONS)
+        for library, names in zip((rcl, rcutils), _FUNCTIONS.values()):
+            for name in names:
+                getattr(library, name)
+    except (OSError, AttributeError) as err:
+        return str(err)
+    rcl.rcl_publish.argtypes = [ctypes.c_void_p] * 3
+    rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
+    rcutils.rcutils_get_default_allocator.restype = _Allocator
+    rcutils.rcutils_get_error_string.restype = _ErrorText
+    if not _is_our_array(rcutils):
+        return 'rmw_serialized_message_t is another'
+    if not _is_our_image():
+        return 'sensor_msgs__msg__Image is another'
+    _rcl, _rcutils = rcl, rcutils
+    return ''
+
+
+def _is_our_array(rcutils: Any) -> bool:
+    """Return whether a serialized message, which is an array of bytes, has the fields of ours."""
+    allocator = rcutils.rcutils_get_default_allocator()
+    # As much memory again, should theirs be larger.
+    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_SerializedMessage))
+    if rcutils.rcutils_uint8_array_init(
+            made, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _OK:
+        return False
+    message = _SerializedMessage.from_buffer(made)
+    found = (bool(message.buffer), message.length, message.capacity, bytes(message.allocator),
+             made.raw[ctypes.sizeof(_SerializedMessage):].strip(b'\0'))
+    rcutils.rcutils_uint8_array_fini(made)
+    return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
+
+
+def _is_our_image() -> bool:
+    """Return whether an image that rclpy makes has the fields of ours."""
+    given = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
+    given.header.stamp.sec, given.header.stamp.nanosec = -1, 2
+    given.header.frame_id = 'camera'
+    Image.__class__.__import_type_support__()  # type: ignore[attr-defined]
+    create, convert, destroy = (
+        prototype(_pointer(capsule, None)) for prototype, capsule in (
+            (ctypes.PYFUNCTYPE(ctypes.c_void_p), Image._CREATE_ROS_MESSAGE),
+            (ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p),
+             Image._CONVERT_FROM_PY),
+            (ctypes.PYFUNCTYPE(None, ctypes.c_void_p), Image._DESTROY_ROS_MESSAGE)))
+    address = create()
+    try:
+        if not (address and convert(given, address)):
+            return False
+        made = _Image.from_address(address)
+        # Numbers first: no pointer is followed that may be none.
+        return (made.sec, made.nanosec, made.height, made.width, made.is_bigendian, made.step,
+                made.frame_id.size, made.encoding.size, made.data.size) == (
+                    -1, 2, 3, 4, 5, 6, 6, 5, 7) and (
+            made.frame_id.data, made.encoding.data) == (b'camera', b'mono8')
+    finally:
+        destroy(address)
+
+
+_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+_pointer.restype = ctypes.c_void_p
+
+#: Why messages go rclpy's way; '' where they do not.
+reason_for_rclpy = use_rcl()
 
 
 def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -> None:
@@ -135,6 +220,10 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
     :raises CdrError: a string that the message cannot hold.
     :raises RuntimeError: the middleware could not publish it.
     """
+    if _rcl is None:
+        with publisher:
+            publisher.publish_raw(image_to_cdr(image))
+        return
     data = np.frombuffer(image.data, np.uint8)
     message = _Image(
         image.sec, image.nanosec, _string(image.frame_id), image.height, image.width,
@@ -152,6 +241,8 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | 
     :returns: its bytes, (n,) uint8 and read-only, and what is known of it; None if there is none.
     :raises RuntimeError: the middleware could not give it.
     """
+    if _rcl is None:
+        return _take_by_rclpy(subscription)
     message = _SerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
     info = MessageInfo()
     with subscription:
@@ -163,6 +254,19 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | 
         return None
     _check(result)
     return np.asarray(taken), info
+
+
+def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Taken | None:
+    """Take a message with what rclpy knows of it, which is not its publisher."""
+    with subscription:
+        taken = subscription.take_message(Image, True)
+    if taken is None:
+        return None
+    data, known = taken
+    return np.frombuffer(data, np.uint8), MessageInfo(
+        source_timestamp=known['source_timestamp'],
+        received_timestamp=known['received_timestamp'],
+        publication_sequence_number=_UNKNOWN_NUMBER)
 
 
 def _string(text: str) -> _String:

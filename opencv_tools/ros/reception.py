@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import time
 from typing import Any
 
@@ -30,6 +30,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
+
+# Fast DDS keeps 5000 messages at most.
+_MOST_WAITING = 5001
 
 
 class Reception:
@@ -70,15 +73,28 @@ class Reception:
         return count
 
     def drain(self) -> None:
-        """Take what it has received until now."""
-        now = time.time_ns()
+        """Pass on what it has received until now."""
+        for taken in self.waiting(time.time_ns()):
+            self._receive(taken)
+
+    def waiting(
+        self, until: int, is_patient: Callable[[], bool] = lambda: True,
+    ) -> Iterator[Taken]:
+        """
+        Take the messages that it has received, and at most one that came later.
+
+        :param until: nanoseconds of the system clock.
+        :param is_patient: returns whether to take one more.
+        """
         received = 0
-        while received < now:
+        for _ in range(_MOST_WAITING):
+            if received >= until or not is_patient():
+                return
             taken = take_serialized(self._subscription.handle)
             if taken is None:
                 return
-            self._receive(taken)
             received = taken[1].received_timestamp
+            yield taken
 
     def destroy(self) -> None:
         """Receive no more."""

@@ -26,6 +26,7 @@ import time
 from types import FrameType
 from typing import Protocol
 
+from opencv_tools.ros import rcl
 from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
@@ -43,6 +44,7 @@ DONE = 0
 FAILED = 1
 BAD_USAGE = 2
 
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Python runs its signal handlers when the executor comes back to it, this often at least.
 _SIGNAL_SECONDS = 0.1
 _PATIENCE_SECONDS = 1.0
@@ -91,7 +93,9 @@ def run(
     failures: tuple[type[Exception], ...],
 ) -> int:
     """
-    Run a node until it is done, Ctrl-C or SIGTERM.
+    Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
+
+    Once there is an exit status these signals change nothing, until somebody else handles them.
 
     :param program: the executable.
     :param make_node: makes the node, once ROS is up, and is told how frames go.
@@ -113,7 +117,11 @@ def run(
             logger.error(remark)
         with transport_for_frames(program.frame_bytes(args)) as transport:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(transport.remark)
+            logger.debug(transport.remark + (
+                f'; messages go with the copies of rclpy: {rcl.reason_for_rclpy}'
+                if rcl.reason_for_rclpy else ''))
+            if transport.warning:
+                logger.warning(transport.warning)
             node = make_node(transport)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:
@@ -130,12 +138,23 @@ def run(
         logger.error(_describe_bad_arguments(err))
         return BAD_USAGE
     finally:
+        signals.end()
         rclpy.try_shutdown()
+
+
+def ignore_signals() -> None:
+    """
+    Ignore for the rest of the process what would end it, as it has its exit status.
+
+    Python's own handlers go away while the interpreter shuts down, which takes half a second.
+    """
+    for number in _END_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 class _Signals:
     """
-    Take note of SIGINT and SIGTERM.
+    Note SIGINT, SIGTERM and SIGHUP, the last unless it was ignored at the start, as by nohup.
 
     rclpy's own handlers shut ROS down at once, under the feet of a node that is being made or has
     frames to finish. Here the node is told to end while ROS still works.
@@ -143,19 +162,25 @@ class _Signals:
 
     def __init__(self) -> None:
         self._first_at = 0.0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._receive)
+        self._has_ended = False
+        for number in _END_SIGNALS:
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, self._receive)
 
     @property
     def received(self) -> bool:
         """Tell whether the node was asked to end."""
         return self._first_at > 0.0
 
+    def end(self) -> None:
+        """Ignore what comes from now on."""
+        self._has_ended = True
+
     def _receive(self, _number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
         self._first_at = self._first_at or now
         # ros2 launch sends SIGINT after the terminal did; who asks much later is tired of waiting.
-        if now - self._first_at > _PATIENCE_SECONDS:
+        if now - self._first_at > _PATIENCE_SECONDS and not self._has_ended:
             raise KeyboardInterrupt
 
 
@@ -193,6 +218,7 @@ def _run(node: Runnable, signals: _Signals) -> int:
             executor.spin_once(timeout_sec=_SIGNAL_SECONDS)
     finally:
         status = node.close()
+        signals.end()
         node.destroy_node()
     return status
 

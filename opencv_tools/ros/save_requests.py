@@ -17,14 +17,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+import time
 
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 _PATIENCE_SECONDS = 3.0
+_END_SECONDS = 5.0
+# Calls that the middleware keeps until they are taken; ROS's own depth of services is 10.
+_DEPTH = 1000
 
 
 class SaveRequests:
@@ -38,9 +43,12 @@ class SaveRequests:
         """
         self._node = node
         self._waiting: list[Future] = []
+        self._unanswered = 0
+        self._is_closed = False
         # A call that waits would keep the frames of its own group from coming.
         self._service = node.create_service(
-            Trigger, '~/save', self._save, callback_group=ReentrantCallbackGroup())
+            Trigger, '~/save', self._save, qos_profile=QoSProfile(depth=_DEPTH),
+            callback_group=ReentrantCallbackGroup())
 
     def take(self) -> list[Future]:
         """Give the requests that the frame which came now is for; none is given twice."""
@@ -58,17 +66,30 @@ class SaveRequests:
             request.set_result(outcome)
         self._node.executor.wake()
 
+    def close(self) -> None:
+        """Answer the calls that wait, and those that come now, with the end of the node."""
+        self._is_closed = True
+        self.answer(self.take(), 'the node ends')
+        deadline = time.monotonic() + _END_SECONDS
+        while self._unanswered and time.monotonic() < deadline:
+            self._node.executor.spin_once(timeout_sec=0.1)
+
     async def _save(
         self, _request: Trigger.Request, response: Trigger.Response,
     ) -> Trigger.Response:
+        if self._is_closed:
+            response.message = 'the node ends'
+            return response
         request = Future()
         self._waiting.append(request)
+        self._unanswered += 1
         patience = create_steady_timer(
             self._node, _PATIENCE_SECONDS, lambda: self._give_up(request))
         outcome = await request
         self._node.destroy_timer(patience)
         response.success = isinstance(outcome, Path)
         response.message = str(outcome)
+        self._unanswered -= 1
         return response
 
     def _give_up(self, request: Future) -> None:

@@ -30,9 +30,14 @@ SHARED_MEMORY = Path('/dev/shm')
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 
 
+def is_writable() -> bool:
+    """Return whether files can be made in the shared memory."""
+    return os.access(SHARED_MEMORY, os.W_OK | os.X_OK)
+
+
 def free_bytes() -> int:
-    """Tell how much more fits into the shared memory, 0 where it cannot be written to."""
-    if not os.access(SHARED_MEMORY, os.W_OK):
+    """Return how many more bytes fit into the shared memory, 0 where it cannot be written to."""
+    if not is_writable():
         return 0
     status = os.statvfs(SHARED_MEMORY)
     return status.f_bavail * status.f_frsize

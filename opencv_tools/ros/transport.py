@@ -24,7 +24,10 @@ import math
 import os
 from tempfile import NamedTemporaryFile
 
-from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments, SHARED_MEMORY
+from opencv_tools.ros.other_users import find_other_user
+from opencv_tools.ros.shared_memory import (
+    free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY,
+)
 
 #: What ``--help`` says of it.
 HELP = ('environment:\n'
@@ -39,6 +42,15 @@ _LEAST_FRAMES = 3
 _LEAST_SEGMENT = 16 * _MB
 _LARGEST_SEGMENT = 256 * _MB
 _USUAL_SEGMENT = _MB // 2  # what Fast DDS takes for small messages
+
+# A reader's port lists the pieces that wait for it, and more are thrown away: Fast DDS's own 512
+# are 1.35 frames of 3840x2160. They are 65482 bytes, as UDP takes no more, and fewer here.
+_PIECE = 65_000
+_LEAST_PIECES = 512
+_MOST_PIECES = 8192
+_UNKNOWN_PIECES = 4096  # eight frames of 3840x2160 and some more, of whoever publishes them
+_DESCRIPTOR_BYTES = 20  # that the port keeps of each piece
+_PORTS_OF_ROOM = 1 / 16  # each participant has two or three ports
 
 # Asked of the kernel for what comes over UDP; it gives what net.core.rmem_max allows. As much to
 # send from would let a slow link choke on what is sent again.
@@ -89,9 +101,21 @@ _NAME = """
 _DESCRIPTOR = """
     <transport_descriptor>
       <transport_id>{name}</transport_id>
-      <type>{name}</type>
-      <{option}>{value}</{option}>
+      <type>{name}</type>{options}
     </transport_descriptor>"""
+_OPTION = """
+      <{name}>{value}</{name}>"""
+
+
+# Where rmw_fastrtps adds a transport of its own, Fast DDS tries and prints lines of its own.
+_NO_SHARED_MEMORY = (
+    f'{SHARED_MEMORY} cannot be written to, so that frames go over UDP and may come late; errors '
+    'of RTPS_TRANSPORT_SHM below say the same')
+
+_OTHER_USER = ('user {user} runs nodes here too, and Fast DDS has no shared memory between users: '
+               '{what}; run all nodes as one user')
+_SLOWLY = 'frames go over UDP and may come late'
+_NOT_AT_ALL = 'no frame goes between those nodes and this one while the discovery is LOCALHOST'
 
 
 @dataclass(frozen=True)
@@ -100,14 +124,16 @@ class Transport:
     How frames go to the subscribers on this machine.
 
     :param remark: what was set up and why, in a sentence.
-    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that is
-        the user's choice.
+    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that
+        is the user's choice, or nothing would help.
     :param room: bytes of shared memory that were free.
+    :param warning: what is wrong whatever the size of the frames, in a sentence; '' for nothing.
     """
 
     remark: str
     segment: int | None = None
     room: int = 0
+    warning: str = ''
 
     def misfit(self, frame_bytes: int) -> str:
         """
@@ -153,12 +179,20 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     _keep_memory()
     removed = remove_dead_segments()
     room = free_bytes()
+    other_user = find_other_user()
+    if other_user and not _is_local():  # there rmw_fastrtps adds shared memory of its own
+        with _profile(_describe_profile(0, 0)):
+            yield Transport('UDP for frames, because of the other user', room=room,
+                            warning=_OTHER_USER.format(user=other_user, what=_SLOWLY))
+        return
     segment = _affordable_segment(frame_bytes, room)
-    with _profile(_describe_profile(segment)):
+    with _profile(_describe_profile(segment, _affordable_pieces(frame_bytes, room))):
         yield Transport(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
             f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
-            'malloc keeps the memory of frames', segment, room)
+            'malloc keeps the memory of frames', segment, room,
+            _NO_SHARED_MEMORY if not is_writable() else
+            _OTHER_USER.format(user=other_user, what=_NOT_AT_ALL) if other_user else '')
 
 
 def _user_choice() -> str:
@@ -188,16 +222,25 @@ def _affordable_segment(frame_bytes: int, room: int) -> int:
     return segment if segment >= max(_LEAST_FRAMES * frame_bytes, _USUAL_SEGMENT) else 0
 
 
-def _describe_profile(segment: int) -> str:
+def _affordable_pieces(frame_bytes: int, room: int) -> int:
+    """Return how many pieces may wait for this process: those of all frames in the segment."""
+    wanted = math.ceil(_FRAMES * frame_bytes / _PIECE) if frame_bytes else _UNKNOWN_PIECES
+    affordable = int(room * _PORTS_OF_ROOM) // _DESCRIPTOR_BYTES
+    return max(_LEAST_PIECES, min(wanted, affordable, _MOST_PIECES))
+
+
+def _describe_profile(segment: int, pieces: int) -> str:
     """Write the profile; a segment that is too small for frames is slower than UDP alone."""
-    transports = []
+    transports: dict[str, dict[str, int]] = {}
     if segment:
-        transports.append({'name': 'SHM', 'option': 'segment_size', 'value': segment})
+        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': pieces}
     if not _is_local():
-        transports.append({'name': 'UDPv4', 'option': 'receiveBufferSize', 'value': _SOCKET_BYTES})
+        transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     participant = _PARTICIPANT.format(
-        descriptors=''.join(_DESCRIPTOR.format(**transport) for transport in transports),
-        names=''.join(_NAME.format(**transport) for transport in transports))
+        descriptors=''.join(_DESCRIPTOR.format(name=name, options=''.join(
+            _OPTION.format(name=option, value=value) for option, value in options.items()))
+            for name, options in transports.items()),
+        names=''.join(_NAME.format(name=name) for name in transports))
     return _PROFILE.format(
         participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS)
 
