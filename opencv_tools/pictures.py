@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import printable
 
 
 class PictureError(ImageError):
@@ -73,6 +74,7 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
 JPEG_BEGINS = b'\xff\xd8'
+_MAX_NAME = 80  # of a format that is not known, in an error
 _SCAN_BEGINS, _JPEG_ENDS = b'\xff\xda', b'\xff\xd9'
 
 
@@ -93,7 +95,7 @@ def encode_picture(
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
     if suffix not in FORMATS:
         raise PictureError(
-            f"'{suffix[1:80]}' is not a known picture format; the formats are "
+            f"'{printable(suffix[1:], _MAX_NAME)}' is not a known picture format; the formats are "
             f'{", ".join(known[1:] for known in FORMATS)}')
     if type_name not in FORMATS[suffix]:
         able = [known[1:] for known, types in FORMATS.items() if type_name in types]

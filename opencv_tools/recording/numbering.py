@@ -21,6 +21,7 @@ import errno
 import itertools
 from typing import TypeVar
 
+from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
 
@@ -49,8 +50,8 @@ class Numbering:
         taken = [name for name in folder.names() if names.matches(name)]
         if taken and self._only_free:
             raise RecordingError(
-                f'output_dir {folder.path} has {min(taken)} already; name another folder, '
-                'or set on_exists to continue or overwrite')
+                f'output_dir {folder.path} has {printable(min(taken))} already; '
+                'name another folder, or set on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
+from opencv_tools.image.text import printable
 from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
@@ -54,5 +55,5 @@ def message_to_frame(
 def describe_message(message: FrameMessage) -> str:
     """Say in a few words what a message has in it."""
     if isinstance(message, (WireCompressedImage, CompressedImage)):
-        return f'{len(message.data)} bytes {message.format[:_MAX_TEXT]}'
-    return f'{message.width}x{message.height} {message.encoding[:_MAX_TEXT]}'
+        return f'{len(message.data)} bytes {printable(message.format, _MAX_TEXT)}'
+    return f'{message.width}x{message.height} {printable(message.encoding, _MAX_TEXT)}'

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -68,7 +69,7 @@ class SaveRequests:
         outcome = await request
         self._node.destroy_timer(patience)
         response.success = isinstance(outcome, Path)
-        response.message = str(outcome)
+        response.message = printable(outcome, MAX_PATH)
         return response
 
     def _give_up(self, request: Future) -> None:
