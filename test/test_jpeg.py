@@ -74,7 +74,7 @@ def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
 def test_a_scan_that_breaks_off_is_no_picture(
         kind: str, part: float, channels: int, upright: bool) -> None:
     jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
-    with pytest.raises(PictureError, match='whose end is missing$'):
+    with pytest.raises(PictureError, match=r'whose end is missing$'):
         decode_picture(broken_off(jpeg, part), upright)
 
 
@@ -86,7 +86,7 @@ def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
     assert len(ends) > 8
     for place in ends:
         for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
-            with pytest.raises(PictureError, match='whose end is missing$'):
+            with pytest.raises(PictureError, match=r'whose end is missing$'):
                 decode_picture(data)
 
 
@@ -94,7 +94,7 @@ def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
 def test_a_scan_with_too_few_bits_is_refused_without_being_decoded(kind: str) -> None:
     jpeg = encoded(photo(480, 640), *OPTIONS[kind])
     begin = jpeg.find(b'\xff\xda') + 14
-    with pytest.raises(JpegError, match='whose end is missing$'):
+    with pytest.raises(JpegError, match=r'whose end is missing$'):
         check_jpeg(jpeg[:begin] + bytes(20) + ENDS)
 
 
@@ -102,7 +102,7 @@ def test_a_component_without_a_scan_is_missing() -> None:
     jpeg = encoded(photo())
     first = jpeg.find(b'\xff\xda')
     one = jpeg[:first] + b'\xff\xda\0\x08\1\1\0\0\x3f\0' + jpeg[first + 14:]
-    with pytest.raises(JpegError, match='whose end is missing$'):
+    with pytest.raises(JpegError, match=r'whose end is missing$'):
         check_jpeg(one)
 
 
