@@ -73,8 +73,9 @@ def open_files(
     folder = Folder(path, sync)
     try:
         numbering = Numbering(names, folder, on_exists)
-        kind = VideoFiles if is_video else PictureFiles
-        return kind(folder, numbering, wanted, limits)
+        if is_video:
+            return VideoFiles(folder, numbering, wanted, limits)
+        return PictureFiles(folder, numbering, wanted, limits, sync)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
