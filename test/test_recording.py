@@ -235,6 +235,41 @@ def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
     files.close()
 
 
+@pytest.mark.parametrize(('kind', 'sentence'), [
+    ('file', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('link', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('loop', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('below a loop', 'a link in it leads back to itself; name another folder'),
+    ('long', 'it is too long for the file system; name a folder with a shorter path')])
+def test_a_folder_that_is_none_is_refused_with_what_helps(
+        kind: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / ('a' * 256 if kind == 'long' else 'out')
+    if kind == 'file':
+        path.touch()
+    elif kind != 'long':
+        path.symlink_to(path if 'loop' in kind else path.with_name('nowhere'))
+    if kind == 'below a loop':
+        path /= 'out'
+    with pytest.raises(RecordingError) as raised:
+        open_files(path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync=False)
+    assert str(raised.value).startswith('output_dir ')
+    assert str(raised.value).endswith(f' cannot be used: {sentence}')
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.mp4'])
+def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: Path) -> None:
+    console = Console()
+    names = FileNames('a' * 251 + '{seq}' + suffix)
+    files = open_files(tmp_path, names, Format(suffix), 'continue', Limits(), sync=False)
+    recorder = Recorder(files, console, writers=1)
+    recorder.put(gray_frame(0))
+    recorder.close()
+    assert recorder.account.failed == 1
+    assert [line for line in console.lines if 'too long' in line] == [
+        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the file '
+        'system, which takes 255 as a rule; shorten file_name']
+
+
 def test_what_opencv_cannot_encode_is_refused() -> None:
     with pytest.raises(UnwritableError, match=r'^a mono8 frame was not encoded: '):
         encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import errno
 import itertools
+import os
 from typing import TypeVar
 
 from opencv_tools.image.text import printable
@@ -26,6 +27,8 @@ from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
 
 T = TypeVar('T')
+
+_SHOWN = 40  # characters of a name that is too long
 
 #: What is done about files that are there already.
 ON_EXISTS = ('continue', 'error', 'overwrite')
@@ -74,6 +77,13 @@ class Numbering:
                 made = make(seq, name)
             except FileExistsError:
                 continue
+            except OSError as err:
+                if err.errno != errno.ENAMETOOLONG:
+                    raise
+                raise OSError(
+                    err.errno, f'{printable(name, _SHOWN)} is a name of {len(os.fsencode(name))} '
+                    'bytes, too long for the file system, which takes 255 as a rule; '
+                    'shorten file_name') from err
             self._seq += 1
             return made
         raise FileExistsError(errno.EEXIST, f'{name} is there already')

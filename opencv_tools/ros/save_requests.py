@@ -19,6 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.recording.trouble import plain_reason
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -69,7 +70,8 @@ class SaveRequests:
         outcome = await request
         self._node.destroy_timer(patience)
         response.success = isinstance(outcome, Path)
-        response.message = printable(outcome, MAX_PATH)
+        response.message = (printable(outcome, MAX_PATH) if response.success
+                            else plain_reason(str(outcome)))
         return response
 
     def _give_up(self, request: Future) -> None:
