@@ -266,8 +266,8 @@ def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: 
     recorder.close()
     assert recorder.account.failed == 1
     assert [line for line in console.lines if 'too long' in line] == [
-        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the file '
-        'system, which takes 255 as a rule; shorten file_name']
+        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the '
+        'file system, which takes 255 as a rule; shorten file_name']
 
 
 def test_what_opencv_cannot_encode_is_refused() -> None:
