@@ -46,8 +46,8 @@ HOSTILE = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u20
 @pytest.mark.parametrize(('text', 'shown'), [
     ('bgr8', 'bgr8'), ('', ''), ('Kamera Süd 東', 'Kamera Süd 東'), ("it's \\ \"", "it's \\ \""),
     ('a\nb\r\t\0', r'a\nb\r\t\x00'), ('\x1b[2J', r'\x1b[2J'), ('\x9b', r'\x9b'),
-    ('\u202e', r'\u202e'), ('\u2028', r'\u2028'), ('\udcff', r'\udcff'), ('\U000e0001',
-                                                                        r'\U000e0001'),
+    ('\u202e', r'\u202e'), ('\u2028', r'\u2028'), ('\udcff', r'\udcff'),
+    ('\U000e0001', r'\U000e0001'),
     ('a' * 200, 'a' * 200), ('a' * 201, 'a' * 197 + '...'), ('\n' * 200, r'\n' * 98 + '\\...')])
 def test_a_text_is_printable_and_short(text: str, shown: str) -> None:
     assert printable(text) == shown
