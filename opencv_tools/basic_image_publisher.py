@@ -31,6 +31,7 @@ from opencv_tools.capture.rendition import Rendition
 from opencv_tools.capture.source import is_camera, open_source
 from opencv_tools.capture.v4l2 import CameraSource
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import MAX_PATH, printable, without_password
 from opencv_tools.ros.calibration_file import CameraInfoError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.capture_parameters import (
@@ -200,7 +201,7 @@ class ImagePublisher(Node):
         :raises CaptureError: nothing was.
         """
         if not self._progress.count:
-            raise CaptureError(f'{self._settings["source"]}: no frame could be published')
+            raise CaptureError(f'{self._source_name()}: no frame could be published')
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
@@ -208,6 +209,10 @@ class ImagePublisher(Node):
         return open_source(
             self._settings['source'], camera_request(self._settings, self._controls.wanted),
             self._settings['read_timeout'])
+
+    def _source_name(self) -> str:
+        """Write the source as it may be printed."""
+        return without_password(self._settings['source'])
 
     def _is_live(self) -> bool:
         source = self._grabber.source
@@ -225,7 +230,8 @@ class ImagePublisher(Node):
     def _calibrate(self) -> Calibration:
         name = self._settings['camera_name'] or self.get_namespace().strip('/').replace('/', '_')
         return Calibration(
-            self._settings['camera_info_url'], name or 'camera', self.get_logger().warning)
+            self._settings['camera_info_url'], name or 'camera',
+            lambda text: self.get_logger().warning(printable(text, MAX_PATH)))
 
     def _change(self, changes: dict[str, Any]) -> None:
         """Go on with parameters that were changed."""
@@ -247,7 +253,7 @@ class ImagePublisher(Node):
         else:
             response.success = self._grabber.pause(_RELEASE_SECONDS)
             response.message = ('paused' if response.success else
-                                f'{self._settings["source"]} is still held')
+                                f'{self._source_name()} is still held')
         self.get_logger().info(response.message)
         return response
 
@@ -261,13 +267,13 @@ class ImagePublisher(Node):
             response.success = True
         except CameraInfoError as err:
             response.status_message = str(err)
-        self.get_logger().info(f'set_camera_info: {response.status_message}')
+        self.get_logger().info(f'set_camera_info: {printable(response.status_message, MAX_PATH)}')
         return response
 
     def _condition(self) -> Condition:
         source = self._grabber.source
         return Condition(
-            self._settings['source'], source.description if source else '',
+            self._source_name(), source.description if source else '',
             self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
             self._grabber.reconnects, self._topics.awaited)
 

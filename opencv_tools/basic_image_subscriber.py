@@ -24,6 +24,7 @@ import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.picture_size import SizeError
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import Arrivals, Frame
 from opencv_tools.recording.selection import Selection
@@ -79,7 +80,7 @@ class ImageSubscriber(Node):
             self, 'video_frames', settings['transport'], reception_depth(settings), self._log,
             self.listener_callback, self._refuse)
         self._queue_size = settings['queue_size']
-        self._timeout = settings['timeout']
+        self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
         self._patience = self._start_timer(self._timeout, self._give_up)
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))
@@ -98,8 +99,8 @@ class ImageSubscriber(Node):
             self._patience.reset()
         try:
             frame = message_to_frame(
-                self.br, message, self.subscription.topic_name, receive_ns)
-        except CvBridgeError as err:
+                self.br, message, self.subscription.topic_name, receive_ns, self._max_pixels)
+        except (CvBridgeError, SizeError) as err:
             self._refuse(err)
         else:
             self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
@@ -173,7 +174,7 @@ class ImageSubscriber(Node):
         if self._selection.is_over:
             self._end(DONE)
 
-    def _refuse(self, err: ImageError) -> None:
+    def _refuse(self, err: ImageError | CvBridgeError) -> None:
         """Take note of a message that cannot be recorded."""
         self._refused += 1
         self._troubles.failed(f'message left out: {err}')

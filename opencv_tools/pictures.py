@@ -26,6 +26,12 @@ from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.jpeg import (
+    BEGINS as JPEG_BEGINS, check_jpeg, ENDS as JPEG_ENDS, jpeg_size, JpegError,
+    with_more_pixels,
+)
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
+from opencv_tools.image.text import printable
 
 
 class PictureError(ImageError):
@@ -72,8 +78,9 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 # As they stand in OpenCV's names of conversions.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
-JPEG_BEGINS = b'\xff\xd8'
-_SCAN_BEGINS, _JPEG_ENDS = b'\xff\xda', b'\xff\xd9'
+_MAX_NAME = 80  # of a format that is not known, in an error
+_SCAN_BEGINS = b'\xff\xda'
+_FILLING = 128
 
 
 def encode_picture(
@@ -93,7 +100,7 @@ def encode_picture(
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
     if suffix not in FORMATS:
         raise PictureError(
-            f"'{suffix[1:80]}' is not a known picture format; the formats are "
+            f"'{printable(suffix[1:], _MAX_NAME)}' is not a known picture format; the formats are "
             f'{", ".join(known[1:] for known in FORMATS)}')
     if type_name not in FORMATS[suffix]:
         able = [known[1:] for known, types in FORMATS.items() if type_name in types]
@@ -121,36 +128,67 @@ def encode_picture(
     return data
 
 
-def decode_picture(data: Any, upright: bool = False) -> NDArray[Any]:
+def decode_picture(
+    data: Any, upright: bool = False, max_pixels: int = MAX_PIXELS,
+) -> NDArray[Any]:
     """
     Read the content of a picture file, with the depth and channels it has.
 
     :param data: a buffer with the bytes of the file.
     :param upright: turn a JPEG the way up that it says itself, as a camera held on its side does.
+    :param max_pixels: more than so many are refused by the header, before anything is decoded.
     :returns: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array, fresh.
-    :raises PictureError: it is no picture, or not a whole one.
+    :raises PictureError: it is no picture, not a whole one, or too large.
     """
-    content = np.frombuffer(data, np.uint8)
-    described = f'{content.size} bytes'
-    is_jpeg = content[:2].tobytes() == JPEG_BEGINS
-    if is_jpeg and is_cut_off(content.tobytes()):
-        raise PictureError(f'{described} of a JPEG picture whose end is missing')  # 4.6 fills in
+    content = bytes(data)
+    described = f'{len(content)} bytes'
+    try:
+        check_size(*picture_size(content), max_pixels)
+    except SizeError as err:
+        raise PictureError(str(err)) from err
+    is_jpeg = content.startswith(JPEG_BEGINS)
+    scan_end = check_whole(content) if is_jpeg else 0
     # OpenCV turns what it reads only where it may change the channels, too, which JPEG has not.
     flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
              else cv2.IMREAD_UNCHANGED)
     try:
-        image: NDArray[Any] | None = cv2.imdecode(content, flags) if content.size else None
+        image = _decode(content, flags)
+        more = (_decode(with_more_pixels(content, scan_end), flags)
+                if is_jpeg and image is not None and _has_filling(image) else image)
     except cv2.error as err:
         raise PictureError(f'{described} cannot be read as a picture: {err.err}') from err
     if image is None:
         raise PictureError(f'{described} are not a picture that OpenCV can read')
+    if more is not image and (more is None or not np.array_equal(image, more)):
+        raise PictureError(f'{described} of a JPEG picture whose end is missing')
     return image
 
 
-def is_cut_off(jpeg: bytes) -> bool:
-    """Tell whether the end of a JPEG is missing; a thumbnail before it has an end of its own."""
-    end = jpeg.rfind(_JPEG_ENDS)
-    return end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0
+def check_whole(jpeg: bytes) -> int:
+    """
+    Check that the end of a JPEG is not missing, as far as its markers tell.
+
+    :returns: where the data of its last scan end.
+    :raises PictureError: it is.
+    """
+    end = jpeg.rfind(JPEG_ENDS)  # a thumbnail before it has an end of its own
+    if end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0:
+        raise PictureError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
+    try:
+        jpeg_size(jpeg)
+        return check_jpeg(jpeg)
+    except JpegError as err:
+        raise PictureError(f'{len(jpeg)} bytes of {err}') from err
+
+
+def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
+    image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    return image
+
+
+def _has_filling(image: NDArray[Any]) -> bool:
+    """Return whether a corner has the gray that libjpeg fills in for pixels that are missing."""
+    return any((image[row, column] == _FILLING).all() for row in (0, -1) for column in (0, -1))
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:

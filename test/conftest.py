@@ -216,8 +216,10 @@ def _lock(path: Path) -> int | None:
 
 
 @pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Give the test a ROS domain of its own, on this machine only."""
+def domain(monkeypatch: pytest.MonkeyPatch,
+           tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """Reserve a ROS domain for the test, on this machine only, and keep it out of ~/.ros."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
     with free_domain() as number:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

@@ -12,29 +12,116 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The header of a JPEG."""
+"""JPEG whose data break off: noticed where that is certain, and whole ones pass."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from opencv_tools.image.errors import EncodingError
-from opencv_tools.image.jpeg import JpegHeader, read_jpeg_header
+from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size, JpegError
+from opencv_tools.pictures import decode_picture, PictureError
 import pytest
 
-
-@pytest.mark.parametrize('progressive', [0, 1])
-@pytest.mark.parametrize(('shape', 'components'), [((5, 263), 1), ((5, 263, 3), 3)])
-def test_the_header_that_opencv_writes(
-        shape: tuple[int, ...], components: int, progressive: int) -> None:
-    data = cv2.imencode('.jpg', np.zeros(shape, np.uint8),
-                        (cv2.IMWRITE_JPEG_PROGRESSIVE, progressive))[1].reshape(-1)
-    for jpeg in (data, data.tobytes(), memoryview(data)):
-        assert read_jpeg_header(jpeg) == JpegHeader(263, 5, components)
-    assert read_jpeg_header(data[:-5]) == JpegHeader(263, 5, components)
+ENDS = b'\xff\xd9'
+# What libjpeg puts for pixels that are missing.
+FILLING = 128
 
 
-@pytest.mark.parametrize('data', [b'', b'\xff\xd8', b'\xff\xd8\xff\xc0\0\x0b\x08\0\5\1\7'])
-def test_a_header_that_is_not_there(data: bytes) -> None:
-    with pytest.raises(EncodingError, match=r'^a JPEG without a size$'):
-        read_jpeg_header(data)
+def photo(height: int = 96, width: int = 128, channels: int = 3) -> np.ndarray:
+    """Make an image as varied as a photo."""
+    random = np.random.default_rng(5).integers(0, 256, (height, width, channels), np.uint8)
+    blurred = cv2.GaussianBlur(random, (9, 9), 2)
+    return blurred.reshape(random.shape[:2 if channels == 1 else 3])
+
+
+def encoded(image: np.ndarray, *options: int) -> bytes:
+    done, data = cv2.imencode('.jpg', image, options)
+    assert done
+    return data.tobytes()
+
+
+def broken_off(jpeg: bytes, part: float) -> bytes:
+    """Keep a part of the data of the last scan, and end as a JPEG does."""
+    begin = jpeg.rfind(b'\xff\xda') + 14
+    return jpeg[:begin + int(part * (len(jpeg) - begin))].rstrip(b'\xff') + ENDS
+
+
+OPTIONS = {
+    'baseline': (), 'quality': (cv2.IMWRITE_JPEG_QUALITY, 30),
+    'optimized': (cv2.IMWRITE_JPEG_OPTIMIZE, 1),
+    'restarts': (cv2.IMWRITE_JPEG_RST_INTERVAL, 4),
+    'progressive': (cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+}
+
+
+@pytest.mark.parametrize('kind', OPTIONS)
+@pytest.mark.parametrize('image', [
+    photo(), photo(channels=1), photo(17, 9), photo(1, 1), np.full((64, 64, 3), FILLING, np.uint8),
+    np.full((33, 65), FILLING, np.uint8), np.zeros((480, 640, 3), np.uint8)],
+    ids=['photo', 'mono', 'odd', 'one', 'gray', 'gray mono', 'black'])
+def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
+    jpeg = encoded(image, *OPTIONS[kind])
+    assert jpeg_size(jpeg) == (image.shape[1], image.shape[0])
+    assert jpeg_components(jpeg) == (1 if image.ndim == 2 else 3)
+    assert jpeg[check_jpeg(jpeg):].startswith(ENDS)
+    assert np.array_equal(decode_picture(jpeg), cv2.imdecode(
+        np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+@pytest.mark.parametrize('upright', [False, True])
+@pytest.mark.parametrize('kind', ['baseline', 'quality', 'optimized', 'restarts'])
+@pytest.mark.parametrize('part', [0.0, 0.01, 1 / 3, 0.5, 0.9, 0.97])
+@pytest.mark.parametrize('channels', [1, 3])
+def test_a_scan_that_breaks_off_is_no_picture(
+        kind: str, part: float, channels: int, upright: bool) -> None:
+    jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
+    with pytest.raises(PictureError, match=r'whose end is missing$'):
+        decode_picture(broken_off(jpeg, part), upright)
+
+
+def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
+    jpeg = encoded(photo(), *OPTIONS['restarts'])
+    begin = jpeg.rfind(b'\xff\xda')
+    ends = [place for place in range(begin, len(jpeg) - 2)
+            if jpeg[place] == 0xff and 0xd0 <= jpeg[place + 1] <= 0xd7]
+    assert len(ends) > 8
+    for place in ends:
+        for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
+            with pytest.raises(PictureError, match=r'whose end is missing$'):
+                decode_picture(data)
+
+
+@pytest.mark.parametrize('kind', ['baseline', 'optimized', 'restarts', 'progressive'])
+def test_a_scan_with_too_few_bits_is_refused_without_being_decoded(kind: str) -> None:
+    jpeg = encoded(photo(480, 640), *OPTIONS[kind])
+    begin = jpeg.find(b'\xff\xda') + 14
+    with pytest.raises(JpegError, match=r'whose end is missing$'):
+        check_jpeg(jpeg[:begin] + bytes(20) + ENDS)
+
+
+def test_a_component_without_a_scan_is_missing() -> None:
+    jpeg = encoded(photo())
+    first = jpeg.find(b'\xff\xda')
+    one = jpeg[:first] + b'\xff\xda\0\x08\1\1\0\0\x3f\0' + jpeg[first + 14:]
+    with pytest.raises(JpegError, match=r'whose end is missing$'):
+        check_jpeg(one)
+
+
+@pytest.mark.parametrize(('old', 'new'), [
+    (b'\xff\xc0\0\x11', b'\xff\xc0\0\x10'), (b'\xff\xda\0\x0c', b'\xff\xda\0\x0e'),
+    (b'\xff\xda\0\x0c\3', b'\xff\xda\0\x0c\2'), (b'\xff\xc4\0\x1f', b'\xff\xc4\0\x18'),
+    (b'\xff\xda\0\x0c\3\1', b'\xff\xda\0\x0c\3\7'), (b'\xff\xda', b'\xff\xd8')])
+def test_rubbish_between_head_and_end_is_refused(old: bytes, new: bytes) -> None:
+    jpeg = encoded(photo())
+    check_jpeg(jpeg)
+    damaged = jpeg.replace(old, new, 1)
+    assert damaged != jpeg
+    with pytest.raises(JpegError):
+        check_jpeg(damaged)
+
+
+def test_fill_bytes_and_stray_bytes_before_a_marker_are_passed_over_as_libjpeg_does() -> None:
+    jpeg = encoded(photo())
+    padded = jpeg[:2] + b'\xff\xff\xff' + jpeg[2:-2] + b'\xff\xff' + ENDS
+    assert jpeg_size(padded) == (128, 96)
+    assert np.array_equal(decode_picture(padded), decode_picture(jpeg))

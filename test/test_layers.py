@@ -47,10 +47,12 @@ ALLOWED = {
     'opencv_tools.ros': {
         'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
         'opencv_tools.image', 'opencv_tools.recording', 'opencv_tools.regular_files',
-        'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces',
-        'sensor_msgs', 'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
-    'opencv_tools.robot': {'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib',
-                           'xacro'},
+        'opencv_tools.standard_streams', 'ament_index_python', 'builtin_interfaces',
+        'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs',
+        'tqdm', 'yaml'},
+    'opencv_tools.standard_streams': set(),
+    'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.standard_streams',
+                           'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')

@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 from opencv_tools.pictures import PictureError
 from opencv_tools.recording.payload import Payload, read_payload
 import pytest
@@ -23,10 +26,21 @@ import pytest
 BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
 COMMENT = b'\xff\xfe\x00\x04ab'
 SIZE = b'\x00\x0b\x08\x00\x05\x01\x07\x01\x01\x11\x00'  # 263x5
+SCAN = b'\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00' + bytes(40)
 
 
 def jpeg(*segments: bytes) -> bytes:
-    return b''.join((BEGINS, *segments, ENDS))
+    return b''.join((BEGINS, *segments, SCAN, ENDS))
+
+
+def png(*chunks: tuple[bytes, bytes]) -> bytes:
+    return b'\x89PNG\r\n\x1a\n' + b''.join(
+        struct.pack('>I', len(content)) + kind + content
+        + struct.pack('>I', zlib.crc32(kind + content))
+        for kind, content in (*chunks, (b'IEND', b'')))
+
+
+IHDR = b'IHDR', b'\0\0\1\7\0\0\0\5\x08\0\0\0\0'
 
 
 @pytest.mark.parametrize('marker', [*range(0xc0, 0xd0)])
@@ -73,6 +87,15 @@ def test_other_formats_are_not_looked_into(data: bytes) -> None:
 
 
 def test_a_png_tells_its_size() -> None:
-    header = b'\0\0\0\rIHDR\0\0\1\7\0\0\0\5'
-    png = b'\x89PNG\r\n\x1a\n' + header + b'\0\0\0\0IEND\xaeB`\x82'
-    assert read_payload(png) == Payload(('.png',), 263, 5)
+    assert read_payload(png(IHDR, (b'IDAT', b'x'))) == Payload(('.png',), 263, 5)
+
+
+@pytest.mark.parametrize('data', [
+    png(), png(IHDR), png((b'IDAT', b'x')), png((b'IDAT', b'x'), IHDR),
+    png(IHDR, (b'IDAT', b'x')).replace(b'IDATx', b'IDATy'),
+    png(IHDR)[:-12] + b'rubbish' + png()[-12:],
+    png(IHDR)[:-12] + b'\xff\xff\xff\xffIDAT' + png()[-12:]],
+    ids=['nothing', 'no pixels', 'no header', 'header later', 'sum', 'rubbish', 'long'])
+def test_a_png_with_rubbish_in_it_is_refused(data: bytes) -> None:
+    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a PNG picture .* damaged$'):
+        read_payload(data)

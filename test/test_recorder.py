@@ -122,7 +122,8 @@ def test_every_encoding_is_kept_exactly_or_refused(
     refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be kept',
                              recorder.output))
     assert refused <= set(names) - KEPT[suffix]
-    assert len(refused) == min(20, len(names) - len(KEPT[suffix]))  # then it has said enough
+    # Ten at once, and one a second.
+    assert len(refused) >= min(10, len(names) - len(KEPT[suffix]))
     assert received(recorder) == len(names)
 
 

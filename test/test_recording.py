@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import replace
 import errno
 import fcntl
+import io
 import json
 import os
 from pathlib import Path
@@ -28,6 +29,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from typing import Any
 
 from conftest import DEADLINE, read_manifest, recorded_files
@@ -134,7 +136,7 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
         assert suffix != '.npy'
         return
     assert (content.encoding, content.width, content.height) == (encoding, 8, 10)
-    path.write_bytes(content.data)
+    path.write_bytes(b''.join(content.parts()))
     if suffix == '.npy':
         np.testing.assert_array_equal(np.load(path), image)
         return
@@ -163,7 +165,7 @@ def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
         cv2.cvtColor(image, color))
     array = encode_frame(frame_of(image, encoding), Format('.npy'))
     assert (array.encoding, array.width, array.height) == (encoding, 8, 10)
-    assert array.data[-image.nbytes:] == image.tobytes()
+    assert b''.join(array.parts())[-image.nbytes:] == image.tobytes()
 
 
 @pytest.mark.parametrize(('encoding', 'is_kept'), [
@@ -186,6 +188,87 @@ def test_big_endian_frames_are_kept_by_value() -> None:
     content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), Format('.png'))
     kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(kept, image)
+
+
+LARGE = np.random.default_rng(4).integers(0, 2**16, (1024, 4096, 2), np.uint16)  # 16 MiB
+
+
+@pytest.mark.parametrize('image', [
+    LARGE, LARGE[:, :-1], LARGE[..., 0], LARGE.astype('>u2'), LARGE[..., 0].T, LARGE[::-1],
+    np.zeros((0, 5), np.uint8), np.zeros((5, 0, 3), np.float64), LARGE[:1, :1]],
+    ids=['tight', 'rows', 'channel', 'big-endian', 'turned', 'upside down', 'no row', 'no column',
+         'pixel'])
+def test_an_array_is_written_without_another_one_in_memory(
+        image: np.ndarray, tmp_path: Path) -> None:
+    encoding = f'16UC{image.shape[2] if image.ndim == 3 else 1}'
+    if image.dtype.itemsize != 2:
+        encoding = '8UC1' if image.dtype == np.uint8 else '64FC3'
+    whole = io.BytesIO()
+    np.save(whole, image)
+    files = open_files(tmp_path, FileNames('{seq}.npy'), Format('.npy'), 'continue', Limits(),
+                       sync=False)
+    frame = frame_of(image, encoding)
+    tracemalloc.start()
+    try:
+        prepared = files.prepare(frame)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    path = files.commit(frame, prepared)
+    files.close()
+    assert peak < 3 * 2**20
+    assert path.read_bytes() == whole.getvalue()
+    assert read_manifest(tmp_path)[0]['bytes'] == len(whole.getvalue())
+
+
+def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = open_files(tmp_path, FileNames('{seq}.npy'), Format('.npy'), 'continue', Limits(),
+                       sync=False)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'no room')
+
+    monkeypatch.setattr('opencv_tools.recording.picture_files._write_all', refuse)
+    with pytest.raises(OSError, match='no room'):
+        files.prepare(frame_of(random_image('bgr8'), 'bgr8'))
+    assert not [*tmp_path.glob('.*.part')]
+    files.close()
+
+
+@pytest.mark.parametrize(('kind', 'sentence'), [
+    ('file', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('link', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('loop', 'it is no folder, but a file or a link that leads to none; name another folder'),
+    ('below a loop', 'a link in it leads back to itself; name another folder'),
+    ('long', 'it is too long for the file system; name a folder with a shorter path')])
+def test_a_folder_that_is_none_is_refused_with_what_helps(
+        kind: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / ('a' * 256 if kind == 'long' else 'out')
+    if kind == 'file':
+        path.touch()
+    elif kind != 'long':
+        path.symlink_to(path if 'loop' in kind else path.with_name('nowhere'))
+    if kind == 'below a loop':
+        path /= 'out'
+    with pytest.raises(RecordingError) as raised:
+        open_files(path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync=False)
+    assert str(raised.value).startswith('output_dir ')
+    assert str(raised.value).endswith(f' cannot be used: {sentence}')
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.mp4'])
+def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: Path) -> None:
+    console = Console()
+    names = FileNames('a' * 251 + '{seq}' + suffix)
+    files = open_files(tmp_path, names, Format(suffix), 'continue', Limits(), sync=False)
+    recorder = Recorder(files, console, writers=1)
+    recorder.put(gray_frame(0))
+    recorder.close()
+    assert recorder.account.failed == 1
+    assert [line for line in console.lines if 'too long' in line] == [
+        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the '
+        'file system, which takes 255 as a rule; shorten file_name']
 
 
 def test_what_opencv_cannot_encode_is_refused() -> None:
@@ -233,7 +316,7 @@ def test_a_compressed_frame_is_decoded_for_another_format() -> None:
     image = random_image('bgr8')
     content = encode_frame(compressed('.png', 'png', image), Format('.npy'))
     assert content.encoding == 'bgr8'
-    assert content.data[-image.nbytes:] == image.tobytes()
+    assert b''.join(content.parts())[-image.nbytes:] == image.tobytes()
     jpeg = encode_frame(compressed('.png', 'png', image), Format('.jpg', jpeg_quality=30))
     assert jpeg.data.tobytes() == encode_picture(image, '.jpg', 30).tobytes()
 
@@ -636,8 +719,9 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     assert recorder.account.failed == 0
 
 
+@pytest.mark.parametrize(('suffix', 'parts'), [('.png', 1), ('.npy', 2)])
 def test_what_is_on_the_disk_is_asked_for_before_the_name(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        suffix: str, parts: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
 
     def note(name: str, call: Callable[..., object]) -> Callable[..., object]:
@@ -648,11 +732,11 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
     Folder(tmp_path).write(b'content')
     for sync in (True, False):
         files = open_files(
-            tmp_path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync)
+            tmp_path, FileNames(f'{{seq}}{suffix}'), Format(suffix), 'continue', Limits(), sync)
         recorder = Recorder(files, Console(), writers=1)
         recorder.put(gray_frame(0))
         recorder.close()
-    assert done == ['fsync', 'link', 'link']
+    assert done == [*['fsync'] * parts, 'link', 'link']
 
 
 @pytest.mark.parametrize('number', [

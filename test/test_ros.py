@@ -57,6 +57,7 @@ ALLOWED = {
         'max_frames': (0, BILLION), 'wait_for_subscribers': (0, 1000)},
     'img_subscriber': {
         'output_dir': str, 'file_name': str, 'transport': {'auto', 'raw', 'compressed'},
+        'max_pixels': (1, 2**31),
         'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
         'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),

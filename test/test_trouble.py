@@ -36,12 +36,98 @@ class Console:
     warning = error = info
 
 
-def test_a_reason_is_told_once_and_no_more_than_twenty() -> None:
+class Time:
+    """A clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
+    time_of_test = Time()
+    monkeypatch.setattr(time, 'monotonic', time_of_test)
+    return time_of_test
+
+
+def letters(number: int) -> str:
+    return chr(ord('a') + number // 26) + chr(ord('a') + number % 26)
+
+
+def test_reasons_are_told_once_however_many_there_are(clock: Time) -> None:
     console = Console()
     troubles = Troubles(console)
-    for number in (0, 0, *range(30), 0):
-        troubles.failed(f'reason {number}')
-    assert console.lines == [f'reason {number}' for number in range(20)]
+    for number in range(300):
+        clock.now += 1
+        for _ in range(3):
+            troubles.failed(f'reason {letters(number)}')
+    assert console.lines == [f'reason {letters(number)}' for number in range(300)]
+    troubles.failed('reason aa')  # the first, long ago
+    assert console.lines[-1] == 'reason aa'
+
+
+def test_other_numbers_are_no_other_reason(clock: Time) -> None:
+    console = Console()
+    troubles = Troubles(console)
+    for number in range(30):
+        clock.now += 1
+        troubles.failed(f'{number}x{number} image with step {2 * number}')
+        troubles.outage(f'{number} bytes of {10 * number} were written')
+    assert console.lines == ['0x0 image with step 0', '0 bytes of 0 were written']
+
+
+@pytest.mark.parametrize('name', ['failed', 'outage'])
+def test_no_more_than_a_line_a_second_is_told_for_long(name: str, clock: Time) -> None:
+    console = Console()
+    troubles = Troubles(console)
+    for number in range(600):
+        clock.now += 1 / 60
+        getattr(troubles, name)(f'reason {letters(number)}')
+    assert 18 <= len(console.lines) <= 20  # ten at once, and ten seconds
+    counted = sum(int(line.split()[-2]) for line in console.lines if line.endswith(' more)'))
+    clock.now += 60
+    getattr(troubles, name)('the last reason')
+    last = console.lines[-1]
+    assert last.startswith('the last reason (and ')
+    assert counted + int(last.split()[-2]) + len(console.lines) == 600 + 1
+
+
+def test_an_end_that_may_not_be_told_now_is_told_with_a_later_frame(clock: Time) -> None:
+    console = Console()
+    troubles = Troubles(console)
+    for _ in range(20):
+        troubles.outage('full')
+        troubles.written()
+    assert len(console.lines) == 10
+    assert sum(line.startswith('Writing again') for line in console.lines) == 5
+    clock.now += 1
+    troubles.written()
+    assert console.lines[-1].startswith('Writing again; 15 frames were not written')
+    troubles.written()
+    assert len(console.lines) == 11
+
+
+def test_what_a_library_says_becomes_a_sentence_with_a_remedy() -> None:
+    console = Console()
+    Troubles(console).failed(
+        'a frame was not written: a 65535x1 frame cannot be encoded as .mp4: [Errno 542398533] '
+        'Generic error in an external library: \'avcodec_open2("libx264", {"crf": "23"})\' '
+        'returned 542398533; last error log: [libx264] \x1b[31m')
+    assert console.lines == [
+        'a frame was not written: a 65535x1 frame cannot be encoded as .mp4: Generic error in an '
+        'external library; set the extension of file_name to .png or .npy, which hold any size']
+
+
+def test_what_is_told_is_printable_and_no_longer_than_needed() -> None:
+    console = Console()
+    troubles = Troubles(console)
+    troubles.failed('\x1b[2J' + 'a' * 10**6)
+    troubles.outage('\x1b[2J' + 'b' * 10**6)
+    assert all(line.isprintable() and len(line) <= 400 for line in console.lines)
+    assert len(console.lines) == 2
 
 
 def test_an_outage_is_told_when_it_begins_changes_and_ends() -> None:

@@ -29,6 +29,7 @@ from opencv_tools.capture.device import VideoDevice
 from opencv_tools.capture.frame import CaptureError, UnavailableError
 from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.videodev import MAJOR
+from opencv_tools.image.text import printable
 
 
 @contextmanager
@@ -126,7 +127,8 @@ def _users(name: str) -> str:
         try:
             held = any(file.stat().st_rdev == device for file in (process / 'fd').iterdir())
             if held and process.name != str(os.getpid()):
-                users.append(f'{(process / "comm").read_text().strip()} (pid {process.name})')
+                command = (process / 'comm').read_text(errors='replace')
+                users.append(f'{printable(command.strip())} (pid {process.name})')
         except OSError:
             continue  # it has ended, or is not ours to look at
     return f': {", ".join(users)}' if users else ''

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.videodev import ask, ask_about, ControlType
+from opencv_tools.image.text import printable
 
 _UNUSABLE = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
              | videodev.CONTROL_IS_WRITE_ONLY)
@@ -124,4 +125,4 @@ def _menu(fd: int, query: videodev.ControlQuery) -> Iterator[tuple[int, str]]:
                 raw = bytes(entry)[8:16]
                 yield index, str(int.from_bytes(raw, 'little', signed=True))
             else:
-                yield index, entry.name.decode('latin-1')
+                yield index, printable(entry.name.decode('latin-1'))

@@ -33,6 +33,7 @@ from opencv_tools.capture.controls import changed_controls, Control, list_contro
 from opencv_tools.capture.modes import Mode
 from opencv_tools.capture.offers import list_modes, list_rates, per_second
 from opencv_tools.capture.videodev import ask, ask_about
+from opencv_tools.image.text import printable
 
 # Enough to capture into while one is read and one waits.
 _BUFFERS = 4
@@ -87,7 +88,7 @@ class VideoDevice:
         except OSError:
             os.close(self._fd)
             raise
-        self.card = capability.card.decode('utf-8', 'replace')
+        self.card = printable(capability.card.decode('utf-8', 'replace'))
         has_own = capability.capabilities & videodev.HAS_DEVICE_CAPS
         able = capability.device_caps if has_own else capability.capabilities
         captures = able & (videodev.CAN_CAPTURE | videodev.CAN_CAPTURE_PLANES)

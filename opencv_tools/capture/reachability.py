@@ -19,6 +19,8 @@ from __future__ import annotations
 import socket
 from urllib.parse import urlsplit
 
+from opencv_tools.image.text import printable, without_password
+
 # What FFmpeg opens over TCP, and the port where none is named.
 _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
           'ftp': 21, 'tcp': 0}
@@ -34,19 +36,20 @@ def describe_failure(url: str) -> str:
     :param url: of the stream.
     :returns: a sentence with the host, the port and the reason, as far as they can be known.
     """
+    shown = without_password(url)
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
         if parts.scheme not in _PORTS or not host or not port:
-            return f'{url} cannot be opened as a video: it is not reachable, or sends no video'
+            return f'{shown} cannot be opened as a video: it is not reachable, or sends no video'
         socket.create_connection((host, port), _ANSWER_SECONDS).close()
     except ValueError as err:
-        return f'{url} is not a URL: {err}'
+        return f'{shown} is not a URL: {printable(err)}'
     except TimeoutError:
         reason = f'no answer in {_ANSWER_SECONDS:g} s'
     except OSError as err:
         reason = err.strerror or str(err)
     else:
-        return (f'{url} cannot be opened as a video: {host} port {port} is reachable, '
-                'but sends no video that can be read')
-    return f'{url} is not reachable: {host} port {port}: {reason}'
+        return (f'{shown} cannot be opened as a video: {printable(host)} port {port} is '
+                'reachable, but sends no video that can be read')
+    return f'{shown} is not reachable: {printable(host)} port {port}: {reason}'

@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
-from opencv_tools.image.errors import EncodingError
-from opencv_tools.image.jpeg import read_jpeg_header
+from opencv_tools.image.jpeg import jpeg_components, JpegError
 from opencv_tools.image.orientation import orient
 from opencv_tools.pictures import convert_picture, decode_picture, encode_picture
 
@@ -128,8 +127,8 @@ class Rendition:
     @cached_property
     def _is_gray_jpeg(self) -> bool:
         try:
-            return read_jpeg_header(self._frame.image).components == 1
-        except EncodingError:
+            return jpeg_components(self._frame.image.tobytes()) == 1
+        except JpegError:
             return False  # whoever decodes it will find out
 
     @cached_property

@@ -24,6 +24,7 @@ from typing import Literal
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
 from opencv_tools.image.encodings import picture_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.pictures import decode_picture
 from opencv_tools.regular_files import read_regular
 
@@ -55,9 +56,9 @@ class PictureSequence:
         :raises CaptureError: there is no file.
         """
         if not paths:
-            raise CaptureError(f'there is no picture in {name}; '
+            raise CaptureError(f'there is no picture in {printable(name, MAX_PATH)}; '
                                f'pictures end in {", ".join(sorted(PICTURE_SUFFIXES))}')
-        self.name = name
+        self.name = printable(name, MAX_PATH)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
         self._paths = tuple(paths)
         self._next = 0
@@ -70,14 +71,15 @@ class PictureSequence:
         if self._next >= len(self._paths):
             return None
         path = self._paths[self._next]
+        shown = printable(path, MAX_PATH)
         self._next += 1
         try:
             image = decode_picture(read_regular(path, _FILE_BYTES), upright=True)
             return Frame(image, picture_encoding(image).name)
         except OSError as err:
-            raise BrokenFrameError(f'{path} cannot be read: {err.strerror}') from err
+            raise BrokenFrameError(f'{shown} cannot be read: {err.strerror}') from err
         except ImageError as err:
-            raise BrokenFrameError(f'{path} cannot be read: {err}') from err
+            raise BrokenFrameError(f'{shown} cannot be read: {err}') from err
 
     def rewind(self) -> None:
         self._next = 0

@@ -32,6 +32,7 @@ from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, Pictu
 from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2 import CameraSource
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import describe_kind
 
 # How much of a name has to be as in ``pattern`` for it to be mistyped: 0.0 nothing, 1.0 all.
@@ -139,6 +140,7 @@ def _open_url(url: str, timeout: float) -> Source:
 
 def _open_path(path: Path) -> Source:
     """Open what lies at a path: a folder, a picture, a video, or a glob of pictures."""
+    shown = printable(path, MAX_PATH)
     try:
         mode = path.stat().st_mode
     except OSError as err:
@@ -146,15 +148,15 @@ def _open_path(path: Path) -> Source:
         if matches:
             return PictureSequence(_pictures(matches), str(path))
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
-        raise CaptureError(f'{path} cannot be opened: {err.strerror}{hint}') from err
+        raise CaptureError(f'{shown} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
-        raise CaptureError(f'no permission to read {path}')
+        raise CaptureError(f'no permission to read {shown}')
     if stat.S_ISDIR(mode):
         return PictureSequence(_pictures(path.iterdir()), str(path))
     is_picture = path.suffix.lower() in PICTURE_SUFFIXES
     kind = describe_kind(mode)
     if kind and (is_picture or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
-        raise CaptureError(f'{path} is {kind}: give a file or a folder')
+        raise CaptureError(f'{shown} is {kind}: give a file or a folder')
     if is_picture:
         return PictureSequence([path], str(path))
     return VideoSource(str(path), open_video(str(path)))

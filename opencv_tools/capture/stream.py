@@ -23,6 +23,7 @@ from typing import Literal
 import cv2
 from opencv_tools.capture.frame import BrokenFrameError, Frame, UnavailableError
 from opencv_tools.capture.video import describe_video, video_rate
+from opencv_tools.image.text import without_password
 
 
 class StreamSource:
@@ -37,7 +38,7 @@ class StreamSource:
         :param url: where it is.
         :param capture: the same from ``open_video``.
         """
-        self.name = url
+        self.name = without_password(url)
         self.rate = video_rate(capture)
         self.description = describe_video(capture)
         self.missed = 0

@@ -23,6 +23,7 @@ from typing import Literal
 import cv2
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MAX_RATE
 from opencv_tools.capture.reachability import describe_failure
+from opencv_tools.image.text import MAX_PATH, printable, without_password
 
 # Files of these kinds have a list of their frames; of others OpenCV guesses how many there are.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
@@ -40,7 +41,8 @@ class VideoSource:
         :param location: a file's path, or the URL of one on a web server.
         :param capture: the same from ``open_video``.
         """
-        self.name = location
+        self._location = location
+        self.name = without_password(location)
         self._capture = capture
         self.rate = video_rate(capture)
         self.description = describe_video(capture)
@@ -70,7 +72,7 @@ class VideoSource:
     def rewind(self) -> None:
         # Opening again is exact for every container; seeking to frame 0 is not.
         self._capture.release()
-        self._capture = open_video(self.name)
+        self._capture = open_video(self._location)
         self._number = 0
 
     def close(self) -> None:
@@ -101,7 +103,7 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
     capture = cv2.VideoCapture(location, cv2.CAP_FFMPEG, options)
     if not capture.isOpened():
         raise CaptureError(describe_failure(location) if '://' in location else
-                           f'{location} cannot be opened as a video: '
+                           f'{printable(location, MAX_PATH)} cannot be opened as a video: '
                            'it is damaged or not a video')
     return capture
 

@@ -24,10 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.text import printable
 
 _GENERIC = re.compile(r'(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]{1,3}))?')
 _GENERIC_DESIRED = re.compile(r'(?:8|16|32|64)[USF]C([0-9]{0,9})')
 _MAX_CHANNELS = 512  # CV_CN_MAX of OpenCV 4
+_MAX_NAME = 80  # of a name that is not known, in an error
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ def find_encoding(name: str) -> Encoding:
     generic = _GENERIC.fullmatch(name)
     channels = int(generic[2] or 1) if generic else 0
     if not generic or not 1 <= channels <= _MAX_CHANNELS:
-        raise EncodingError(f'Unrecognized image encoding [{name[:80]}]')
+        raise EncodingError(f'Unrecognized image encoding [{printable(name, _MAX_NAME)}]')
     return Encoding(name, DEPTHS[generic[1]], channels)
 
 
@@ -145,7 +147,7 @@ def find_desired(name: str) -> Encoding:
         return ENCODINGS[name]
     generic = _GENERIC_DESIRED.fullmatch(name)
     if not generic:
-        raise EncodingError(f'Unknown encoding {name[:80]}')
+        raise EncodingError(f'Unknown encoding {printable(name, _MAX_NAME)}')
     if _GENERIC.fullmatch(name):
         return find_encoding(name)
     return Encoding(name, '', int(generic[1] or 1))

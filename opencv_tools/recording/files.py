@@ -17,10 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import errno
 from pathlib import Path
 import time
 from typing import Any
 
+from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
@@ -31,6 +33,14 @@ from opencv_tools.recording.video import check_video, FORMATS as VIDEO_FORMATS
 from opencv_tools.recording.video_files import VideoFiles
 from opencv_tools.recording.video_picture import VideoError
 from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
+
+
+# What helps against errors of a folder whose own words name no cure.
+_REMEDIES = {
+    errno.EEXIST: 'it is no folder, but a file or a link that leads to none; name another folder',
+    errno.ELOOP: 'a link in it leads back to itself; name another folder',
+    errno.ENAMETOOLONG: 'it is too long for the file system; name a folder with a shorter path',
+}
 
 
 def check_format(suffix: str) -> None:
@@ -75,15 +85,31 @@ def open_files(
             check_video()
     except VideoError as err:
         raise RecordingError(str(err)) from err
-    folder = Folder(path, sync)
+    folder = _open_folder(path, sync)
     try:
         numbering = Numbering(names, folder, on_exists)
         if is_video:
             return VideoFiles(folder, numbering, wanted, limits, monotonic)
-        return PictureFiles(folder, numbering, wanted, limits)
+        return PictureFiles(folder, numbering, wanted, limits, sync)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
     except RecordingError:
         folder.close()
         raise
+
+
+def _open_folder(path: Path, sync: bool) -> Folder:
+    """
+    Open a folder.
+
+    :raises RecordingError: it cannot be used; the message says what helps.
+    """
+    try:
+        return Folder(path, sync)
+    except RecordingError as err:
+        number = getattr(err.__cause__, 'errno', None)
+        if number not in _REMEDIES:
+            raise
+        raise RecordingError(
+            f'output_dir {printable(path)} cannot be used: {_REMEDIES[number]}') from err

@@ -23,6 +23,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 from opencv_tools.image.compressed import stored_encoding
+from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.pictures import decode_picture
 from opencv_tools.recording.naming import Labels
 
@@ -67,9 +68,11 @@ class CompressedFrame(ReceivedFrame):
     A frame as the content of a picture file; its encoding is the format of the message.
 
     :param data: a buffer of bytes that nobody writes to any more.
+    :param max_pixels: more than so many are not decoded.
     """
 
     data: Any
+    max_pixels: int = MAX_PIXELS
 
     def decode(self) -> RawFrame:
         """
@@ -77,7 +80,7 @@ class CompressedFrame(ReceivedFrame):
 
         :raises ImageError: the data are no picture that can be read.
         """
-        image = decode_picture(self.data)
+        image = decode_picture(self.data, max_pixels=self.max_pixels)
         encoding = stored_encoding(image, self.encoding)
         return RawFrame(self.stamp_ns, self.frame_id, encoding.name, self.topic, self.receive_ns,
                         image, arrival_ns=self.arrival_ns)

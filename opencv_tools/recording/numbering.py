@@ -19,12 +19,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import errno
 import itertools
+import os
 from typing import TypeVar
 
+from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
 
 T = TypeVar('T')
+
+_SHOWN = 40  # characters of a name that is too long
 
 #: What is done about files that are there already.
 ON_EXISTS = ('continue', 'error', 'overwrite')
@@ -49,8 +53,8 @@ class Numbering:
         taken = [name for name in folder.names() if names.matches(name)]
         if taken and self._only_free:
             raise RecordingError(
-                f'output_dir {folder.path} has {min(taken)} already; name another folder, '
-                'or set on_exists to continue or overwrite')
+                f'output_dir {folder.path} has {printable(min(taken))} already; '
+                'name another folder, or set on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
 
@@ -73,6 +77,13 @@ class Numbering:
                 made = make(seq, name)
             except FileExistsError:
                 continue
+            except OSError as err:
+                if err.errno != errno.ENAMETOOLONG:
+                    raise
+                raise OSError(
+                    err.errno, f'{printable(name, _SHOWN)} is a name of {len(os.fsencode(name))} '
+                    'bytes, too long for the file system, which takes 255 as a rule; '
+                    'shorten file_name') from err
             self._seq += 1
             return made
         raise FileExistsError(errno.EEXIST, f'{name} is there already')

@@ -19,12 +19,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 import struct
 from typing import Any
+import zlib
 
-from opencv_tools.image.errors import EncodingError
-from opencv_tools.image.jpeg import read_jpeg_header
-from opencv_tools.pictures import is_cut_off, JPEG_BEGINS, PictureError
+from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
+from opencv_tools.image.picture_size import PNG_BEGINS
+from opencv_tools.pictures import check_whole, PictureError
 
-_PNG_BEGINS, _PNG_ENDS = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
+_PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
+_CHUNK_BYTES = 12  # beside its content
 
 
 @dataclass(frozen=True)
@@ -48,17 +50,41 @@ def read_payload(data: Any) -> Payload:
 
     :param data: a buffer with its bytes.
     :returns: the format and the size, where it is PNG or JPEG.
-    :raises PictureError: it is one of these, but not a whole one.
+    :raises PictureError: it is one of these, but not a whole one: the sums of a PNG say so, or
+        the markers of a JPEG, whose pixels are not decoded.
     """
     content = bytes(data)
-    try:
-        if content.startswith(_PNG_BEGINS) and content.endswith(_PNG_ENDS):
-            return Payload(('.png',), *struct.unpack_from('>II', content, 16))
-        if content.startswith(JPEG_BEGINS) and not is_cut_off(content):
-            header = read_jpeg_header(content)
-            return Payload(('.jpg', '.jpeg'), header.width, header.height)
-    except (struct.error, EncodingError) as err:
-        raise PictureError(f'{len(content)} bytes of a picture without a size') from err
-    if content.startswith((_PNG_BEGINS, JPEG_BEGINS)):
-        raise PictureError(f'{len(content)} bytes of a picture whose end is missing')
+    if content.startswith(PNG_BEGINS):
+        return Payload(('.png',), *_check_png(content))
+    if content.startswith(JPEG_BEGINS):
+        check_whole(content)
+        return Payload(('.jpg', '.jpeg'), *jpeg_size(content))
     return Payload(())
+
+
+def _check_png(png: bytes) -> tuple[int, int]:
+    """
+    Check that each chunk of a PNG is whole.
+
+    :returns: width and height.
+    :raises PictureError: one is not, or those are missing that every PNG has.
+    """
+    if not png.endswith(_PNG_ENDS):
+        raise PictureError(f'{len(png)} bytes of a picture whose end is missing')
+    view = memoryview(png)
+    position, kinds = len(PNG_BEGINS), set()
+    try:
+        while position < len(png):
+            length, kind = struct.unpack_from('>I4s', png, position)
+            ends = position + _CHUNK_BYTES + length
+            if struct.unpack_from('>I', png, ends - 4)[0] != zlib.crc32(
+                    view[position + 4:ends - 4]):
+                raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged')
+            kinds.add(kind)
+            position = ends
+        if not {b'IHDR', b'IDAT', b'IEND'} <= kinds or png[12:16] != b'IHDR':
+            raise struct.error('chunks are missing')
+        width, height = struct.unpack_from('>II', png, 16)
+    except struct.error as err:
+        raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged') from err
+    return width, height

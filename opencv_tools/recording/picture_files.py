@@ -19,7 +19,9 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import hashlib
+import os
 from pathlib import Path
+from typing import BinaryIO
 
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import Frame
@@ -60,6 +62,7 @@ class PictureFiles:
 
     def __init__(
         self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
+        sync: bool = False,
     ) -> None:
         """
         Take account of the files that are there.
@@ -68,12 +71,14 @@ class PictureFiles:
         :param numbering: finds their names.
         :param wanted: what frames become.
         :param limits: how much is kept.
+        :param sync: have each file on the disk before it gets its name, as the folder has.
         :raises OSError: the account of earlier files cannot be read.
         """
         self.standing = Standing()
         self._folder = folder
         self._numbering = numbering
         self._wanted = wanted
+        self._sync = sync
         self._loses_files = limits.ring or numbering.replaces
         self._stale_lines = 0
         self._compact()
@@ -91,10 +96,24 @@ class PictureFiles:
         :raises OSError: it cannot be written.
         """
         content = encode_frame(frame, self._wanted)
-        data = memoryview(content.data).cast('B')
-        digest = hashlib.sha256(data).hexdigest()
+        parts = content.parts()
+        data = next(parts)
+        digest, size = hashlib.sha256(data), data.nbytes
         temporary = self._folder.write(data)
-        return PreparedPicture(temporary, replace(content, data=b''), data.nbytes, digest)
+        try:
+            if content.array is not None:
+                with temporary.open('ab', buffering=0) as file:
+                    for part in parts:
+                        digest.update(part)
+                        size += part.nbytes
+                        _write_all(file, part)
+                    if self._sync:
+                        os.fsync(file.fileno())
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+        return PreparedPicture(
+            temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
 
     def commit(self, frame: Frame, picture: PreparedPicture) -> Path:
         """
@@ -140,3 +159,9 @@ class PictureFiles:
             self._folder.manifest.compact(
                 lambda entry: not self._numbering.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)
+
+
+def _write_all(file: BinaryIO, part: memoryview) -> None:
+    rest = part
+    while rest:
+        rest = rest[file.write(rest):]  # a disk that fills up takes a part

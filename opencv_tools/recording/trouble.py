@@ -16,12 +16,26 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+import re
 from threading import Lock
 import time
 from typing import Protocol
 
-# A hostile publisher can go wrong in ever new ways.
-_MAX_REASONS = 20
+from opencv_tools.image.text import printable
+
+_MAX_REASONS = 20  # that are remembered
+_MAX_REASON = 400  # characters
+# Lines that may follow each other at once, and how many a second may follow for ever.
+_BURST = 10
+_LINES_A_SECOND = 1.0
+# What FFmpeg's errors look like: '[Errno 542398533] Generic error: 'detail'; last error log: ...'.
+_LIBRARY_ERROR = re.compile(r"\[Errno -?[0-9]+\] ([^:'\"]+)(?:: '.*)?", re.DOTALL)
+_FFMPEG_ERROR = re.compile(r'\[Errno -?[0-9]{5,}\]')
+# A number or a size; bgr8 and 32FC1 are names.
+_NUMBER = re.compile(r'\b[0-9]+(?:x[0-9]+)?\b')
+_NOT_LOGGED = '-'  # the outage of frames whose reason was left out
+_FFMPEG_REMEDY = '; set the extension of file_name to .png or .npy, which hold any size'
 
 
 class Log(Protocol):
@@ -38,48 +52,106 @@ class Log(Protocol):
 
 
 class Troubles:
-    """Say what failed when it begins and when it is over; more than one thread may call."""
+    """
+    Log what failed when it begins and when it is over; more than one thread may call.
+
+    Reasons that differ in their numbers only are one. However many there are, a few lines may
+    follow each other at once, and one a second. The next line counts those that were left out.
+    """
 
     def __init__(self, log: Log) -> None:
         """Expect no trouble."""
         self._log = log
         self._lock = Lock()
-        self._reasons: set[str] = set()
+        self._reasons: OrderedDict[str, None] = OrderedDict()
         self._outage = ''
         self._failed_since = 0
+        self._left_out = 0
+        self._allowed = float(_BURST)
+        self._allowed_at = time.monotonic()
 
     def failed(self, reason: str) -> None:
         """
-        Take note of a frame that nothing can be made of.
+        Count a frame that nothing can be made of.
 
-        :param reason: why; it is said once, for the next such frame is no better.
+        :param reason: why; it is logged once, for the next such frame is no better, and again when
+            many other reasons came in between.
         """
+        key = _cause(reason)
         with self._lock:
-            if reason in self._reasons or len(self._reasons) >= _MAX_REASONS:
+            if key in self._reasons:
+                self._reasons.move_to_end(key)
                 return
-            self._reasons.add(reason)
-        self._log.error(reason)
+            line = self._line(reason)
+            if line:
+                self._reasons[key] = None
+                if len(self._reasons) > _MAX_REASONS:
+                    self._reasons.popitem(last=False)
+        if line:
+            self._log.error(line)
 
     def outage(self, reason: str) -> None:
         """
-        Take note of a frame that could not be written.
+        Count a frame that could not be written.
 
-        :param reason: why; it is said again when it changes, or when it comes back.
+        :param reason: why; it is logged again when it changes, or when it comes back.
         """
+        key = _cause(reason)
+        line = ''
         with self._lock:
             self._failed_since += 1
-            is_new = reason != self._outage
-            self._outage = reason
-        if is_new:
-            self._log.error(reason)
+            if key != self._outage:
+                line = self._line(reason)
+                # One that was left out is new when it comes again.
+                self._outage = key if line else self._outage or _NOT_LOGGED
+        if line:
+            self._log.error(line)
 
     def written(self) -> None:
-        """Take note of a frame that was written: what kept others from it is over."""
+        """Log that a frame was written: what kept others from it is over."""
         if not self._outage:
             return
         with self._lock:
+            if not self._outage:
+                return
             count, self._failed_since, self._outage = self._failed_since, 0, ''
-        self._log.info(f'Writing again; {count} frames were not written')
+            line = self._line(f'Writing again; {count} frames were not written')
+            if not line:  # the next frame tells
+                self._failed_since, self._outage = count, _NOT_LOGGED
+                self._left_out -= 1
+        if line:
+            self._log.info(line)
+
+    def _line(self, reason: str) -> str:
+        """Return a line to log, '' when there were too many; the caller has the lock."""
+        now = time.monotonic()
+        self._allowed = min(
+            float(_BURST), self._allowed + (now - self._allowed_at) * _LINES_A_SECOND)
+        self._allowed_at = now
+        if self._allowed < 1:
+            self._left_out += 1
+            return ''
+        self._allowed -= 1
+        left_out, self._left_out = self._left_out, 0
+        return plain_reason(reason) + (f' (and {left_out} more)' if left_out else '')
+
+
+def plain_reason(reason: str) -> str:
+    """
+    Write a reason in one printable line, without what only programmers of a library understand.
+
+    :param reason: a sentence that may end in an error of FFmpeg.
+    :returns: the sentence with the words of the error, and what helps.
+    """
+    plain = _LIBRARY_ERROR.sub(lambda found: found[1].strip(), reason)
+    if _FFMPEG_ERROR.search(reason):
+        plain += _FFMPEG_REMEDY
+    return printable(plain, _MAX_REASON)
+
+
+def _cause(reason: str) -> str:
+    """Return what reasons have in common that differ in their numbers."""
+    return _NUMBER.sub('0', reason[:_MAX_REASON])
 
 
 class Throttle:

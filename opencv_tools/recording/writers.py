@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 import io
 from typing import Any
@@ -36,6 +37,7 @@ class UnwritableError(ImageError):
 
 
 _ANYTHING = '.npy'
+_PART_BYTES = 2**20
 
 #: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
 FORMATS = {
@@ -76,16 +78,31 @@ class Content:
     """
     The content of a file.
 
-    :param data: a buffer of its bytes.
+    :param data: a buffer of its bytes, or of those that ``array`` follows.
     :param encoding: of what is in it: the frame's own, or what it was converted to.
     :param width: of the picture, in pixels.
     :param height: of the picture, in pixels.
+    :param array: numbers that follow the data, row by row; not copied, for they are many.
     """
 
     data: Any
     encoding: str
     width: int
     height: int
+    array: NDArray[Any] | None = None
+
+    def parts(self) -> Iterator[memoryview]:
+        """Yield buffers of all bytes; rows that are not tight are copied a few at a time."""
+        yield memoryview(self.data).cast('B')
+        if self.array is None or not self.array.size:
+            return
+        if self.array.flags.c_contiguous:
+            yield self.array.reshape(-1).view(np.uint8).data
+            return
+        rows = max(1, _PART_BYTES * len(self.array) // self.array.nbytes)
+        for begin in range(0, len(self.array), rows):
+            part = np.ascontiguousarray(self.array[begin:begin + rows])
+            yield part.reshape(-1).view(np.uint8).data
 
 
 def able_formats(type_name: str) -> str:
@@ -116,9 +133,11 @@ def _encode_image(frame: RawFrame, wanted: Format) -> Content:
     image, encoding = frame.image, find_encoding(frame.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
     if wanted.suffix == _ANYTHING:
-        file = io.BytesIO()
-        np.save(file, image)
-        return Content(file.getbuffer(), encoding.name, width, height)
+        header = np.lib.format.header_data_from_array_1_0(image)
+        head = io.BytesIO()
+        np.lib.format.write_array_header_1_0(head, header)
+        return Content(head.getbuffer(), encoding.name, width, height,
+                       image.T if header['fortran_order'] else image)
     if wanted.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target

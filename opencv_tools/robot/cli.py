@@ -27,6 +27,8 @@ import signal
 import sys
 from typing import NoReturn, TYPE_CHECKING
 
+from opencv_tools.standard_streams import open_standard_streams
+
 if TYPE_CHECKING:
     from opencv_tools.robot.read import Choices
     from opencv_tools.robot.report import Report
@@ -251,6 +253,7 @@ def _choices(options: argparse.Namespace) -> Choices:
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
          command: Callable[[argparse.Namespace, Report], int]) -> int:
     """Run a command, say on standard error what it reports, and give its exit status."""
+    open_standard_streams()
     options = parser.parse_args(argv)
     from opencv_tools.robot.report import Report
     from opencv_tools.robot.xml import DescriptionError

@@ -21,6 +21,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.image.text import printable
 from opencv_tools.regular_files import read_regular
 from opencv_tools.ros.parameters import Parameter, ParameterError
 import yaml
@@ -130,7 +131,7 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     :raises ParameterError: it has parameters for others only.
     """
     try:
-        sections = [name for name, _ in parameter_sections(load_parameters(path))]
+        sections = [printable(name) for name, _ in parameter_sections(load_parameters(path))]
     except _LOAD_ERRORS:
         return ''  # which rcl says, or reads all the same
     last = {name: name.rpartition('/')[2] for name in sections}

@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import re
 from typing import Any
 
+from opencv_tools.image.text import printable
 from opencv_tools.ros.messages import FrameMessage, read_compressed_image, read_image
 from opencv_tools.ros.other_users import find_other_user
 from opencv_tools.ros.qos import qos_mismatch
@@ -39,6 +41,7 @@ FRAME_TYPES: dict[str, tuple[Any, Callable[[Any], FrameMessage]]] = {
 }
 
 _NAMED_TOPICS = 5
+_NAME = re.compile(r'/[A-Za-z0-9_/]+')
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
@@ -100,7 +103,7 @@ class FrameSources:
             if found:
                 return self._describe_other(source, other, found[0])
         if publishers:
-            return (f'{topic} has a publisher of type {publishers[0].topic_type} '
+            return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
                     f'({_describe_node(publishers[0])}), not {source.type_name}; '
                     f'{self._describe_images()}')
         return f'no publisher on {topic}; {self._describe_images()}'
@@ -128,6 +131,8 @@ class FrameSources:
         """Find the topics where images are published, with their types, in order."""
         found = {}
         for name, types in sorted(self._node.get_topic_names_and_types()):
+            if not _NAME.fullmatch(name):
+                continue  # of no node of ROS, which cannot be received
             if not FRAME_TYPES.keys().isdisjoint(types):  # which subscriptions have as well
                 published = {
                     info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
@@ -185,9 +190,9 @@ def _describe_silent(
 def _describe_node(info: TopicEndpointInfo) -> str:
     if info.node_name == _UNKNOWN_NODE:
         return 'which is no node of ROS'
-    return f'node {info.node_namespace.rstrip("/")}/{info.node_name}'
+    return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
 
 
 def _enumerate(names: Sequence[str]) -> str:
     more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
-    return ', '.join(names[:_NAMED_TOPICS]) + more
+    return ', '.join(map(printable, names[:_NAMED_TOPICS])) + more

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import difflib
 from typing import Any
 
+from opencv_tools.image.text import printable, without_password
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult,
 )
@@ -102,7 +103,7 @@ class Parameter:
         if isinstance(self.default, bool):
             if value in (False, True):  # and 0 and 1
                 return bool(value)
-            raise ParameterError(f'parameter {self.name} is {value!r}: give true or false '
+            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give true or false '
                                  f'({self.description})')
         if self.choices:
             return self._accept_choice(value)
@@ -111,28 +112,33 @@ class Parameter:
         if not numeric or not self.minimum <= value <= self.maximum:
             noun = 'a number' if kind is float else 'a whole number'
             raise ParameterError(
-                f'parameter {self.name} is {value!r}: give {noun} '
+                f'parameter {self.name} is {_shown(value)}: give {noun} '
                 f'from {self.minimum:.15g} to {self.maximum:.15g} ({self.description})')
         return kind(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ParameterError(f'parameter {self.name} is {value!r}: give a text '
+            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give a text '
                                  f'({self.description})')
         text = str(self._accept_choice(str(value)))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
-                raise ParameterError(f'parameter {self.name} is {text!r}: {err}') from err
+                raise ParameterError(f'parameter {self.name} is {_shown(text)}: {err}') from err
         return text
 
     def _accept_choice(self, value: Any) -> str | int:
         if self.choices and value not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {value!r}: give one of '
+            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give one of '
                                  f'{", ".join(repr(choice) for choice in self.choices)}')
         chosen: str | int = value
         return chosen
+
+
+def _shown(value: object) -> str:
+    """Write a value as it may be printed: a source may have a password in it."""
+    return without_password(repr(value))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
@@ -151,7 +157,7 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
     for name in unknown_parameters(node, table):
         meant = closest_name(name, known)
         if meant and known[meant].ends:
-            raise ParameterError(f'there is no parameter {name}: did you mean {meant}?')
+            raise ParameterError(f'there is no parameter {printable(name)}: did you mean {meant}?')
     return values
 
 
@@ -190,7 +196,7 @@ def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
     names = [parameter.name for parameter in table]
     close = closest_name(name, names)
     hint = f'did you mean {close}?' if close else f'there are {", ".join(names)}'
-    return f'unknown parameter {name} is not used; {hint}'
+    return f'unknown parameter {printable(name)} is not used; {hint}'
 
 
 def watch_parameters(

@@ -16,8 +16,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
+from opencv_tools.image.text import printable
 from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
@@ -28,6 +32,7 @@ _MAX_TEXT = 40  # of what a message says of itself, on the console
 
 def message_to_frame(
     bridge: CvBridge, message: FrameMessage, topic: str, receive_ns: int,
+    max_pixels: int = MAX_PIXELS,
 ) -> Frame:
     """
     Make a frame of a message, without a copy of its data.
@@ -36,8 +41,10 @@ def message_to_frame(
     :param message: an image, or a compressed one.
     :param topic: where it came from.
     :param receive_ns: when it came, in nanoseconds of the system's clock.
-    :returns: the frame, a view of the message.
+    :param max_pixels: how many it may have.
+    :returns: the frame, a view of the message; a compressed one is not decoded.
     :raises CvBridgeError: it is no image.
+    :raises SizeError: it has more pixels.
     """
     if isinstance(message, WireHeader):
         stamp, frame_id = message, message.frame_id
@@ -45,14 +52,31 @@ def message_to_frame(
         stamp, frame_id = message.header.stamp, message.header.frame_id
     stamp_ns = stamp.sec * NANO + stamp.nanosec
     if isinstance(message, (WireCompressedImage, CompressedImage)):
+        _check_size(*_size_told(message.data), max_pixels)
         return CompressedFrame(
-            stamp_ns, frame_id, message.format, topic, receive_ns, message.data)
+            stamp_ns, frame_id, message.format, topic, receive_ns, message.data, max_pixels)
+    _check_size(message.width, message.height, max_pixels)
     return RawFrame(stamp_ns, frame_id, message.encoding, topic, receive_ns,
                     bridge.imgmsg_to_cv2(message))
+
+
+def _size_told(data: Any) -> tuple[int, int]:
+    """Read the size of a picture, 0 by 0 of one that tells none, which is not decoded either."""
+    try:
+        return picture_size(bytes(data))
+    except SizeError:
+        return 0, 0
+
+
+def _check_size(width: int, height: int, max_pixels: int) -> None:
+    try:
+        check_size(width, height, max_pixels)
+    except SizeError as err:
+        raise SizeError(f'{err}; raise the parameter max_pixels to receive it') from err
 
 
 def describe_message(message: FrameMessage) -> str:
     """Say in a few words what a message has in it."""
     if isinstance(message, (WireCompressedImage, CompressedImage)):
-        return f'{len(message.data)} bytes {message.format[:_MAX_TEXT]}'
-    return f'{message.width}x{message.height} {message.encoding[:_MAX_TEXT]}'
+        return f'{len(message.data)} bytes {printable(message.format, _MAX_TEXT)}'
+    return f'{message.width}x{message.height} {printable(message.encoding, _MAX_TEXT)}'

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.recording.files import check_format, open_files
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.naming import FileNames
@@ -56,6 +57,8 @@ PARAMETERS = (
               'and .mp4, .mkv and .avi are videos', check=_check_file_name, fixed=True),
     Parameter('transport', 'auto', 'which topic is received; auto takes the compressed one where '
               'there is no other', choices=TRANSPORTS, fixed=True),
+    Parameter('max_pixels', MAX_PIXELS, 'a frame with more is refused before it is decoded',
+              minimum=1, maximum=2**31, fixed=True),
     Parameter('mode', 'continuous', 'write every frame, or one for each call of ~/save',
               choices=MODES, fixed=True),
     Parameter('convert', 'auto', 'bayer and yuv frames to colour where pictures are written',

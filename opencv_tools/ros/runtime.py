@@ -31,6 +31,7 @@ from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
 from opencv_tools.ros.transport import HELP, Transport, transport_for_frames
+from opencv_tools.standard_streams import open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -104,6 +105,7 @@ def run(
         its job.
     :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
     """
+    open_standard_streams()
     logger = get_logger(program.name)
     args = list(sys.argv if args is None else args)
     signals = _Signals()

@@ -19,6 +19,8 @@ from __future__ import annotations
 from pathlib import Path
 import time
 
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.recording.trouble import plain_reason
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -88,7 +90,8 @@ class SaveRequests:
         outcome = await request
         self._node.destroy_timer(patience)
         response.success = isinstance(outcome, Path)
-        response.message = str(outcome)
+        response.message = (printable(outcome, MAX_PATH) if response.success
+                            else plain_reason(str(outcome)))
         self._unanswered -= 1
         return response
 

@@ -1,0 +1,184 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The size of a picture as its header tells it, before anything is decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import re
+import struct
+
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
+
+PNG_BEGINS = b'\x89PNG\r\n\x1a\n'
+#: Pixels of a picture that is decoded, unless another number is asked for.
+MAX_PIXELS = 2**27
+
+_HEADER_BYTES = 65536  # of those formats whose header is a text
+_MAX_PLACES = 100  # where a format may tell a size
+_BLANK = rb'(?:\s|#[^\r\n]*[\r\n])+'
+_PNM = re.compile(rb'P[1-6Ff]' + _BLANK + rb'([0-9]{1,9})' + _BLANK + rb'([0-9]{1,9})\s')
+_PAM = re.compile(rb'(WIDTH|HEIGHT)\s+([0-9]{1,9})\s')
+_RADIANCE = re.compile(rb'[-+][XY]\s+([0-9]{1,9})\s+[-+][XY]\s+([0-9]{1,9})\s')
+_JPEG_2000 = re.compile(rb'\xff\x4f\xff\x51')
+_AVIF = re.compile(rb'ispe')
+_EXR = re.compile(rb'(?:dataWindow|displayWindow)\0box2i\0')
+_TIFF_NUMBERS = {1: 'B', 3: 'H', 4: 'I', 16: 'Q'}
+# Width and height of the picture, and of its tiles, which may be larger.
+_TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
+
+
+class SizeError(ImageError):
+    """A picture whose size is not known, or too large; the message says why."""
+
+
+def picture_size(content: bytes) -> tuple[int, int]:
+    """
+    Read the size of a picture.
+
+    :param content: a picture file of a kind that OpenCV reads.
+    :returns: width and height; the largest, where the file tells several.
+    :raises SizeError: it is no such file, or tells no size.
+    """
+    for begins, read in _READERS:
+        if begins.match(content):
+            try:
+                width, height = read(content)
+            except (struct.error, ValueError, ImageError) as err:
+                raise SizeError(f'{len(content)} bytes of a picture without a size') from err
+            if width > 0 and height > 0:
+                return width, height
+            raise SizeError(f'{len(content)} bytes of a picture without a size')
+    raise SizeError(f'{len(content)} bytes are not a picture that OpenCV can read')
+
+
+def check_size(width: int, height: int, max_pixels: int) -> None:
+    """
+    Refuse what is too large.
+
+    :raises SizeError: it has more pixels than allowed.
+    """
+    if width * height > max_pixels:
+        raise SizeError(f'{width}x{height} pixels are more than max_pixels, {max_pixels}')
+
+
+def _png(content: bytes) -> tuple[int, int]:
+    width, height = struct.unpack_from('>II', content, 16)
+    return width, height
+
+
+def _bmp(content: bytes) -> tuple[int, int]:
+    width, height = struct.unpack_from(
+        '<HH' if content[14:18] == b'\x0c\0\0\0' else '<ii', content, 18)
+    return abs(width), abs(height)
+
+
+def _webp(content: bytes) -> tuple[int, int]:
+    kind = content[12:16]
+    if kind == b'VP8X':
+        sides = [int.from_bytes(content[place:place + 3], 'little') + 1 for place in (24, 27)]
+        return sides[0], sides[1]
+    if kind == b'VP8L':
+        bits = struct.unpack_from('<I', content, 21)[0]
+        return (bits & 0x3fff) + 1, (bits >> 14 & 0x3fff) + 1
+    width, height = struct.unpack_from('<HH', content, 26)
+    return width & 0x3fff, height & 0x3fff
+
+
+def _tiff(content: bytes) -> tuple[int, int]:
+    order = '<' if content[:2] == b'II' else '>'
+    is_big = struct.unpack_from(f'{order}H', content, 2)[0] == 43
+    place, counts, step, values = (8, 'Q', 20, 12) if is_big else (4, 'H', 12, 8)
+    directory = struct.unpack_from(f'{order}{"Q" if is_big else "I"}', content, place)[0]
+    count = struct.unpack_from(f'{order}{counts}', content, directory)[0]
+    if count > 4096:
+        raise ValueError('too many fields')
+    sides: dict[int, int] = {}
+    for index in range(count):
+        entry = directory + struct.calcsize(f'={counts}') + index * step
+        tag, kind = struct.unpack_from(f'{order}HH', content, entry)
+        if tag in _TIFF_WIDTHS + _TIFF_HEIGHTS:
+            side = struct.unpack_from(
+                f'{order}{_TIFF_NUMBERS.get(kind, "I")}', content, entry + values)[0]
+            sides[tag] = max(sides.get(tag, 0), side)
+    return (max(sides.get(tag, 0) for tag in _TIFF_WIDTHS),
+            max(sides.get(tag, 0) for tag in _TIFF_HEIGHTS))
+
+
+def _pnm(content: bytes) -> tuple[int, int]:
+    found = _PNM.match(content[:_HEADER_BYTES])
+    if not found:
+        raise ValueError('no size')
+    return int(found[1]), int(found[2])
+
+
+def _pam(content: bytes) -> tuple[int, int]:
+    sides = _PAM.findall(content[:_HEADER_BYTES].partition(b'ENDHDR')[0])
+    width, height = (max((int(side) for name, side in sides if name == wanted), default=0)
+                     for wanted in (b'WIDTH', b'HEIGHT'))
+    return width, height
+
+
+def _sun(content: bytes) -> tuple[int, int]:
+    width, height = struct.unpack_from('>II', content, 4)
+    return width, height
+
+
+def _gif(content: bytes) -> tuple[int, int]:
+    width, height = struct.unpack_from('<HH', content, 6)
+    return width, height
+
+
+def _radiance(content: bytes) -> tuple[int, int]:
+    sides = _RADIANCE.findall(content[:_HEADER_BYTES])
+    return max(int(width) for _, width in sides), max(int(height) for height, _ in sides)
+
+
+def _anywhere(
+    mark: re.Pattern[bytes], layout: str, skip: int,
+) -> Callable[[bytes], tuple[int, int]]:
+    """Make a reader of formats that are boxes within boxes: the size may stand anywhere."""
+    def read(content: bytes) -> tuple[int, int]:
+        width = height = 0
+        for index, found in enumerate(mark.finditer(content)):
+            if index >= _MAX_PLACES:
+                raise ValueError('too many sizes')
+            place = found.end() + skip
+            if place + struct.calcsize(layout) <= len(content):  # else no box, but pixels
+                *begins, right, bottom = struct.unpack_from(layout, content, place)
+                left, top, more = (*begins, 1) if begins else (0, 0, 0)
+                width, height = max(width, right - left + more), max(height, bottom - top + more)
+        return width, height
+
+    return read
+
+
+_READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ...] = (
+    (re.compile(re.escape(JPEG_BEGINS)), jpeg_size),
+    (re.compile(re.escape(PNG_BEGINS)), _png),
+    (re.compile(rb'RIFF....WEBP', re.DOTALL), _webp),
+    (re.compile(rb'BM'), _bmp),
+    (re.compile(rb'II[*+]\0|MM\0[*+]'), _tiff),
+    (re.compile(rb'P[1-6Ff]\s'), _pnm),
+    (re.compile(rb'P7\s'), _pam),
+    (re.compile(rb'\x59\xa6\x6a\x95'), _sun),
+    (re.compile(rb'GIF8[79]a'), _gif),
+    (re.compile(rb'#\?(RADIANCE|RGBE)'), _radiance),
+    (re.compile(rb'\0\0\0\x0cjP  \r\n\x87\n|\xff\x4f\xff\x51'),
+     _anywhere(_JPEG_2000, '>II', 4)),
+    (re.compile(rb'....ftyp(avif|avis|mif1)', re.DOTALL), _anywhere(_AVIF, '>II', 4)),
+    (re.compile(rb'\x76\x2f\x31\x01'), _anywhere(_EXR, '<iiii', 4)),
+)

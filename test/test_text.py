@@ -1,0 +1,155 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Texts of others on a console: they are read there, and do nothing else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+from opencv_tools.capture.frame import BrokenFrameError, CaptureError
+from opencv_tools.capture.reachability import describe_failure
+from opencv_tools.capture.sequence import PictureSequence
+from opencv_tools.capture.source import open_source
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.encodings import find_desired, find_encoding
+from opencv_tools.image.errors import EncodingError, ImageError
+from opencv_tools.image.text import printable, without_password
+from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.numbering import Numbering
+from opencv_tools.ros.capture_parameters import PARAMETERS
+from opencv_tools.ros.command_line import check_ros_arguments
+from opencv_tools.ros.frame_sources import _describe_node, _enumerate, _NAME
+from opencv_tools.ros.parameters import describe_unknown, ParameterError
+from opencv_tools.ros.received_frames import describe_message
+import pytest
+from sensor_msgs.msg import CompressedImage, Image
+
+# It sets the title of the terminal, clears the screen and begins a line of its own.
+HOSTILE = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u202edlrow'
+
+
+@pytest.mark.parametrize(('text', 'shown'), [
+    ('bgr8', 'bgr8'), ('', ''), ('Kamera Süd 東', 'Kamera Süd 東'), ("it's \\ \"", "it's \\ \""),
+    ('a\nb\r\t\0', r'a\nb\r\t\x00'), ('\x1b[2J', r'\x1b[2J'), ('\x9b', r'\x9b'),
+    ('\u202e', r'\u202e'), ('\u2028', r'\u2028'), ('\udcff', r'\udcff'),
+    ('\U000e0001', r'\U000e0001'),
+    ('a' * 200, 'a' * 200), ('a' * 201, 'a' * 197 + '...'), ('\n' * 200, r'\n' * 98 + '\\...')])
+def test_a_text_is_printable_and_short(text: str, shown: str) -> None:
+    assert printable(text) == shown
+    assert printable(text).isprintable()
+
+
+@pytest.mark.parametrize('longest', [1, 3, 4, 20])
+def test_a_text_is_as_long_as_asked(longest: int) -> None:
+    for text in ('a' * 10**6, '\n' * 10**6):
+        assert len(printable(text, longest)) <= max(3, longest)
+
+
+@pytest.mark.parametrize(('url', 'shown'), [
+    ('rtsp://me:secret@host:554/a', 'rtsp://me:***@host:554/a'),
+    ('rtsp://:s3@cret@host/a', 'rtsp://:***@host/a'),
+    ('rtsp://me@host/a', 'rtsp://me@host/a'),
+    ('http://host:8080/a@b', 'http://host:8080/a@b'),
+    ('http://host/a?user=me&password=secret&x=1', 'http://host/a?user=me&password=***&x=1'),
+    ('http://host/a?PWD=secret', 'http://host/a?PWD=***'),
+    ('http://host/\x1b[2J', r'http://host/\x1b[2J'), ('/a:b@c', '/a:b@c'), ('0', '0')])
+def test_a_url_is_shown_without_its_password(url: str, shown: str) -> None:
+    assert without_password(url) == shown
+
+
+@pytest.mark.parametrize('find', [find_encoding, find_desired])
+def test_an_encoding_that_is_not_known_is_shown_printable(find: object) -> None:
+    with pytest.raises(EncodingError) as raised:
+        find(HOSTILE)
+    assert str(raised.value).isprintable()
+    assert 'owned' in str(raised.value)
+
+
+def test_a_format_that_is_not_known_is_shown_printable() -> None:
+    image = CvBridge().imgmsg_to_cv2(Image(encoding='mono8', height=1, width=1, step=1, data=[0]))
+    with pytest.raises(TypeError) as raised:
+        CvBridge().cv2_to_compressed_imgmsg(image, HOSTILE)
+    assert str(raised.value).isprintable()
+
+
+@pytest.mark.parametrize('message', [
+    Image(encoding=HOSTILE), Image(encoding='a' * 10**6), CompressedImage(format=HOSTILE),
+    CompressedImage(format='a' * 10**6)], ids=['encoding', 'long', 'format', 'long format'])
+def test_progress_shows_of_a_message_what_is_printable(message: object) -> None:
+    shown = describe_message(message)
+    assert shown.isprintable()
+    assert len(shown) < 80
+
+
+def test_the_graph_is_shown_printable() -> None:
+    node = SimpleNamespace(node_namespace=f'/{HOSTILE}', node_name=HOSTILE)
+    for shown in (_describe_node(node), _enumerate([HOSTILE] * 9)):
+        assert shown.isprintable()
+        assert len(shown) < 1200
+
+
+@pytest.mark.parametrize(('topic', 'is_one'), [
+    ('/video_frames', True), ('/a/b_1', True), ('/a b', False), ('/$(reboot)', False),
+    ('/a\n', False), ('a', False), ('', False)])
+def test_only_topics_of_ros_are_offered(topic: str, is_one: bool) -> None:
+    assert bool(_NAME.fullmatch(topic)) is is_one
+
+
+def test_names_of_parameters_are_shown_printable(tmp_path: Path) -> None:
+    assert describe_unknown(HOSTILE, PARAMETERS).isprintable()
+    path = tmp_path / 'params.yaml'
+    path.write_text(json.dumps({HOSTILE: {'ros__parameters': {'a': 1}}}))
+    with pytest.raises(ParameterError) as raised:
+        check_ros_arguments(['x', '--ros-args', '--params-file', str(path)],
+                            'img_publisher', 'image_publisher', PARAMETERS)
+    assert str(raised.value).isprintable()
+
+
+def test_a_source_is_shown_without_its_password() -> None:
+    flip = next(parameter for parameter in PARAMETERS if parameter.name == 'flip')
+    for message in (describe_failure('nonsense://me:secret@host'),
+                    describe_failure('rtsp://me:secret@[host')):
+        assert 'me:***@' in message
+        assert 'secret' not in message
+    with pytest.raises(ParameterError) as raised:
+        flip.accept('rtsp://me:secret@host' + 'a' * 10**6)
+    assert 'secret' not in str(raised.value)
+    assert len(str(raised.value)) < 5000
+
+
+def test_names_of_files_are_shown_printable(tmp_path: Path) -> None:
+    picture = tmp_path / 'a\x1b[2J\n\udcff.png'
+    with pytest.raises(CaptureError) as raised:
+        open_source(str(picture))
+    assert str(raised.value).isprintable()
+    picture.write_bytes(b'nothing')
+    with pytest.raises(BrokenFrameError) as raised:
+        PictureSequence([picture], str(picture)).read()
+    assert str(raised.value).isprintable()
+    (tmp_path / '\x1b[2J.png').touch()
+    folder = Folder(tmp_path)
+    with pytest.raises(RecordingError) as raised:
+        Numbering(FileNames('{frame_id}.png'), folder, 'error')
+    folder.close()
+    assert str(raised.value).isprintable()
+
+
+def test_an_image_error_has_a_sentence_of_bounded_length() -> None:
+    with pytest.raises(ImageError) as raised:
+        find_encoding('x' * 10**7)
+    assert len(str(raised.value)) < 200
