@@ -43,7 +43,7 @@ from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.frame_topics import FrameTopics
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.runtime import DONE, FAILED, ignore_signals, Program, run
+from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
 from opencv_tools.ros.stamps import Stamper
 from opencv_tools.ros.timers import Delay
 from opencv_tools.ros.transport import Transport, UNTOUCHED
@@ -289,7 +289,7 @@ def main(args: Sequence[str] | None = None) -> int:
         'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',
         PARAMETERS, '-p source:=clip.mp4 -p publish_rate:=0', expected_frame_bytes)
     status = run(program, ImagePublisher, args, failures=())
-    ignore_signals()
+    keep_exit_status()
     return status
 
 

@@ -39,7 +39,7 @@ from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import (
     limits, open_recorder, PARAMETERS, reception_depth,
 )
-from opencv_tools.ros.runtime import DONE, FAILED, ignore_signals, Program, run
+from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
@@ -209,7 +209,7 @@ def main(args: Sequence[str] | None = None) -> int:
         'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
-    ignore_signals()
+    keep_exit_status()
     return status
 
 

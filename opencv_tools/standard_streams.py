@@ -39,3 +39,18 @@ def open_standard_streams() -> None:
                 os.close(opened)
         if getattr(sys, name) is None:  # it was closed when Python began
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+
+
+def let_go_of_broken_streams() -> None:
+    """
+    Write what is left for a terminal or pipe that is gone to ``/dev/null``.
+
+    Python tries to write it at its end, and ends with status 120 where it cannot.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)

@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import itertools
+import os
 from pathlib import Path
 import subprocess
 import sys
 
-from conftest import executable, NodeProcess, read_manifest
+from conftest import DEADLINE, executable, NodeProcess, read_manifest
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -91,3 +92,23 @@ def test_the_robot_commands_work_without_standard_streams(
             capture_output=True, text=True, timeout=60, check=False)
         assert finished.returncode == 0, (name, finished.stderr)
     assert (tmp_path / 'a.sdf').read_text().startswith('<?xml')
+
+
+@pytest.mark.process
+def test_text_that_a_lost_terminal_never_took_does_not_change_the_status() -> None:
+    code = ('import sys\n'
+            'from opencv_tools.standard_streams import let_go_of_broken_streams\n'
+            'sys.stdin.readline()\n'
+            'try:\n    print("a" * 100, end="", file=sys.stderr, flush=True)\n'
+            'except OSError:\n    pass\n'
+            'else:\n    sys.exit(1)\n'
+            'print("b", end="")\n'
+            'let_go_of_broken_streams()\n')
+    for last_line, status in (('', 0), ('sys.exit(3)\n', 3)):
+        read, write = os.pipe()
+        with subprocess.Popen([sys.executable, '-c', code + last_line], stdin=subprocess.PIPE,
+                              stdout=write, stderr=write) as process:
+            os.close(write)
+            os.close(read)
+            process.communicate(b'\n', timeout=DEADLINE)
+        assert process.returncode == status
