@@ -46,7 +46,7 @@ def count_frames(path: Path) -> int | None:
         with av.open(str(path)) as container:
             for packet in container.demux(video=0):
                 count += bool(packet.size) and not packet.is_corrupt
-    except (av.error.InvalidDataError, av.error.EOFError, IndexError):
+    except (av.error.InvalidDataError, EOFError, IndexError):
         pass  # cut off; an IndexError is for want of a stream
     except av.error.FFmpegError as err:
         is_read = err.errno == errno.EIO  # cut off, for Matroska; the file itself was read before

@@ -133,9 +133,10 @@ def _encode_image(frame: RawFrame, wanted: Format) -> Content:
     image, encoding = frame.image, find_encoding(frame.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
     if wanted.suffix == _ANYTHING:
-        header = np.lib.format.header_data_from_array_1_0(image)
+        layout: Any = np.lib.format  # numpy 1.26 has no types for what is called of it
+        header = layout.header_data_from_array_1_0(image)
         head = io.BytesIO()
-        np.lib.format.write_array_header_1_0(head, header)
+        layout.write_array_header_1_0(head, header)
         return Content(head.getbuffer(), encoding.name, width, height,
                        image.T if header['fortran_order'] else image)
     if wanted.to_color and encoding.kind in ('bayer', 'yuv'):
