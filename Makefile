@@ -51,7 +51,7 @@ endef
 
 # $(1): the command's environment
 define unit_test
-@$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),2)
+@$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),3)
 endef
 
 ifeq ($(sourced),yes)
