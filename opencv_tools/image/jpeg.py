@@ -32,7 +32,8 @@ _TABLES, _BEGIN, _END, _SCAN = 0xc4, 0xd8, 0xd9, 0xda
 _STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
 # What libjpeg takes for a marker: it passes over what stands before one.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
-_SCAN_ENDS = re.compile(rb'\xff+[\x01-\xcf\xd8-\xfe]')
+# It begins with one byte, which is searched for quickly; others of its kind may stand before it.
+_SCAN_ENDS = re.compile(rb'\xff[\x01-\xcf\xd8-\xfe]')
 _RESTART = re.compile(rb'\xff([\xd0-\xd7])')
 _MAX_SEGMENTS = 1000  # before the size, and as many behind it
 _LENGTHS = 16  # of codes, in bits
@@ -181,7 +182,10 @@ def _scan_end(jpeg: bytes, start: int) -> int:
     found = _SCAN_ENDS.search(jpeg, start)
     if not found:
         raise JpegError('a picture whose end is missing')
-    return found.start()
+    end = found.start()
+    while end > start and jpeg[end - 1] == 0xff:
+        end -= 1
+    return end
 
 
 def _read_frame(marker: int, content: bytes) -> _Frame:
