@@ -24,6 +24,7 @@ import itertools
 import json
 import os
 from pathlib import Path
+import resource
 import shutil
 import signal
 import subprocess
@@ -325,6 +326,17 @@ def set_parameters(node: Node, **values: object) -> str:
     assert len(answer.results) == len(values)
     return '; '.join(result.reason or 'no reason'
                      for result in answer.results if not result.successful)
+
+
+@contextmanager
+def disk_of(size: int) -> Iterator[None]:
+    """Let no file grow above a size, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def read_pictures(folder: Path, suffix: str = '.png') -> list[np.ndarray]:

@@ -17,17 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import errno
 import os
 from pathlib import Path
-import resource
 import shutil
 import subprocess
 import sys
 import weakref
 
 import av
+from conftest import disk_of
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
@@ -342,17 +342,6 @@ def test_a_file_that_is_forgotten_is_ended(tmp_path: Path, suffix: str) -> None:
     writer.write(picture, 0)
     del writer
     assert numbers(tmp_path / f'video{suffix}') == [7]
-
-
-@contextmanager
-def disk_of(size: int) -> Iterator[None]:
-    """Let no file grow above a size, as on a disk that is full."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @every_format

@@ -16,13 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 import errno
 import os
 from pathlib import Path
-import resource
 import shutil
 import subprocess
 import sys
@@ -31,7 +29,7 @@ import time
 from typing import Any
 
 import av
-from conftest import DEADLINE, read_manifest, recorded_files
+from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
 from opencv_tools.recording.files import check_format, open_files
@@ -80,17 +78,6 @@ def put_all(videos: Files[Any], numbers: Iterable[int], error: str = '') -> int:
             assert err.strerror == error
             failed += 1
     return failed
-
-
-@contextmanager
-def files_of(size: int) -> Iterator[None]:
-    """Let no file grow above a size, as on a disk that is full."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def lines(folder: Path) -> list[tuple[str, int, int, list[int]]]:
@@ -223,12 +210,12 @@ def test_a_full_disk_ends_the_file_and_another_begins_when_there_is_room(
     videos = open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic)
     first, second = tmp_path / f'clip{suffix}', tmp_path / f'clip_1{suffix}'
     too_large = os.strerror(errno.EFBIG)
-    with files_of(20_000):
+    with disk_of(20_000):
         failed = put_all(videos, range(150), too_large)
     assert first.stat().st_size <= 20_000
     assert videos.standing.kept == play(first) > 1
     assert videos.standing.kept + videos.standing.lost + failed == 150
-    with files_of(100):  # where the line has no room, either
+    with disk_of(100):  # where the line has no room, either
         for number in range(150, 250, 25):
             assert put_all(videos, range(number, number + 25), too_large) >= 24
             assert recorded_files(tmp_path) == [first]
@@ -247,7 +234,7 @@ def test_a_full_disk_is_asked_for_room_before_another_file_begins(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SteppedClock()
     videos = open_videos(tmp_path, monotonic=clock.monotonic)
-    with files_of(20_000):
+    with disk_of(20_000):
         put_all(videos, range(150), os.strerror(errno.EFBIG))
     disk = os.statvfs(tmp_path)
     full = os.statvfs_result([2000, 1, *disk[2:4], 1, *disk[5:]])
@@ -266,7 +253,7 @@ def test_every_frame_is_accounted_for_on_a_full_disk(tmp_path: Path, suffix: str
     clock, console = SteppedClock(), Console()
     recorder = Recorder(open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic), console,
                         block=True)
-    with files_of(20_000):
+    with disk_of(20_000):
         for number in range(200):
             recorder.put(noise(number))
             clock.step_to(clock.now + 0.05)
@@ -402,7 +389,7 @@ def test_the_first_of_two_errors_is_told(tmp_path: Path) -> None:
     videos = open_videos(tmp_path, monotonic=SteppedClock().monotonic)
     put_all(videos, range(2))
     (tmp_path / 'clip.mkv').unlink()
-    with files_of(20_000), pytest.raises(OSError, match='File too large'):
+    with disk_of(20_000), pytest.raises(OSError, match='File too large'):
         for number in range(2, 1000):
             put(videos, noise(number))
     videos.close()
