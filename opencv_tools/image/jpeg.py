@@ -20,7 +20,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 import re
 import struct
+from typing import NamedTuple
 
+import numpy as np
 from opencv_tools.image.errors import ImageError
 
 BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
@@ -32,9 +34,10 @@ _TABLES, _BEGIN, _END, _SCAN = 0xc4, 0xd8, 0xd9, 0xda
 _STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
 # What libjpeg takes for a marker: it passes over what stands before one.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
-# It begins with one byte, which is searched for quickly; others of its kind may stand before it.
-_SCAN_ENDS = re.compile(rb'\xff[\x01-\xcf\xd8-\xfe]')
-_RESTART = re.compile(rb'\xff([\xd0-\xd7])')
+# Of the bytes behind 0xff: what ends the data of a scan, neither stuffed, a restart nor filling.
+_ENDS_A_SCAN = np.ones(256, np.bool_)
+_ENDS_A_SCAN[[0x00, *range(0xd0, 0xd8), 0xff]] = False
+_BLOCK = 1 << 16  # bytes that are searched at once
 _MAX_SEGMENTS = 1000  # before the size, and as many behind it
 _LENGTHS = 16  # of codes, in bits
 # Bits that decode to blocks of many kinds, and are no marker.
@@ -53,6 +56,16 @@ class _Frame:
     width: int
     height: int
     sampling: dict[int, tuple[int, int]]
+
+
+class _Segment(NamedTuple):
+    """What follows a marker; behind that of a scan stand its data."""
+
+    marker: int
+    start: int  # of the content, behind its length
+    end: int
+    data_end: int = 0
+    stuffed: int = 0  # bytes among the data that follow an 0xff which is no marker
 
 
 @dataclass
@@ -91,9 +104,9 @@ def _find_frame(jpeg: bytes) -> _Frame:
     :raises JpegError: it has none.
     """
     try:
-        for marker, start, end in _segments(jpeg):
-            if marker in _FRAMES:
-                return _read_frame(marker, jpeg[start:end])
+        for segment in _segments(jpeg):
+            if segment.marker in _FRAMES:
+                return _read_frame(segment.marker, jpeg[segment.start:segment.end])
     except struct.error:
         pass
     raise JpegError('a picture without a size')
@@ -111,13 +124,14 @@ def check_jpeg(jpeg: bytes) -> int:
     """
     found = _Scans()
     try:
-        for marker, start, end in _segments(jpeg, 2 * _MAX_SEGMENTS):
-            if marker in _FRAMES:
-                found.frame = _read_frame(marker, jpeg[start:end])
-            elif marker == _TABLES:
-                _read_tables(jpeg[start:end], found.shortest)
-            elif marker == _SCAN:
-                _read_scan(jpeg, start, end, found)
+        for segment in _segments(jpeg, 2 * _MAX_SEGMENTS):
+            content = jpeg[segment.start:segment.end]
+            if segment.marker in _FRAMES:
+                found.frame = _read_frame(segment.marker, content)
+            elif segment.marker == _TABLES:
+                _read_tables(content, found.shortest)
+            elif segment.marker == _SCAN:
+                _read_scan(content, segment, found)
     except (struct.error, KeyError) as err:
         raise JpegError('a JPEG picture that is damaged') from err
     if found.frame is None or not found.seen:
@@ -149,9 +163,9 @@ def _restarts(scan: bytes) -> int:
     return last[1] if last[0] >= 0 else -1
 
 
-def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[tuple[int, int, int]]:
+def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     """
-    Yield the marker of each segment, and where its content begins and ends.
+    Yield the segments up to the end.
 
     :raises JpegError: there are too many, or the end is missing.
     """
@@ -168,24 +182,40 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[tuple[int, int
         if marker in _STANDALONE:
             continue
         length = struct.unpack_from('>H', jpeg, position)[0]
-        if length < 2 or position + length > len(jpeg):
+        start, end = position + 2, position + length
+        if length < 2 or end > len(jpeg):
             raise struct.error('a segment that is longer than the rest')
-        yield marker, position + 2, position + length
-        position += length
         if marker == _SCAN:
-            position = _scan_end(jpeg, position)
+            position, stuffed = _read_data(jpeg, end)
+            yield _Segment(marker, start, end, position, stuffed)
+        else:
+            position = end
+            yield _Segment(marker, start, end)
     raise JpegError('a picture without a size')
 
 
-def _scan_end(jpeg: bytes, start: int) -> int:
-    """Find the marker behind the data of a scan."""
-    found = _SCAN_ENDS.search(jpeg, start)
-    if not found:
-        raise JpegError('a picture whose end is missing')
-    end = found.start()
-    while end > start and jpeg[end - 1] == 0xff:
-        end -= 1
-    return end
+def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
+    """
+    Find the end of the data of a scan.
+
+    :returns: where the marker behind them begins, and how many bytes are stuffed.
+    :raises JpegError: there is no marker behind them.
+    """
+    data = np.frombuffer(jpeg, np.uint8)
+    stuffed = 0
+    for begin in range(start, len(data) - 1, _BLOCK):
+        block = data[begin:begin + _BLOCK + 1]
+        positions = np.flatnonzero(block[:-1] == 0xff)
+        following = block[1:][positions]
+        markers = np.flatnonzero(_ENDS_A_SCAN[following])
+        if markers.size:
+            stuffed += np.count_nonzero(following[:markers[0]] == 0)
+            end = begin + int(positions[markers[0]])
+            while end > start and jpeg[end - 1] == 0xff:  # filling before the marker
+                end -= 1
+            return end, stuffed
+        stuffed += np.count_nonzero(following == 0)
+    raise JpegError('a picture whose end is missing')
 
 
 def _read_frame(marker: int, content: bytes) -> _Frame:
@@ -215,18 +245,18 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
             (length + (symbol & 15) for length, symbol in zip(lengths, symbols)), default=0)
 
 
-def _read_scan(jpeg: bytes, start: int, end: int, found: _Scans) -> None:
+def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
     """
     Take account of a scan.
 
     :raises JpegError: it is too short for its blocks.
     """
-    count = jpeg[start]
-    selectors = [*struct.iter_unpack('BB', jpeg[start + 1:start + 1 + 2 * count])]
-    first, _, approximation = struct.unpack_from('BBB', jpeg, start + 1 + 2 * count)
-    if found.frame is None or not count or start + 4 + 2 * count != end:
+    count, = struct.unpack_from('B', content)
+    selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
+    first, _, approximation = struct.unpack_from('BBB', content, 1 + 2 * count)
+    if found.frame is None or not count or len(content) != 4 + 2 * count:
         raise struct.error('a scan without a frame')
-    found.ends = _scan_end(jpeg, end)
+    found.ends = segment.data_end
     found.seen.update(number for number, _ in selectors)
     has_ac = found.frame.marker in _SEQUENTIAL
     if not has_ac and (found.frame.marker != _PROGRESSIVE or first or approximation >> 4):
@@ -237,8 +267,7 @@ def _read_scan(jpeg: bytes, start: int, end: int, found: _Scans) -> None:
         if has_ac:
             block += found.shortest.get(0x10 | tables & 15, 0)
         bits += _blocks(found.frame, number, count > 1) * block
-    stuffed = jpeg.count(b'\xff\0', end, found.ends)
-    if 8 * (found.ends - end - stuffed) < bits:
+    if 8 * (segment.data_end - segment.end - segment.stuffed) < bits:
         raise JpegError('a JPEG picture whose end is missing')
 
 
