@@ -42,6 +42,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
@@ -255,6 +256,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
 
     yield _start
     for process in processes:
+        if process.is_running():  # pytest shows it where the test failed
+            print(process.output[-5000:])
         process.kill()
     left_behind = set[Path]().union(*(process.left_behind for process in processes))
     if left_behind:
@@ -309,13 +312,24 @@ def spin_until(node: Node, condition: Callable[[], bool]) -> None:
 
 
 def call_service(node: Node, service_type: type, name: str, request: object) -> object:
-    """Call a service and wait for the answer."""
+    """
+    Call a service and wait for the answer.
+
+    rmw_fastrtps drops an answer when its server has not discovered the client after 100 ms. A busy
+    machine takes longer at times, so the request is sent again every 5 s.
+    """
     client = node.create_client(service_type, name)
     spin_until(node, client.service_is_ready)
-    future = client.call_async(request)
-    spin_until(node, future.done)
+    calls: list[tuple[float, Future]] = []
+
+    def is_answered() -> bool:
+        if not calls or time.monotonic() > calls[-1][0] + 5:
+            calls.append((time.monotonic(), client.call_async(request)))
+        return any(future.done() for _, future in calls)
+
+    spin_until(node, is_answered)
     node.destroy_client(client)
-    return future.result()
+    return next(future.result() for _, future in calls if future.done())
 
 
 def set_parameters(node: Node, **values: object) -> str:
