@@ -75,7 +75,7 @@ PUBLISHER = {
                            "parameter camera_name is '../x': give up to 128 letters"),
     'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
     'unknown wait': (BAD_USAGE, {'reconnect': 'soon'},
-                     "parameter reconnect is 'soon': give forever, never or a number of seconds"),
+                     "parameter reconnect is 'soon': set it to forever, never or a number of"),
     'a list': (BAD_USAGE, {'source': '[1, 2]'}, 'parameter source is [1, 2]: give a text'),
     'unknown reliability': (BAD_USAGE, {
         'source': 'pattern', 'qos_overrides./video_frames.publisher.reliability': 'perfect'},
@@ -94,10 +94,10 @@ SUBSCRIBER = {
     'a folder below a file': (FAILED, {'output_dir': 'text.mp4/out'},
                               'output_dir', 'cannot be used: Not a directory'),
     'a folder in /proc': (FAILED, {'output_dir': '/proc/out'}, 'output_dir /proc/out'),
-    'no folder': (BAD_USAGE, {'output_dir': "''"}, "parameter output_dir is '': name a folder"),
+    'no folder': (BAD_USAGE, {'output_dir': "''"}, "parameter output_dir is '': set it to a folder"),
     'no such field in the name': (BAD_USAGE, {'file_name': 'f{sequence}.png'},
                                   'there is no field {sequence}', '{seq}, {stamp}'),
-    'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'give max_frames, max_duration or'),
+    'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'set max_frames, max_duration or'),
     'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
                          'a ring deletes the oldest files, and a .mp4 is one file'),
     'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
@@ -191,12 +191,12 @@ def test_a_process_that_refuses(start: Start, files: None, name: str, case: str)
 
 
 @pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
-    ('img_publisher', ['--help'], 0, 'frames per second; 0 for the source'),
+    ('img_publisher', ['--help'], 0, 'Frame rate of the published images in Hz; 0 for the'),
     ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
     ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
     ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
     ('img_publisher', ['--help'], 0, 'to compare'),
-    ('img_subscriber', ['--help'], 0, 'folder to write to, made when missing'),
+    ('img_subscriber', ['--help'], 0, 'Folder of the recorded files; created if'),
     ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
     ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0\n'),
     ('img_publisher', ['--source', '0'], BAD_USAGE, '; write --ros-args -p source:=0\n'),
