@@ -119,7 +119,7 @@ def test_every_encoding_is_kept_exactly_or_refused(
         is_colored = name in _COLORED_BYTES | _COLORED_WORDS
         assert line['kept_as'] == (
             name if not is_colored else 'bgr16' if name.endswith('16') else 'bgr8')
-    refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be kept',
+    refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be stored',
                              recorder.output))
     assert refused <= set(names) - KEPT[suffix]
     # Ten at once, and one a second.
@@ -287,7 +287,7 @@ def test_without_pyav_all_but_videos_is_recorded(
     assert refused.finish() == 2, refused.output
     assert refused.output.count('\n') == 1
     assert refused.output.endswith(
-        "parameter file_name is 'x.mp4': a video needs PyAV, which cannot be used (No module "
+        "parameter file_name is 'x.mp4': videos need PyAV, which cannot be imported (No module "
         "named 'av'); install it with 'pip install av', on Ubuntu with "
         "'sudo apt install python3-av'\n")
     assert not (tmp_path / 'none').exists()
@@ -332,7 +332,7 @@ def test_a_frame_is_saved_on_request(
         stamped(np.zeros((4, 4), np.float32), '32FC1', 1)))
     answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
     assert not answer.success
-    assert answer.message.startswith('a 32FC1 frame cannot be kept as .png')
+    assert answer.message.startswith('a 32FC1 frame cannot be stored as .png')
     recorder.interrupt()
     assert recorder.finish() == 1, recorder.output
     assert '3 written' in recorder.output and ' 1 failed' in recorder.output

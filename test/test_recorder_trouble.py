@@ -244,7 +244,7 @@ def test_with_slow_writers_every_frame_is_accounted_for(
     sent = 1
     with (folder / 'manifest.jsonl').open() as manifest:
         fcntl.flock(manifest, fcntl.LOCK_EX)  # so that nobody can write
-        while 'come faster than they are written' not in recorder.output:
+        while 'arrive faster than they are written' not in recorder.output:
             send(node, publisher, *gray_frames(sent + 1, 5))
             sent += 5
             time.sleep(0.05)

@@ -131,7 +131,7 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
     try:
         content = encode_frame(frame_of(image, encoding), Format(suffix))
     except UnwritableError as err:
-        assert f'a {encoding} frame cannot be kept as {suffix}' in str(err)
+        assert f'a {encoding} frame cannot be stored as {suffix}' in str(err)
         assert str(err).endswith('.npy')
         assert suffix != '.npy'
         return
@@ -237,11 +237,11 @@ def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
 
 
 @pytest.mark.parametrize(('kind', 'sentence'), [
-    ('file', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('link', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('loop', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('below a loop', 'a link in it leads back to itself; name another folder'),
-    ('long', 'it is too long for the file system; name a folder with a shorter path')])
+    ('file', 'it is a file or a broken link; set output_dir to a folder'),
+    ('link', 'it is a file or a broken link; set output_dir to a folder'),
+    ('loop', 'it is a file or a broken link; set output_dir to a folder'),
+    ('below a loop', 'its path contains a loop of links; set output_dir to another folder'),
+    ('long', 'it is too long for the file system; set output_dir to a shorter path')])
 def test_a_folder_that_is_none_is_refused_with_what_helps(
         kind: str, sentence: str, tmp_path: Path) -> None:
     path = tmp_path / ('a' * 256 if kind == 'long' else 'out')
@@ -267,12 +267,12 @@ def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: 
     recorder.close()
     assert recorder.account.failed == 1
     assert [line for line in console.lines if 'too long' in line] == [
-        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the '
-        'file system, which takes 255 as a rule; shorten file_name']
+        f'error: a frame was not written: the file name {"a" * 37}... has 256 bytes, too long for '
+        'the file system (usually 255); shorten file_name']
 
 
 def test_what_opencv_cannot_encode_is_refused() -> None:
-    with pytest.raises(UnwritableError, match=r'^a mono8 frame was not encoded: '):
+    with pytest.raises(UnwritableError, match=r'^the mono8 frame was not encoded: '):
         encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))
 
 
@@ -282,7 +282,7 @@ def test_formats_as_they_are_unless_told() -> None:
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
+    with pytest.raises(UnwritableError, match=r'an empty frame \(0x5\) cannot be stored as \.png'):
         encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), Format('.png'))
 
 
@@ -427,7 +427,7 @@ def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
     assert [line['file'] for line in read_manifest(tmp_path)] == [
         f'{number}.png' for number in range(5)]
     assert console.lines == [
-        'error: a frame was not written: a 32FC1 frame cannot be kept as .png; '
+        'error: a frame was not written: a 32FC1 frame cannot be stored as .png; '
         'set the extension of file_name to .tif or .tiff or .npy']
 
 
@@ -574,7 +574,7 @@ def test_the_latest_frame_alone_is_kept_under_one_name(tmp_path: Path) -> None:
 def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
     (tmp_path / 'other.txt').touch()
     record(tmp_path, 2, on_exists='error')
-    with pytest.raises(RecordingError, match=r'has 000\.png already; name another folder'):
+    with pytest.raises(RecordingError, match=r'already contains 000\.png; set output_dir'):
         record(tmp_path, 2, on_exists='error')
     assert len([path for path in tmp_path.iterdir() if path.name.startswith('.')]) == 0
 
@@ -707,7 +707,8 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
     recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
-    told = [f'info: The recording is full: max_bytes is {5 * size}, and the next file has {size}']
+    told = [f'info: Recording limit reached: max_bytes is {5 * size}, the next file has {size} '
+            'bytes']
     assert recorder.console.lines == ([] if ring else told)
     assert recorder.times_full == (0 if ring else 1)
     assert gray_numbers(tmp_path / 'many') == (
@@ -1075,7 +1076,7 @@ def test_what_was_prepared_before_the_end_is_left_out() -> None:
         recorder.put(gray_frame(number), outcomes.append)
     recorder.close()
     assert files.placed == [0]
-    assert outcomes == ['no more', 'the recording is full']
+    assert outcomes == ['no more', 'the recording has reached its limits']
     assert (recorder.account.left_out, files.discarded) == (2, 2)
 
 

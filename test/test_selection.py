@@ -126,7 +126,7 @@ def test_a_ring_lets_as_many_go_as_it_must() -> None:
     assert fill(budget, entry('d')) == ['a']
     assert fill(budget, entry('large', 25)) == ['b', 'c', 'd']
     assert budget.count == 1
-    with pytest.raises(FullError, match='max_bytes is 30, and the next file has 31'):
+    with pytest.raises(FullError, match='max_bytes is 30, the next file has 31 bytes'):
         budget.make_room(entry('larger', 31), 0)
 
 

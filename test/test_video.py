@@ -261,7 +261,7 @@ def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
     else:
         with pytest.raises(VideoError) as caught:
             video_picture(image, name, '.mkv', to_color)
-        assert str(caught.value) == f'a {name} frame cannot be kept as .mkv'
+        assert str(caught.value) == f'a {name} frame cannot be stored as .mkv'
 
 
 @pytest.mark.parametrize(('name', 'image', 'color'), [
@@ -284,7 +284,7 @@ def test_raw_colors_are_converted(
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(VideoError, match=r'an empty frame, 0x5, cannot be kept as \.mp4$'):
+    with pytest.raises(VideoError, match=r'an empty frame \(0x5\) cannot be stored as \.mp4$'):
         video_picture(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.mp4')
 
 

@@ -416,13 +416,13 @@ def test_a_frame_that_is_refused_is_told_where_it_fits(
     frame = RawFrame(1, '', encoding, '', 1, np.zeros((4, 4), dtype))
     with pytest.raises(UnwritableError) as caught:
         videos.prepare(frame)
-    assert str(caught.value) == (f'a {encoding} frame cannot be kept as .mkv; '
+    assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
                                  f'set the extension of file_name to {able}')
     videos.close()
 
 
 def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^a ring deletes the oldest .* a \.mp4 is one file'):
+    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
         open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
     assert not (tmp_path / 'out').exists()
 
@@ -440,5 +440,5 @@ def test_without_pyav_videos_alone_are_refused(
     assert not (tmp_path / 'out').exists()
     check_format('.png')
     open_videos(tmp_path / 'out', 'x.png').close()
-    with pytest.raises(ValueError, match=r'^the extension is one of \.png, .*\.npy, \.mp4, '):
+    with pytest.raises(ValueError, match=r"^the extension '\.gif' .* \.png, .*\.npy, \.mp4, "):
         check_format('.gif')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What frames are written to: a file each, or a video."""
+"""Creation of the sink of a recording: image files or videos."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from opencv_tools.recording.video_picture import VideoError
 from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
 
 
-# What helps against errors of a folder whose own words name no cure.
+# Remedies for errors of the output folder, where the text of the system error names none.
 _REMEDIES = {
-    errno.EEXIST: 'it is no folder, but a file or a link that leads to none; name another folder',
-    errno.ELOOP: 'a link in it leads back to itself; name another folder',
-    errno.ENAMETOOLONG: 'it is too long for the file system; name a folder with a shorter path',
+    errno.EEXIST: 'it is a file or a broken link; set output_dir to a folder',
+    errno.ELOOP: 'its path contains a loop of links; set output_dir to another folder',
+    errno.ENAMETOOLONG: 'it is too long for the file system; set output_dir to a shorter path',
 }
 
 
 def check_format(suffix: str) -> None:
     """
-    Refuse a format that is not known, or that cannot be written on this machine.
+    Check that files of a format can be written on this machine.
 
     :param suffix: file name extension with its dot, in lower case.
-    :raises ValueError: nothing here writes such files, or what writes videos is not installed.
+    :raises ValueError: the extension is unknown, or the video encoder is not installed.
     """
     known = (*PICTURE_FORMATS, *VIDEO_FORMATS)
     if suffix not in known:
-        raise ValueError(f'the extension is one of {", ".join(known)}')
+        raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
     if suffix in VIDEO_FORMATS:
         check_video()
 
@@ -62,24 +62,23 @@ def open_files(
     monotonic: Callable[[], float] = time.monotonic,
 ) -> Files[Any]:
     """
-    Make ready what frames are written to.
+    Create the sink that frames are written to.
 
-    :param path: the folder, which is made when it is missing.
-    :param names: names of the files.
-    :param wanted: what frames become.
-    :param on_exists: what is done about files that are there already.
-    :param limits: how much is recorded.
-    :param sync: have each file on the disk before it gets its name.
-    :param monotonic: returns seconds of a clock that only goes on, by which a video that cannot
-        be written is tried again.
-    :returns: files for a recorder.
-    :raises RecordingError: the folder cannot be written to, files that are there are in the way,
-        or videos cannot be written here.
+    :param path: output folder, created if it does not exist.
+    :param names: template of the file names.
+    :param wanted: format and encoder settings of the files.
+    :param on_exists: handling of existing files, one of ``ON_EXISTS``.
+    :param limits: limits of the recording.
+    :param sync: whether each file is flushed to disk before it gets its final name.
+    :param monotonic: monotonic clock in seconds, for the retries of a video.
+    :returns: the sink, for a recorder.
+    :raises RecordingError: the folder cannot be used, existing files are in the way, or videos
+        cannot be encoded on this machine.
     """
     is_video = wanted.suffix in VIDEO_FORMATS
     if is_video and limits.ring:
-        raise RecordingError(f'a ring deletes the oldest files, and a {wanted.suffix} is one file '
-                             'of many frames; set the extension of file_name to .png or .jpg')
+        raise RecordingError(f'ring deletes the oldest files, but a {wanted.suffix} recording is '
+                             'one file; set the extension of file_name to .png or .jpg')
     try:
         if is_video:
             check_video()
@@ -101,9 +100,9 @@ def open_files(
 
 def _open_folder(path: Path, sync: bool) -> Folder:
     """
-    Open a folder.
+    Open the output folder.
 
-    :raises RecordingError: it cannot be used; the message says what helps.
+    :raises RecordingError: the folder cannot be used; the message includes the remedy.
     """
     try:
         return Folder(path, sync)

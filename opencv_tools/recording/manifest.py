@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The account of a recording: ``manifest.jsonl``, a line of JSON for each file."""
+"""The manifest of a recording: ``manifest.jsonl``, one line of JSON for each file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _BLOCK = 4096
 _CHUNK = 1 << 20
 _TAIL = 1 << 20
 _LINE = 1 << 24
-# The lines of four days at 30 frames a second.
+# Enough for four days at 30 frames a second.
 _LARGEST = 1 << 32
 _MAX_NUMBER = 2**63 - 1
 
@@ -45,20 +45,20 @@ _MAX_NUMBER = 2**63 - 1
 @dataclass(frozen=True)
 class Entry:
     """
-    One file.
+    The manifest entry of one file.
 
     :param seq: number of the file.
-    :param name: of the file.
-    :param stamp_ns: stamp of its frame, the first one of a video.
-    :param receive_ns: when the frame came, in nanoseconds of the system's clock.
-    :param frame_id: its coordinate frame.
-    :param encoding: of the message, or its format where it was compressed.
-    :param kept_as: encoding of what is in the file.
-    :param width: in pixels, 0 where nobody looked.
-    :param height: in pixels, 0 where nobody looked.
-    :param size: bytes of the file.
-    :param sha256: of its content, in hexadecimal digits.
-    :param frames: how many frames are in it; 0 of a video that was cut off and cannot be read.
+    :param name: name of the file.
+    :param stamp_ns: stamp of the frame in nanoseconds; for a video, of its first frame.
+    :param receive_ns: time of reception of the frame, in nanoseconds of the system clock.
+    :param frame_id: coordinate frame of the frame.
+    :param encoding: encoding of the message, or format string of a compressed message.
+    :param kept_as: encoding of the file.
+    :param width: width in pixels; 0 if unknown.
+    :param height: height in pixels; 0 if unknown.
+    :param size: size of the file in bytes.
+    :param sha256: SHA-256 digest of the file, in hexadecimal digits.
+    :param frames: number of frames in the file; 0 for a truncated video that cannot be read.
     """
 
     seq: int
@@ -75,7 +75,7 @@ class Entry:
     frames: int
 
     def line(self) -> bytes:
-        """Write the entry as it stands in the manifest."""
+        """Return the line of the entry in the manifest."""
         fields = {
             'seq': self.seq, 'file': self.name, 'stamp': _time(self.stamp_ns),
             'receive_time': _time(self.receive_ns), 'frame_id': self.frame_id,
@@ -85,9 +85,10 @@ class Entry:
 
     def measured(self, folder: Path) -> Entry:
         """
-        Return the entry with the size and the digest that its file has.
+        Return the entry with the size and the digest of its file.
 
-        :raises OSError: there is no such regular file, or it cannot be read.
+        :param folder: folder of the file.
+        :raises OSError: the file is missing, not a regular file, or cannot be read.
         """
         digest, size = hashlib.sha256(), 0
         with os.fdopen(open_regular(folder / self.name, follow=False), 'rb') as file:
@@ -101,7 +102,7 @@ def file_entry(
     seq: int, name: str, frame: ReceivedFrame, kept_as: str, picture_size: tuple[int, int],
     size: int = 0, sha256: str = '', frames: int = 0,
 ) -> Entry:
-    """Make the entry of a file of a frame, or of a video that begins with it."""
+    """Return the entry of an image file, or of a video by its first frame."""
     return Entry(seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
                  kept_as, *picture_size, size, sha256, frames)
 
@@ -110,7 +111,7 @@ def parse_line(line: bytes) -> Entry:
     """
     Read a line of a manifest.
 
-    :raises ValueError: it is not one, or its file is not in the folder of the manifest.
+    :raises ValueError: the line is not a manifest entry, or names a file in another folder.
     """
     try:
         fields = json.loads(line)
@@ -121,21 +122,21 @@ def parse_line(line: bytes) -> Entry:
             str(fields['encoding']), str(fields['kept_as']), width, height,
             _count(fields['bytes']), str(fields['sha256']), _count(fields['frames']))
     except (LookupError, OverflowError, RecursionError, TypeError, UnicodeError) as err:
-        raise ValueError(f'{line[:80]!r} is no line of a manifest') from err
+        raise ValueError(f'{line[:80]!r} is not a line of a manifest') from err
 
 
 class Manifest:
-    """The manifest of a folder, which several recordings may write to at once."""
+    """The manifest of a folder; several recordings may write to it at the same time."""
 
     def __init__(self, folder: Path) -> None:
-        """Name the file; it is made with its first line."""
+        """Store the path; the file is created with its first line."""
         self._path = folder / FILE_NAME
 
     def append(self, entry: Entry) -> None:
         """
-        Add a line, whole or not at all.
+        Write a line atomically at the end of the manifest.
 
-        :raises OSError: it cannot be written.
+        :raises OSError: the manifest cannot be written.
         """
         with self._locked() as file:
             end = _mend(file)
@@ -149,9 +150,9 @@ class Manifest:
 
     def entries(self) -> list[Entry]:
         """
-        Read all lines; what is none, and was not written here, is passed over.
+        Read all entries; skip lines that are not manifest entries.
 
-        :raises OSError: it cannot be read, or is no regular file.
+        :raises OSError: the manifest cannot be read, or is not a regular file.
         """
         try:
             with self._opened() as file:
@@ -161,9 +162,9 @@ class Manifest:
 
     def tail(self) -> list[Entry]:
         """
-        Read the last lines, as many as tell the highest numbers.
+        Read the last entries, which include the highest numbers.
 
-        :raises OSError: they cannot be read.
+        :raises OSError: the manifest cannot be read.
         """
         try:
             with self._opened() as file:
@@ -176,11 +177,11 @@ class Manifest:
         self, is_wanted: Callable[[Entry], bool], write: Callable[[bytes], Path],
     ) -> None:
         """
-        Drop the lines that a later one of the same file replaces, and those not wanted.
+        Remove lines that a later line of the same file replaces, and unwanted lines.
 
-        :param is_wanted: tells whether a line is to stay.
-        :param write: writes a file under a temporary name in the folder, and tells which.
-        :raises OSError: it cannot be written anew.
+        :param is_wanted: returns whether to keep an entry.
+        :param write: writes a temporary file in the folder and returns its path.
+        :raises OSError: the manifest cannot be rewritten.
         """
         with self._locked() as file:
             with os.fdopen(os.dup(file), 'rb') as reading:
@@ -197,7 +198,7 @@ class Manifest:
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
-        """Open the file for this process alone."""
+        """Open the manifest with an exclusive lock."""
         while True:
             file = _checked(open_regular(
                 self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, follow=False), self._path)
@@ -211,7 +212,7 @@ class Manifest:
 
 
 def _time(nanoseconds: int) -> dict[str, int]:
-    """Write a time as ROS does, for a number of JSON may lose its last digits."""
+    """Return a time as seconds and nanoseconds; a JSON number may lose the last digits."""
     sec, nanosec = divmod(nanoseconds, NANO)
     return {'sec': sec, 'nanosec': nanosec}
 
@@ -223,34 +224,34 @@ def _nanoseconds(time: dict[str, int]) -> int:
 def _number(value: Any) -> int:
     number = int(value)
     if abs(number) > _MAX_NUMBER:
-        raise ValueError(f'{number:.3e} is larger than any number of a manifest')
+        raise ValueError(f'{number:.3e} is out of range for a manifest')
     return number
 
 
 def _count(value: Any) -> int:
     number = _number(value)
     if number < 0:
-        raise ValueError(f'{number} is no number of a manifest')
+        raise ValueError(f'{number} is negative')
     return number
 
 
 def _file_name(value: Any) -> str:
     """
-    Check that a text names a file of a folder itself, not of another one.
+    Check that a value is a file name without a folder.
 
-    :raises ValueError: it does not, or no file has such a name.
+    :raises ValueError: it is not a file name.
     """
     if not isinstance(value, str) or value in ('', '.', '..') or {'/', '\0'} & set(value):
-        raise ValueError(f'{value!r:.80} is no name of a file in a folder')
+        raise ValueError(f'{value!r:.80} is not a file name')
     os.fsencode(value)
     return value
 
 
 def _checked(file: int, path: Path) -> int:
     """
-    Check that a manifest is not too large to be read.
+    Check that a manifest is small enough to be read.
 
-    :raises RefusedFileError: it is; the file is then closed.
+    :raises RefusedFileError: the manifest is too large; the file is closed.
     """
     if os.fstat(file).st_size > _LARGEST:
         os.close(file)
@@ -267,7 +268,7 @@ def _parse(file: BinaryIO) -> Iterator[Entry]:
 
 
 def _mend(file: int) -> int:
-    """Cut off a last line whose end a killed process did not write; where the next one goes."""
+    """Truncate an incomplete last line and return the offset for the next one."""
     end = size = os.fstat(file).st_size
     while end and os.pread(file, 1, end - 1) != b'\n':
         begin = max(0, end - _BLOCK)
@@ -278,13 +279,13 @@ def _mend(file: int) -> int:
 
 
 def _lock(file: int) -> None:
-    """Wait for other processes; where files cannot be locked there is nobody to wait for."""
+    """Wait for an exclusive lock; do nothing on a file system without locks."""
     with suppress(OSError):
         fcntl.flock(file, fcntl.LOCK_EX)
 
 
 def is_file(file: int, path: Path) -> bool:
-    """Tell whether an open file is still the one at a path."""
+    """Return whether an open file is still the file at a path."""
     try:
         return os.path.samestat(os.fstat(file), path.lstat())
     except FileNotFoundError:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames as a video, and the next one when a frame does not fit."""
+"""Recording of frames as videos; a new video begins when a frame does not fit."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from opencv_tools.recording.video_picture import video_picture, VideoError, Vide
 from opencv_tools.recording.writers import able_formats, Format, UnwritableError
 
 
-# After an error of the disk no file is begun for so long.
+# Delay after an error of the disk before a new file begins.
 _RETRY_SECONDS = 2.0
-# How often a video is looked for that somebody may have removed or moved.
+# Period of the check whether the video was removed or moved.
 _LOOK_SECONDS = 1.0
-# Room for this many times what did not fit is asked for before another file begins.
+# A new file begins when the disk has room for this multiple of the data that did not fit.
 _ROOM = 2
 
 
 @dataclass(frozen=True)
 class PreparedVideoPicture(VideoPicture):
-    """A frame as the encoder takes it; nothing of it is on the disk yet."""
+    """A frame that is ready for the encoder; nothing of it is on the disk yet."""
 
     def discard(self) -> None:
-        """Let go of it."""
+        """Do nothing, because nothing is on the disk."""
 
 
 @dataclass
@@ -57,28 +57,28 @@ class _Video:
     path: Path
     entry: Entry
     writer: VideoWriter
-    offset_ns: int  # of arrivals, to those of the system's clock when the video began
+    offset_ns: int  # from CLOCK_MONOTONIC to the system clock when the video began
 
     def time_ns(self, frame: Frame) -> int:
-        """Return the time of a frame, in which a clock that is set makes no hole."""
+        """Return the time of a frame, independent of changes of the system clock."""
         return frame.stamp_ns or frame.arrival_ns + self.offset_ns
 
 
 class VideoFiles:
-    """Write frames to videos, which have their names from the beginning and always play."""
+    """Write frames to videos, which have their final names from the start and always play."""
 
     def __init__(
         self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """
-        Begin with the first frame.
+        Create a sink; the first video begins with the first frame.
 
-        :param folder: where the videos go, which is left when this is closed.
-        :param numbering: finds their names.
-        :param wanted: what frames become.
-        :param limits: how much is recorded.
-        :param monotonic: returns seconds of a clock that only goes on.
+        :param folder: output folder, closed together with this sink.
+        :param numbering: source of the file names.
+        :param wanted: format and encoder settings of the videos.
+        :param limits: limits of the recording.
+        :param monotonic: monotonic clock in seconds.
         """
         self.standing = Standing()
         self._folder = folder
@@ -88,19 +88,19 @@ class VideoFiles:
         self._numbering = numbering
         self._monotonic = monotonic
         self._video: _Video | None = None
-        self._ended = 0  # frames in videos that have ended
+        self._ended = 0  # frames of finished videos
         self._is_full = False
         self._outage: tuple[int, str] | None = None
         self._retry_at = self._look_at = 0.0
-        self._needed = 0  # bytes of room
+        self._needed = 0  # bytes of free space required for a new video
         self._paths: set[Path] = set()
 
     def prepare(self, frame: Frame) -> PreparedVideoPicture:
         """
-        Convert a frame to what the encoder takes; more than one thread may.
+        Convert a frame for the encoder; thread-safe.
 
-        :param frame: the frame.
-        :returns: the picture.
+        :param frame: frame to convert.
+        :returns: the converted frame.
         :raises ImageError: no video can hold the frame.
         """
         raw = frame.decode()
@@ -114,13 +114,13 @@ class VideoFiles:
 
     def commit(self, frame: Frame, picture: PreparedVideoPicture) -> Path:
         """
-        Encode a frame; one thread at a time may, in the order of the frames.
+        Encode a frame; one thread at a time, in the order of the frames.
 
-        :param frame: the frame.
-        :param picture: what ``prepare`` made of it.
-        :returns: the video that it is in, when FFmpeg writes it: ``standing`` counts it then.
-        :raises FullError: the recording is as large as it may get.
-        :raises OSError: the video cannot be written; another one begins when there is room.
+        :param frame: frame to write.
+        :param picture: the frame as ``prepare`` returned it.
+        :returns: path of the video; ``standing`` counts the frame when FFmpeg has written it.
+        :raises FullError: the recording has reached its limits.
+        :raises OSError: the video cannot be written; a new one begins when the disk has room.
         """
         if self._outage and not self._has_room():
             raise OSError(*self._outage)
@@ -137,9 +137,9 @@ class VideoFiles:
 
     def close(self) -> None:
         """
-        End the video, and leave the folder.
+        Finish the video and close the folder.
 
-        :raises OSError: its last frames were not written, or it has no line.
+        :raises OSError: the last frames or the manifest line of the video were not written.
         """
         try:
             if self._video:
@@ -165,7 +165,7 @@ class VideoFiles:
         return video.path
 
     def _has_room(self) -> bool:
-        """Return whether it is time to try again, and the disk may hold what it did not."""
+        """Return whether to retry now, and the disk has room for the data that did not fit."""
         if self._video:
             return True
         now = self._monotonic()
@@ -174,12 +174,12 @@ class VideoFiles:
         self._retry_at = now + _RETRY_SECONDS
         try:
             disk = os.statvfs(self._folder.path)
-        except OSError:  # of a folder that is to be made again
+        except OSError:  # the folder was removed, and is created again
             return True
         return disk.f_bavail * disk.f_frsize >= self._needed
 
     def _break_off(self, err: OSError) -> None:
-        """End the video that could not be written, and wait before another one begins."""
+        """Finish the video that could not be written, and delay the next one."""
         self._outage = err.errno or 0, reason_of(err)
         self._retry_at = self._monotonic() + _RETRY_SECONDS
         if self._video:
@@ -187,13 +187,13 @@ class VideoFiles:
         self._give_up(reason_of(err))
 
     def _give_up(self, reason: str) -> None:
-        """End a video that could not be gone on with."""
-        with suppress(OSError, VideoError):  # the frame's own trouble is told
+        """Finish a video that cannot be continued."""
+        with suppress(OSError, VideoError):  # the error of the frame itself is reported
             if self._video:
                 self._end(self._video, reason)
 
     def _is_there(self, video: _Video) -> bool:
-        """Return whether a video is where its name says; looked at once a second."""
+        """Return whether a video is still at its path; checked once a second."""
         now = self._monotonic()
         if now < self._look_at:
             return True
@@ -221,11 +221,11 @@ class VideoFiles:
 
     def _end(self, video: _Video, reason: str = '') -> None:
         """
-        End a video and account for it; its line may have to wait for room.
+        Finish a video and add its line to the manifest, now or when the disk has room.
 
-        :param reason: why frames that are not flushed are lost.
-        :raises OSError: they were not written.
-        :raises VideoError: FFmpeg did not end the file.
+        :param reason: reason for the loss of frames that are not flushed.
+        :raises OSError: these frames were not written.
+        :raises VideoError: FFmpeg did not finish the file.
         """
         self._video = None
         writer = video.writer
@@ -247,7 +247,7 @@ class VideoFiles:
                 self.standing.reason = trouble or reason
 
     def _add_line(self, video: _Video) -> str:
-        """Add the line of a video, or keep it; return what is wrong with the file, if anything."""
+        """Add or keep the manifest line of a video; return the problem with its file, or ''."""
         if not video.writer.flushed:
             return ''
         try:
@@ -258,7 +258,7 @@ class VideoFiles:
             return reason_of(err)
         self._bytes += entry.size
         self._folder.owe_line(replace(entry, frames=video.writer.flushed))
-        with suppress(OSError):  # it is added before the next one, or at the end
+        with suppress(OSError):  # the line is added before the next video, or at the end
             self._folder.settle()
         return ''
 
@@ -272,7 +272,7 @@ def _gone(video: _Video) -> str:
 
 
 def _type_name(frame: RawFrame) -> str:
-    """Name what a picture of the frame would hold, as far as it is one."""
+    """Return the type of the image of a frame, for the list of formats that can hold it."""
     try:
         is_picture = find_encoding(frame.encoding).kind in ('', 'color')
         return generic_encoding(frame.image).name if is_picture else frame.encoding
