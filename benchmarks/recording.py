@@ -64,7 +64,7 @@ POLL_SECONDS = 0.02
 _PUBLISHED = re.compile(r'Published ([0-9]+) frames at ([0-9.]+) Hz')
 _RECEIVED = re.compile(
     r'Received ([0-9]+) frames at ([0-9.]+) Hz: ([0-9]+) written to .*, '
-    r'([0-9]+) dropped, ([0-9]+) failed, ([0-9]+) lost on the way')
+    r'([0-9]+) dropped, ([0-9]+) failed, ([0-9]+) lost in transit')
 
 # Writes messages to a folder as files of a format; the seconds it took.
 Way = Callable[[Sequence[bytes], Path, str], float]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node ``image_publisher``: frames of a camera, a file or a pattern, as image messages."""
+"""Node ``image_publisher``: publishes frames of a camera, file or pattern as image messages."""
 
 from __future__ import annotations
 
@@ -54,26 +54,26 @@ from std_srvs.srv import SetBool
 
 _STOP_SECONDS = 5
 _RELEASE_SECONDS = 5
-# What changes within this time, such as width and height, lets a camera be opened anew once.
+# Changes within this time, such as width and height, reopen the camera only once.
 _CHANGE_SECONDS = 0.2
 
 
 class ImagePublisher(Node):
-    """Publish the frames of a source to ``video_frames``, on a thread of its own."""
+    """Publish the frames of a source on ``video_frames``, in a thread."""
 
     def __init__(self, transport: Transport = UNTOUCHED) -> None:
         """
-        Begin to open the source and to publish.
+        Start opening the source and publishing.
 
-        :param transport: how frames go to subscribers on this machine.
-        :raises ParameterError: a parameter's value cannot be used.
+        :param transport: result of the configuration of Fast DDS.
+        :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self._dropped = 0
         self._left_out = ''
-        self._opened_for = ''  # the encoding
+        self._opened_for = ''  # the encoding that the source was opened for
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
         self._topics = FrameTopics(self, 'video_frames', self._calibrate(), transport,
@@ -97,7 +97,7 @@ class ImagePublisher(Node):
 
     def close(self) -> int:
         """
-        Stop publishing, let go of the source and say how many frames there were.
+        Stop publishing, close the source and log a summary.
 
         :returns: the exit status.
         """
@@ -110,7 +110,7 @@ class ImagePublisher(Node):
         return self.done.result() if self.done.done() else DONE
 
     def opened(self, source: Source) -> None:
-        """Say what was opened, and what came of what was asked for."""
+        """Log the opened source and any camera settings that could not be applied."""
         if not self._grabber.trouble:
             self.get_logger().info(f'{source.name} opened: {source.description}, '
                                    f'publishing to {self.publisher_.topic_name}')
@@ -120,27 +120,27 @@ class ImagePublisher(Node):
             self._camera_opened.trigger()
 
     def lost(self, reason: UnavailableError) -> None:
-        """Say that there is no source now."""
+        """Log that the source is unavailable."""
         seconds = self._grabber.playback.reconnect
         limit = '' if seconds == math.inf else f' for {seconds:g} s'
         self.get_logger().error(f'{reason}; waiting for it{limit}')
         self._controls.report_unused()
 
     def returned(self, source: Source, seconds: float) -> None:
-        """Say that the source gives frames again."""
+        """Log that the source is available again."""
         self.get_logger().info(f'{source.name} is back after {seconds:.1f} s: '
                                f'{source.description}')
 
     def broken(self, reason: BrokenFrameError) -> None:
-        """Take note of a frame that cannot be read."""
+        """Log a frame that cannot be read."""
         self._leave_out(reason)
 
     def _publish_all(self) -> None:
-        """Publish frame after frame until the end, then tell the executor."""
+        """Publish frames until the source ends, then set the exit status."""
         status = FAILED
         try:
             for frame in self._grabber.frames():
-                if not self._is_live():  # a file can wait, a camera cannot
+                if not self._is_live():  # a file can wait, but a camera cannot
                     self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
                 self._publish(frame)
                 if self._settings['max_frames'] == self._progress.count > 0:
@@ -154,12 +154,12 @@ class ImagePublisher(Node):
         except RuntimeError:
             if self.context.ok():
                 raise
-            status = DONE  # ROS was shut down between two frames
+            status = DONE  # ROS was shut down before the next frame
         finally:
             self.done.set_result(status)
 
     def _publish(self, frame: Frame | None) -> None:
-        """Publish one frame, None if nobody sees it."""
+        """Publish one frame; None means a frame without a subscriber."""
         if frame is None:
             self._note_no_subscriber()
             return
@@ -172,7 +172,7 @@ class ImagePublisher(Node):
                 return
             width, height = rendition.size
         except ImageError as err:
-            # A camera that was opened for another encoding is about to be opened anew.
+            # A camera that was opened for another encoding will be reopened.
             if not self._is_live() or self._settings['encoding'] == self._opened_for:
                 self._leave_out(err)
             return
@@ -181,14 +181,14 @@ class ImagePublisher(Node):
             f'{width}x{height} {rendition.encoding}', self._dropped, self._grabber.missed)
 
     def _note_no_subscriber(self) -> None:
-        self._progress.tick('nobody subscribes', self._dropped, self._grabber.missed)
+        self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
         self._diagnostics.count()
 
     def _leave_out(self, err: Exception) -> None:
-        """Take note of a frame that cannot be published."""
+        """Count and log a frame that cannot be published."""
         self._dropped += 1
-        text = f'frame left out: {err}'
-        if text == self._left_out:  # a camera may send the same again and again
+        text = f'frame dropped: {err}'
+        if text == self._left_out:  # a camera may send the same broken frame repeatedly
             self.get_logger().warning(text, throttle_duration_sec=1.0)
         else:
             self.get_logger().warning(text)
@@ -196,9 +196,9 @@ class ImagePublisher(Node):
 
     def _finish(self) -> None:
         """
-        Wait until subscribers have what was published.
+        Wait until subscribers have received the published frames.
 
-        :raises CaptureError: nothing was.
+        :raises CaptureError: no frame was published.
         """
         if not self._progress.count:
             raise CaptureError(f'{self._source_name()}: no frame could be published')
@@ -211,7 +211,7 @@ class ImagePublisher(Node):
             self._settings['read_timeout'])
 
     def _source_name(self) -> str:
-        """Write the source as it may be printed."""
+        """Return the name of the source without passwords."""
         return without_password(self._settings['source'])
 
     def _is_live(self) -> bool:
@@ -234,7 +234,7 @@ class ImagePublisher(Node):
             lambda text: self.get_logger().warning(printable(text, MAX_PATH)))
 
     def _change(self, changes: dict[str, Any]) -> None:
-        """Go on with parameters that were changed."""
+        """Apply changed parameters."""
         self._settings = {**self._settings, **changes}
         self._grabber.playback = playback(self._settings)
         if ENCODING in changes:
@@ -245,7 +245,7 @@ class ImagePublisher(Node):
     def _set_capture(
         self, request: SetBool.Request, response: SetBool.Response,
     ) -> SetBool.Response:
-        """Pause, letting go of a camera, or go on."""
+        """Pause capturing and close the camera, or resume."""
         response.success = True
         if request.data:
             self._grabber.resume()
@@ -253,14 +253,14 @@ class ImagePublisher(Node):
         else:
             response.success = self._grabber.pause(_RELEASE_SECONDS)
             response.message = ('paused' if response.success else
-                                f'{self._source_name()} is still held')
+                                f'{self._source_name()} is still in use')
         self.get_logger().info(response.message)
         return response
 
     def _set_camera_info(
         self, request: SetCameraInfo.Request, response: SetCameraInfo.Response,
     ) -> SetCameraInfo.Response:
-        """Keep a calibration and publish it from now on."""
+        """Save a calibration and publish it from now on."""
         try:
             response.status_message = self._topics.calibration.save(
                 request.camera_info, self._settings['flip'], self._settings['rotate'])
@@ -282,8 +282,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
 
-    :param args: the command line, program name first; None for the process's own.
-    :returns: 0 when it ended as asked, 1 when the source failed, 2 for bad parameters.
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
     program = Program(
         'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node ``image_subscriber``: image messages, as files."""
+"""Node ``image_subscriber``: records image messages as files."""
 
 from __future__ import annotations
 
@@ -46,21 +46,21 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-# How long frames that were received are recorded at the end, and how often there is a look for
-# room in the queue meanwhile.
+# Maximum time to record received frames at the end, and the period of checks for room in the
+# queue meanwhile.
 _END_SECONDS = 60.0
 _POLL_SECONDS = 0.001
 
 
 class ImageSubscriber(Node):
-    """Receive ``video_frames`` and write each frame to a file."""
+    """Receive ``video_frames`` and record each frame."""
 
     def __init__(self) -> None:
         """
-        Make the folder ready and subscribe.
+        Open the output folder and subscribe.
 
-        :raises ParameterError: a parameter's value cannot be used.
-        :raises RecordingError: the folder cannot be written to.
+        :raises ParameterError: the value of a parameter is invalid.
+        :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
         settings = declare_parameters(self, PARAMETERS)
@@ -88,10 +88,10 @@ class ImageSubscriber(Node):
 
     def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
         """
-        Hand a frame over to be written.
+        Convert a message to a frame and record it.
 
-        :param message: an image, or a compressed one; the frame is a view of it.
-        :param receive_ns: when it came, in nanoseconds of the system's clock.
+        :param message: raw or compressed image; the frame is a view of it.
+        :param receive_ns: time of reception in nanoseconds of the system clock.
         """
         if self.done.done():
             return
@@ -108,7 +108,7 @@ class ImageSubscriber(Node):
 
     def close(self) -> int:
         """
-        Write what was received and say how it went.
+        Record the remaining received frames and log a summary.
 
         :returns: the exit status.
         """
@@ -123,19 +123,19 @@ class ImageSubscriber(Node):
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{account.written} written to {self._folder}, {account.dropped} dropped, '
-            f'{failed} failed, {self.subscription.lost} lost on the way'
-            + ('' if self.subscription.losses.is_complete else ' since the first that arrived')
-            + (f', {not_taken} not taken' if not_taken else '')
-            + (f', {left_out} left out as asked' if left_out else ''))
+            f'{failed} failed, {self.subscription.lost} lost in transit'
+            + ('' if self.subscription.losses.is_complete else ' since the first received frame')
+            + (f', {not_taken} not processed' if not_taken else '')
+            + (f', {left_out} skipped as requested' if left_out else ''))
         if failed or not_taken or self._recorder.is_unfinished:
             return FAILED
         return self.done.result() if self.done.done() else DONE
 
     def _take_the_rest(self) -> int:
         """
-        Record what was received, while the writers go on, unless the node has all it wants.
+        Record received frames until the end of the reception, unless the node is done.
 
-        :returns: how many frames were received but not taken.
+        :returns: number of received frames that were not processed.
         """
         if self.done.done():
             self.subscription.destroy()
@@ -155,7 +155,7 @@ class ImageSubscriber(Node):
         return 0 if self.done.done() else not_taken
 
     def _record(self, frame: Frame) -> None:
-        """Have a frame written, if it is wanted."""
+        """Record a frame if it is selected."""
         if not self._selection.has_begun:
             self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
         if self._selection.is_late():
@@ -175,20 +175,20 @@ class ImageSubscriber(Node):
             self._end(DONE)
 
     def _refuse(self, err: ImageError | CvBridgeError) -> None:
-        """Take note of a message that cannot be recorded."""
+        """Count and log a message that cannot be recorded."""
         self._refused += 1
-        self._troubles.failed(f'message left out: {err}')
-        self._progress.tick('a message that cannot be read', self._dropped())
+        self._troubles.failed(f'message not recorded: {err}')
+        self._progress.tick('unreadable message', self._dropped())
 
     def _dropped(self) -> int:
         return self.subscription.lost + self._recorder.account.dropped
 
     def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
-        """Have something called after a time; 0 for never."""
+        """Create a timer; None for 0 seconds."""
         return create_steady_timer(self, seconds, call) if seconds else None
 
     def _give_up(self) -> None:
-        """End because no frame came."""
+        """End with an error, because no frame arrived in time."""
         self._log.error(f'no frame on {self.subscription.topic_name} within {self._timeout:g} s: '
                         f'{self.subscription.describe_silence()}')
         self._end(FAILED)
@@ -202,11 +202,11 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
 
-    :param args: the command line, program name first; None for the process's own.
-    :returns: 0 when it ended as asked, 1 when frames or files failed, 2 for bad parameters.
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
     program = Program(
-        'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
+        'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()

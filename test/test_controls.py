@@ -158,11 +158,12 @@ def test_what_nobody_has_is_said_once(
     said = capfd.readouterr().err
     if is_there_first:
         assert said.count('unknown parameter sorce is not used; did you mean source?') == 1
-        assert said.count('unknown parameter contrast is not used; there are source, gain, ') == 1
+        assert said.count(
+            'unknown parameter contrast is not used; the parameters are source, gain, ') == 1
         assert 'brightness is' not in said
     else:
-        assert said.count('not used so far: sorce (did you mean source?); it is no ') == 1
-        assert said.count('not used so far: ') == 3
+        assert said.count('sorce is not used yet (did you mean source?); it is not a ') == 1
+        assert said.count(' is not used yet') == 3
     assert len(said.splitlines()) == (2 if is_there_first else 3)
 
 

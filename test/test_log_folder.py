@@ -100,5 +100,5 @@ def test_a_node_starts_where_its_user_may_do_nothing(
     finally:
         folder.chmod(0o700)
         home.chmod(0o700)
-    assert process.output.count(f'{home}/.ros/log cannot be written: the log of ROS goes to ') == 1
+    assert process.output.count(f'{home}/.ros/log cannot be written: ROS logs are written') == 1
     assert not list(home.iterdir())

@@ -154,7 +154,7 @@ def test_camera_info_is_in_step_with_the_images(
         assert info.header == image.header
         assert (info.width, info.height) == (image.width, image.height)
         assert info.k[0] == focal_length
-    refused = 'cannot be scaled to pictures of 640x360' in publisher.output
+    refused = 'cannot be scaled to images of 640x360' in publisher.output
     assert refused == (focal_length == 0.0)
 
 
@@ -405,5 +405,5 @@ def test_the_subscribers_that_are_awaited_are_given_a_moment(
 def test_a_node_without_subscribers_says_so(start: Start) -> None:
     publisher = start('img_publisher', source='pattern', max_frames=5)
     assert publisher.finish() == 0, publisher.output
-    assert 'Publishing video frame 1: nobody subscribes' in publisher.output
+    assert 'Publishing video frame 1: no subscribers' in publisher.output
     assert 'Published 5 frames' in publisher.output

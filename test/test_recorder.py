@@ -161,7 +161,7 @@ def test_bad_messages_are_counted_and_the_next_are_written(
     assert recorder.finish() == 1, recorder.output
     assert received(recorder) == 12
     assert '6 written to' in recorder.output and ' 6 failed' in recorder.output
-    assert recorder.output.count('message left out') == 3
+    assert recorder.output.count('message not recorded') == 3
     assert [path.name for path in recorded_files(tmp_path / 'out')] == [
         'f_._.._.._tmp_evil_0.png', *(f'fcamera_{seq}.png' for seq in range(1, 6))]
     assert len(read_manifest(tmp_path / 'out')) == 6
@@ -326,7 +326,7 @@ def test_a_frame_is_saved_on_request(
     node.destroy_timer(timer)
     began = time.monotonic()
     answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
-    assert (answer.success, answer.message) == (False, 'no frame came within 3 s')
+    assert (answer.success, answer.message) == (False, 'no frame arrived within 3 s')
     assert time.monotonic() - began > 2.5
     timer = node.create_timer(0.02, lambda: publisher.publish(
         stamped(np.zeros((4, 4), np.float32), '32FC1', 1)))

@@ -46,7 +46,7 @@ AT_ONCE = 4
 # A root to whom the permissions of files mean what they say.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
-                     r'(\d+) failed, (\d+) lost on the way')
+                     r'(\d+) failed, (\d+) lost in transit')
 # As root or not, whoever may have a mount namespace of its own.
 NAMESPACE = ('unshare', '--mount') if os.getuid() == 0 else (
     'unshare', '--mount', '--user', '--map-root-user')

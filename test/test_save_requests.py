@@ -93,7 +93,7 @@ def test_calls_that_wait_are_answered_at_the_end(
     assert subscriber.close() == 0
     spin_until_all(executor, futures)
     assert {(future.result().success, future.result().message)
-            for future in futures} == {(False, 'the node ends')}
+            for future in futures} == {(False, 'the node is shutting down')}
     executor.shutdown()
     subscriber.destroy_node()
     rclpy.shutdown()

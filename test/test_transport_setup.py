@@ -155,7 +155,7 @@ def test_a_shared_memory_that_cannot_be_written_to_is_said_first(
     publisher = start('img_publisher', source='pattern', max_frames=1, within=(
         *mount_namespace, 'sh', '-c', 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$0" "$@"'))
     assert publisher.finish() == 0, publisher.output
-    assert '/dev/shm cannot be written to, so that frames go over UDP' in \
+    assert '/dev/shm is not writable: frames are sent over UDP' in \
         publisher.output.splitlines()[0]
 
 
@@ -182,13 +182,13 @@ def test_the_profile_goes_away_when_making_the_node_fails() -> None:
 
 @pytest.mark.parametrize(('made', 'frame_bytes', 'words'), [
     (Transport('', 0, 8 * MB), FULL_HD, (
-        '/dev/shm had 8 MB free', 'frames of 5.93 MB', 'give it 94.9 MB', '--shm-size=95m',
+        '/dev/shm had 8 MB free', 'frames of 5.93 MB', 'increase it to 94.9 MB', '--shm-size=95m',
         '--ipc=host')),
     (Transport('', 32 * MB, 64 * MB), UHD_4K, (
         '/dev/shm had 64 MB free', 'frames of 23.7 MB', '--shm-size=380m')),
     (Transport('', 16 * MB, 2048 * MB), FULL_HD, (
-        '16 MB that was reserved at the start', 'frames of 5.93 MB',
-        'start the node with the size that it publishes'))])
+        '16 MB reserved at startup', 'frames of 5.93 MB',
+        'start the node with the frame size that it publishes'))])
 def test_frames_that_do_not_fit_are_told_with_what_helps(
         made: Transport, frame_bytes: int, words: tuple[str, ...]) -> None:
     sentence = made.misfit(frame_bytes)
@@ -234,7 +234,7 @@ def test_what_the_user_configured_is_left_alone(
     before = dict(os.environ)
     with transport_for_frames(UHD_4K) as made:
         assert dict(os.environ) == before
-    assert made == Transport(f'Fast DDS and malloc are left as they are: {reason}')
+    assert made == Transport(f'Fast DDS and malloc are not configured: {reason}')
     assert segment.exists()
 
 
@@ -244,12 +244,12 @@ def test_a_profile_in_the_folder_is_left_alone(tmp_path: Path, name: str) -> Non
     (tmp_path / name).touch()
     with transport_for_frames(UHD_4K) as made:
         assert PROFILE not in os.environ
-    assert made == Transport(f'Fast DDS and malloc are left as they are: there is {name}')
+    assert made == Transport(f'Fast DDS and malloc are not configured: {name} exists')
 
 
 @pytest.mark.parametrize(('choice', 'remark', 'is_large'), [
     ('', '16 MB of shared memory', True),
-    ('default', 'left as they are: OPENCV_TOOLS_TRANSPORT is default', False)])
+    ('default', 'not configured: OPENCV_TOOLS_TRANSPORT is default', False)])
 def test_the_publisher_says_once_what_was_set_up(
         start: Start, monkeypatch: pytest.MonkeyPatch, choice: str, remark: str,
         is_large: bool) -> None:
@@ -270,8 +270,8 @@ def test_the_publisher_says_once_what_was_set_up(
 # Other users
 
 @pytest.mark.parametrize(('discovery', 'sentence', 'frames'), [
-    ('SUBNET', 'frames go over UDP and may come late; run all nodes as one user', 3),
-    ('LOCALHOST', 'no frame goes between those nodes and this one while', 0)])
+    ('SUBNET', 'frames are sent over UDP and may be late; run all nodes as one user', 3),
+    ('LOCALHOST', 'those nodes and this one exchange no frames', 0)])
 def test_frames_go_from_user_to_user_over_udp_or_it_is_said(
         start: Start, mount_namespace: tuple[str, ...], monkeypatch: pytest.MonkeyPatch,
         tmp_path: Path, discovery: str, sentence: str, frames: int) -> None:

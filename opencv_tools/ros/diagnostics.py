@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a camera does, told on ``/diagnostics`` once a second."""
+"""Status of the source, published on ``/diagnostics`` once a second."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _PERIOD = 1.0
 @dataclass(frozen=True)
 class Condition:
     """
-    What a source is doing.
+    Status of a source.
 
-    :param source: its name.
-    :param description: what it gives; '' when it is not open.
-    :param trouble: why it is not open although it should be; '' when it is, or is paused.
-    :param paused: whether it was asked to pause.
-    :param missed: frames that the camera gave and nobody could take.
-    :param dropped: frames that could not be read or published.
-    :param reconnects: how often it has come back.
-    :param awaited: subscribers for which the first frame waits; 0 when it waits no more.
+    :param source: name of the source.
+    :param description: negotiated format; '' while the source is closed.
+    :param trouble: reason why the source is unavailable; '' while it is open or paused.
+    :param paused: whether capturing is paused.
+    :param missed: number of camera frames that were not read in time.
+    :param dropped: number of frames that could not be read or published.
+    :param reconnects: number of reconnects.
+    :param awaited: number of subscribers to wait for before the first frame; 0 after the wait.
     """
 
     source: str
@@ -54,14 +54,14 @@ class Condition:
 
 
 class Diagnostics:
-    """Publish how a source does; frames are counted from any thread."""
+    """Publish the status of a source; frames are counted on any thread."""
 
     def __init__(self, node: Node, condition: Callable[[], Condition]) -> None:
         """
-        Begin to publish.
+        Start publishing.
 
-        :param node: the node that publishes.
-        :param condition: tells what the source is doing.
+        :param node: node of the publisher.
+        :param condition: returns the status of the source.
         """
         self._node = node
         self._condition = condition
@@ -76,13 +76,13 @@ class Diagnostics:
         """
         Count a frame.
 
-        :param age: seconds from its capture until it was published; 0.0 if nobody saw it.
+        :param age: seconds from capture to publication; 0.0 without subscribers.
         """
         with self._lock:
             self._ages.append(age)
 
     def _report(self) -> None:
-        """Publish how the last period was."""
+        """Publish the status of the last period."""
         now = time.monotonic()
         with self._lock:
             ages, self._ages = self._ages, []
@@ -107,7 +107,7 @@ class Diagnostics:
 
 
 def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
-    """Say whether all is well."""
+    """Return the diagnostic level and message of a status."""
     if condition.paused:
         return DiagnosticStatus.OK, 'paused'
     if condition.trouble:
@@ -116,4 +116,4 @@ def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
         return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
     if condition.awaited and not frames:
         return DiagnosticStatus.OK, f'waiting for {condition.awaited} subscriber(s)'
-    return DiagnosticStatus.OK, 'publishing' if frames else 'no frame was due'
+    return DiagnosticStatus.OK, 'publishing' if frames else 'no frame in the last second'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A subscription to frames that asks for what their publishers offer, and says why none come."""
+"""Subscription that adapts to the publishers of a topic, and reports why no frames arrive."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# The executor has an event for a publisher of the same type only; for the rest the graph is looked
-# at. Each look wakes the executor, which is what it costs.
+# The executor has events only for publishers of the same type. The graph is polled for all others.
+# Each poll wakes the executor, which is its cost.
 _LOOK_SECONDS = 0.5
-# A new subscription is known to every publisher by then, over a slow network too.
+# Time in which every publisher discovers a new subscription, also over a slow network.
 _OVERLAP_SECONDS = 1.0
-# As many messages as Fast DDS keeps for a subscription at most.
+# Maximum number of messages that Fast DDS keeps for a subscription.
 _REMEMBERED = 5000
 
 
 class FrameSubscription:
     """
-    Receive the frames of a topic, whatever quality of service its publishers offer.
+    Receive the frames of a topic with the quality of service that its publishers offer.
 
-    It begins reliable and volatile, which publishers of images offer as a rule. It subscribes
-    again when a publisher offers less, and when all publishers are new and offer more. A publisher
-    that leaves changes nothing. The old subscription stays for a second beside the new one, and
-    what both receive is passed on once, so that no frame is lost or doubled.
+    The first subscription is reliable and volatile, like most image publishers. The node
+    subscribes again when a publisher offers less, and when all publishers are new and offer more.
+    A publisher that leaves changes nothing. The old subscription overlaps with the new one for a
+    second. Messages that both receive are passed on once, so that no frame is lost or doubled.
 
-    With the transport ``auto`` it receives raw images where any are published, else compressed
-    ones. Once a frame has come it stays with that topic until the last publisher of it is gone.
-    Compressed images are those on ``<topic>/compressed``, or on the topic itself.
+    With the transport ``auto`` raw images are preferred to compressed ones. After the first frame
+    the topic changes only when its last publisher has left. Compressed images are on
+    ``<topic>/compressed``, or on the topic itself.
 
-    All calls come from the executor, one at a time: it uses the node's default callback group.
+    All callbacks run in the executor, one at a time, in the node's default callback group.
     """
 
     def __init__(
@@ -67,15 +67,15 @@ class FrameSubscription:
         """
         Subscribe.
 
-        :param node: the node that receives.
-        :param topic: of the images, as in ``-r topic:=other``.
+        :param node: node that receives the frames.
+        :param topic: name of the image topic before remapping.
         :param transport: one of ``TRANSPORTS``.
-        :param depth: how many of the newest frames the middleware keeps until they are taken; None
-            for every frame, as far as it can.
-        :param log: where it is said what is received, and why nothing is.
-        :param on_frame: takes a message, and when it was received: nanoseconds of the system
-            clock.
-        :param on_broken: takes the error of a message that cannot be read.
+        :param depth: number of newest frames that the middleware keeps; None to keep every frame,
+            up to the limit of the middleware.
+        :param log: log for the subscribed topic, and for the reason when no frames arrive.
+        :param on_frame: called with a message and its time of reception in nanoseconds of the
+            system clock.
+        :param on_broken: called with the error of a message that cannot be read.
         """
         self._node = node
         self._log = log
@@ -85,8 +85,8 @@ class FrameSubscription:
         self._sources = FrameSources(node, topic, transport)
         self._silence = Silence(log, self.describe_silence)
         self._candidate: FrameSource | None = None
-        self._has_frames = False  # since a publisher is there
-        #: Those that were published but did not arrive.
+        self._has_frames = False  # since the first publisher appeared
+        #: Counter of messages that were published but did not arrive.
         self.losses = LostFrames()
         self._publishers: frozenset[bytes] = frozenset()
         self._heard: set[tuple[int, int]] = set()
@@ -100,25 +100,24 @@ class FrameSubscription:
 
     @property
     def topic_name(self) -> str:
-        """Give the topic that is subscribed to now, as it is after remapping."""
+        """Name of the subscribed topic after remapping."""
         return self._reception.topic_name
 
     @property
     def lost(self) -> int:
-        """Count the messages that were published but did not arrive."""
+        """Count of messages that were published but did not arrive."""
         return self.losses.count
 
     def describe_silence(self) -> str:
-        """Say in a sentence why no frame arrives, and what helps."""
+        """Return the reason why no frame arrives, with a remedy, as a sentence."""
         return self._sources.describe_silence(self._reception.source, self._reception.qos)
 
     def close(self, is_patient: Callable[[], bool]) -> int:
         """
-        Pass on what was received until now, and receive no more.
+        Pass on the messages that were received until now, and unsubscribe.
 
-        :param is_patient: returns, maybe after a wait, whether to pass on one more message.
-        :returns: how many messages were not passed on, as somebody was not patient or pressed
-            Ctrl-C.
+        :param is_patient: returns whether to pass on another message; may wait before.
+        :returns: number of messages that were not passed on, because of ``is_patient`` or Ctrl-C.
         """
         now = time.time_ns()
         rest = 0
@@ -146,43 +145,43 @@ class FrameSubscription:
         return rest
 
     def destroy(self) -> None:
-        """Receive no more."""
+        """Unsubscribe."""
         self._node.destroy_timer(self._timer)
         for reception in self._receptions():
             reception.destroy()
         self._previous = None
 
     def _receptions(self) -> list[Reception]:
-        """Return the subscriptions, the oldest first."""
+        """Return the subscriptions, oldest first."""
         return [reception for reception in (self._previous, self._reception) if reception]
 
-    # Publishers and what they offer
+    # Publishers and their quality of service
 
     def _best_qos(self, offers: Iterable[TopicEndpointInfo]) -> QoSProfile:
         return following_qos([info.qos_profile for info in offers], self._depth)
 
     def _look(self) -> None:
-        """Follow the publishers, and say so when frames are missing."""
+        """Adapt to the publishers, and warn if no frames arrive."""
         now = time.monotonic()
-        # Where the executor was busy elsewhere, frames may have come that nobody took yet.
+        # If the executor was busy, received frames may not have been processed yet.
         elapsed = min(now - self._looked_at, 2 * _LOOK_SECONDS)
         self._looked_at = now
         if self._previous and now >= self._retire_at:
             self._retire_previous()
         self._choose_source()
         self._follow()
-        # One picture that was published before may be all there is.
+        # A latched topic may have published its only image already.
         latched = self._reception.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._silence.watch(elapsed, latched and self._has_frames and bool(self._publishers))
 
     def _choose_source(self) -> None:
-        """Change to the source that has publishers when this one has none, or no frames yet."""
+        """Change the topic if it has no publisher, or no frames yet and another one is better."""
         current = self._reception.source
         if len(self._sources.allowed) == 1 or (self._has_frames and self._sources.offers(current)):
             return
         self._has_frames = False
         best = self._sources.best() or current
-        # A camera's topics do not appear at the same time; the better one may be the next.
+        # The topics of a camera do not appear at the same time; a better one may follow.
         if best not in (current, self._candidate):
             self._candidate = best
             return
@@ -193,7 +192,7 @@ class FrameSubscription:
             self.losses.begin()
 
     def _follow(self, _event: object = None) -> None:
-        """Subscribe again when what was asked for does not fit, or new publishers offer more."""
+        """Subscribe again if the profiles are incompatible, or new publishers offer more."""
         reception = self._reception
         offers = self._sources.offers(reception.source)
         qos = self._best_qos(offers)
@@ -204,7 +203,7 @@ class FrameSubscription:
             self._subscribe_again(reception.source, qos)
 
     def _notice(self, offers: Iterable[TopicEndpointInfo]) -> None:
-        """Begin to wait for a frame when the publishers are others."""
+        """Reset the wait for a frame if the publishers have changed."""
         publishers = _identify(offers)
         if publishers != self._publishers:
             self._publishers = publishers
@@ -221,7 +220,7 @@ class FrameSubscription:
         self._retire_previous()
         self._previous, self._retire_at = old, time.monotonic() + _OVERLAP_SECONDS
         if source != old.source or not old.publisher_count():
-            # Nothing can come any more, or not the same; and a topic has one type in a process.
+            # The old publishers are gone, or the type differs: a process has one type per topic.
             self._retire_previous()
         self._reception = self._receive_from(source, qos)
         self._log.info(
@@ -229,16 +228,16 @@ class FrameSubscription:
             'as its publishers offer')
 
     def _retire_previous(self) -> None:
-        """Let go of the old subscription, once what it has received is passed on."""
+        """Pass on the received messages of the old subscription, then remove it."""
         if self._previous:
             self._previous.drain()
             self._previous.destroy()
             self._previous = None
 
     def _take(self, reception: Reception, data: NDArray[np.uint8], info: MessageInfo) -> None:
-        """Pass a message on, unless it was before."""
+        """Pass a message on, unless the other subscription already has."""
         if self._previous and reception is not self._previous:
-            self._previous.drain()  # first what came first
+            self._previous.drain()  # keep the order of reception
         if self._is_repeated((info.source_timestamp, info.number)):
             return
         self._has_frames = True
@@ -252,9 +251,9 @@ class FrameSubscription:
         self._silence.end(self.topic_name)
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:
-        """Tell whether another subscription has passed a message on, and remember it."""
+        """Return whether a message was passed on already, and remember it."""
         if identity in self._heard or identity in self._heard_before:
-            return identity[0] > 0  # without a time there is nothing to know it by
+            return identity[0] > 0  # a message without a time cannot be identified
         self._heard.add(identity)
         if len(self._heard) == _REMEMBERED:
             self._heard_before, self._heard = self._heard, set()

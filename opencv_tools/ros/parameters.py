@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters as tables: declared with descriptions and ranges, refused with a sentence."""
+"""Tables of ROS parameters, with descriptions, ranges and checks."""
 
 from __future__ import annotations
 
@@ -30,38 +30,39 @@ import rclpy
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 
-# Parameters that ROS itself looks for under these names or prefixes.
+# Names and prefixes of parameters that ROS itself reads.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 class ParameterError(ValueError):
-    """A parameter's value that cannot be used; the message quotes it and says what can."""
+    """The value of a parameter cannot be used; the message quotes it and names valid values."""
 
 
 class UnknownParameterError(ParameterNotDeclaredException):
-    """A change of a parameter that a node does not have; rclpy answers with the message."""
+    """A change of an undeclared parameter; rclpy replies with the message."""
 
     def __init__(self, message: str) -> None:
-        """Keep the message instead of rclpy's own."""
+        """Store the message instead of rclpy's own."""
         Exception.__init__(self, message)
 
 
 @dataclass(frozen=True)
 class Parameter:
     """
-    One parameter of a node.
+    A parameter of a node.
 
-    :param name: as in ``-p name:=value``.
-    :param default: its value when none is given; its type is the parameter's type.
-    :param description: what it does, in a few words.
-    :param minimum: lowest number allowed.
-    :param maximum: highest number allowed.
-    :param step: what the numbers allowed are apart, counted from the lowest.
-    :param choices: the values allowed; empty when any is.
-    :param check: raises ValueError, with the remedy, for a text that is wrong in another way.
-    :param fixed: it cannot be changed once the node runs.
-    :param ends: it decides when the node ends, or how much it does: a node that was given a
-        misspelt one does not start.
+    :param name: name of the parameter, as in ``-p name:=value``.
+    :param default: default value; its type is the type of the parameter.
+    :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
+        and the meaning of special values.
+    :param minimum: smallest valid number.
+    :param maximum: largest valid number.
+    :param step: distance between valid numbers, counted from the minimum.
+    :param choices: valid values; empty if all values are valid.
+    :param check: raises ValueError with the remedy for an invalid text.
+    :param fixed: whether the parameter is read-only while the node runs.
+    :param ends: whether the parameter decides when the node ends, or how much it does. The node
+        does not start with a misspelt name of such a parameter.
     """
 
     name: str
@@ -76,7 +77,7 @@ class Parameter:
     ends: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
-        """Describe the parameter to ``ros2 param describe``."""
+        """Return the descriptor for ``ros2 param describe``."""
         descriptor = ParameterDescriptor(
             name=self.name, description=self.description, read_only=self.fixed,
             additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
@@ -92,16 +93,16 @@ class Parameter:
 
     def accept(self, value: object) -> str | int | float:
         """
-        Turn a value as the command line gives it into one of the parameter's type.
+        Convert a value of the command line to the type of the parameter.
 
-        ``source:=0`` arrives as an integer and ``publish_rate:=10`` too, which is what was meant.
+        ``source:=0`` and ``publish_rate:=10`` arrive as integers, but mean a text and a float.
 
-        :raises ParameterError: the value cannot be used.
+        :raises ParameterError: the value is invalid.
         """
         if isinstance(self.default, str):
             return self._accept_text(value)
         if isinstance(self.default, bool):
-            if value in (False, True):  # and 0 and 1
+            if value in (False, True):  # or 0 or 1
                 return bool(value)
             raise ParameterError(f'parameter {self.name} is {_shown(value)}: give true or false '
                                  f'({self.description})')
@@ -137,20 +138,20 @@ class Parameter:
 
 
 def _shown(value: object) -> str:
-    """Write a value as it may be printed: a source may have a password in it."""
+    """Return a value for a message; passwords in URLs are hidden."""
     return without_password(repr(value))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
     """
-    Declare a table of parameters and give their values.
+    Declare a table of parameters and return their values.
 
-    :param node: made with ``automatically_declare_parameters_from_overrides``, so that what was
-        given can be read, and checked, before it meets its descriptor.
-    :param table: the parameters of the node.
-    :returns: name to value.
-    :raises ParameterError: a value that was given cannot be used, or the name of a parameter that
-        ends the node is misspelt.
+    :param node: node created with ``automatically_declare_parameters_from_overrides``, so that
+        given values can be read and checked before their descriptors apply.
+    :param table: parameters of the node.
+    :returns: values by name.
+    :raises ParameterError: a given value is invalid, or the name of a parameter that ends the
+        node is misspelt.
     """
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
     known = {parameter.name: parameter for parameter in table}
@@ -163,12 +164,12 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 def declare_parameter(node: Node, parameter: Parameter) -> Any:
     """
-    Declare one parameter.
+    Declare one parameter and return its value.
 
-    :param node: as for ``declare_parameters``.
-    :param parameter: which one.
+    :param node: node, as for ``declare_parameters``.
+    :param parameter: parameter to declare.
     :returns: its value.
-    :raises ParameterError: the value that was given cannot be used.
+    :raises ParameterError: the given value is invalid.
     """
     value = parameter.default
     if node.has_parameter(parameter.name):
@@ -179,7 +180,7 @@ def declare_parameter(node: Node, parameter: Parameter) -> Any:
 
 
 def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Give the parameters that were given to a node but are in no table, name to value."""
+    """Return the given parameters that are not in a table, as values by name."""
     names = {parameter.name for parameter in table}
     given = node.get_parameters_by_prefix('')
     return {name: parameter.value for name, parameter in given.items()
@@ -187,15 +188,15 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """Find the name that a misspelt one may stand for, or return ''."""
+    """Return the name that a misspelt one resembles, or ''."""
     return next(iter(difflib.get_close_matches(name, names, 1)), '')
 
 
 def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
-    """Describe a parameter that is not known, and which one may have been meant."""
+    """Return a message about an unknown parameter, with the name that it resembles."""
     names = [parameter.name for parameter in table]
     close = closest_name(name, names)
-    hint = f'did you mean {close}?' if close else f'there are {", ".join(names)}'
+    hint = f'did you mean {close}?' if close else f'the parameters are {", ".join(names)}'
     return f'unknown parameter {printable(name)} is not used; {hint}'
 
 
@@ -204,14 +205,14 @@ def watch_parameters(
     more: Callable[[], Sequence[Parameter]] = tuple,
 ) -> None:
     """
-    Let parameters be changed while the node runs, or refuse with the reason.
+    Apply changes of parameters while the node runs; refuse invalid ones with the reason.
 
-    A value may be written as at the start: 5 where the parameter's type is that of 5.0.
+    Values are converted as at startup, for example 5 to 5.0.
 
-    :param node: whose parameters they are.
-    :param table: the parameters.
-    :param apply: told of those that were changed, name to value.
-    :param more: gives parameters that others apply, as far as there are any by now.
+    :param node: node of the parameters.
+    :param table: parameters that can be changed.
+    :param apply: called with the changed values by name.
+    :param more: returns further parameters, which other callbacks apply.
     """
     known = {parameter.name: parameter for parameter in table}
 
@@ -243,19 +244,19 @@ def watch_parameters(
 
 
 def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
-    """Convert a change to the type of its parameter; what has no such value stays as it is."""
+    """Convert a change to the type of its parameter; return an invalid change unmodified."""
     if parameter is None:
         return change
     value = change.value
     if isinstance(parameter.default, float) and type(value) is int:
-        value = float(value)  # also where it is out of range, which is the better reason
+        value = float(value)  # even if out of range, which is the better reason for a refusal
     with suppress(ParameterError):
         value = parameter.accept(value)
     return rclpy.Parameter(change.name, value=value)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
-    """Write a table of parameters for ``--help``: name, default and description a line."""
+    """Return the lines of ``--help`` for a table: name, description and default."""
     width = max(len(parameter.name) for parameter in table)
     lines = []
     for parameter in table:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One subscription to frames, which takes them as they come over the wire."""
+"""One subscription to frames, which takes serialized messages."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
-# Fast DDS keeps 5000 messages at most.
+# One more than Fast DDS keeps for a subscription.
 _MOST_WAITING = 5001
 
 
 class Reception:
-    """A subscription of the middleware, and who takes what it receives."""
+    """A subscription of the middleware, with the callback for its messages."""
 
     def __init__(
         self, node: Node, source: FrameSource, qos: QoSProfile,
@@ -46,11 +46,11 @@ class Reception:
         """
         Subscribe.
 
-        :param node: the node that receives, in its default callback group.
-        :param source: what to receive.
-        :param qos: what to ask for.
-        :param take: takes a message's bytes, (n,) uint8, and what is known of it.
-        :param on_publishers: told when publishers come, leave or do not fit.
+        :param node: node that receives, in its default callback group.
+        :param source: topic to subscribe to.
+        :param qos: quality of service to request.
+        :param take: called with this object, the bytes of a message, (n,) uint8, and its metadata.
+        :param on_publishers: called when publishers appear, leave or are incompatible.
         """
         self.source = source
         self.qos = qos
@@ -68,12 +68,12 @@ class Reception:
         node.add_waitable(self._arrival)
 
     def publisher_count(self) -> int:
-        """Count the publishers that it receives from."""
+        """Return the number of matched publishers."""
         count: int = self._subscription.get_publisher_count()
         return count
 
     def drain(self) -> None:
-        """Pass on what it has received until now."""
+        """Pass on all messages that were received until now."""
         for taken in self.waiting(time.time_ns()):
             self._receive(taken)
 
@@ -81,10 +81,10 @@ class Reception:
         self, until: int, is_patient: Callable[[], bool] = lambda: True,
     ) -> Iterator[Taken]:
         """
-        Take the messages that it has received, and at most one that came later.
+        Yield the messages that were received before a time, and at most one later message.
 
         :param until: nanoseconds of the system clock.
-        :param is_patient: returns whether to take one more.
+        :param is_patient: returns whether to take another message.
         """
         received = 0
         for _ in range(_MOST_WAITING):
@@ -97,7 +97,7 @@ class Reception:
             yield taken
 
     def destroy(self) -> None:
-        """Receive no more."""
+        """Unsubscribe."""
         if self._node.destroy_subscription(self._subscription):
             self._node.remove_waitable(self._arrival)
 
@@ -106,7 +106,7 @@ class Reception:
 
 
 class _Arrival(Waitable):
-    """What the executor waits for in place of the subscription, to take without rclpy's copy."""
+    """Waitable that replaces the subscription in the executor, to avoid rclpy's copy."""
 
     def __init__(
         self, node: Node, subscription: Subscription, receive: Callable[[Taken], None],
@@ -140,11 +140,11 @@ class _Arrival(Waitable):
 
 
 class _EventsOnly(ReentrantCallbackGroup):
-    """Keeps the executor from taking the messages of a subscription, but not its events."""
+    """Callback group that keeps the executor from taking messages; events still run."""
 
     def can_execute(self, entity: object) -> bool:
         return not isinstance(entity, Subscription)
 
 
 def _leave_alone(_: bytes) -> None:
-    """Take no message: the executor never calls it."""
+    """Do nothing; the executor never calls this callback."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the command line to an exit status: start a node, spin it, end it cleanly."""
+"""Entry point of both executables: parse arguments, run the node, return an exit status."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FAILED = 1
 BAD_USAGE = 2
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-# Python runs its signal handlers when the executor comes back to it, this often at least.
+# Maximum delay of Python's signal handlers, which run when the executor returns.
 _SIGNAL_SECONDS = 0.1
 _PATIENCE_SECONDS = 1.0
 
@@ -54,14 +54,15 @@ _PATIENCE_SECONDS = 1.0
 @dataclass(frozen=True)
 class Program:
     """
-    What ``--help`` says of an executable, and what is known of it before its node is there.
+    Properties of an executable that are needed before its node exists.
 
-    :param name: of the executable.
-    :param node: name of its node.
-    :param description: what it does.
-    :param parameters: of its node.
-    :param example: of ROS arguments, for ``--help``.
-    :param frame_bytes: tells from the command line how large the frames are that it will publish.
+    :param name: name of the executable.
+    :param node: name of the node.
+    :param description: purpose of the executable, for ``--help``.
+    :param parameters: parameters of the node.
+    :param example: example of ROS arguments, for ``--help``.
+    :param frame_bytes: estimates the bytes of a published frame from the command line; 0 for an
+        executable that publishes none.
     """
 
     name: str
@@ -74,16 +75,16 @@ class Program:
 
 class Runnable(Protocol):
     """
-    A node that ends by itself or is ended.
+    A node that ends by itself or is closed.
 
-    ``done`` gets the exit status when there is nothing more to do.
+    ``done`` gets the exit status when the node has nothing left to do.
     """
 
     done: Future
 
     def close(self) -> int:
         """
-        Finish what was begun, say how it went and let go of everything.
+        Finish pending work, log a summary and release all resources.
 
         :returns: the exit status.
         """
@@ -96,13 +97,12 @@ def run(
     """
     Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
 
-    Once there is an exit status these signals change nothing, until somebody else handles them.
+    Signals that arrive after the node has ended do not change the exit status.
 
-    :param program: the executable.
-    :param make_node: makes the node, once ROS is up, and is told how frames go.
-    :param args: command line with the program's name first; None for the process's own.
-    :param failures: what making the node raises, with a sentence for the user, when it cannot do
-        its job.
+    :param program: properties of the executable.
+    :param make_node: creates the node after rclpy is initialised, given the Fast DDS setup.
+    :param args: command line, program name first; None for the command line of the process.
+    :param failures: exceptions of ``make_node`` whose message is logged as a failure.
     :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
     """
     open_standard_streams()
@@ -120,7 +120,7 @@ def run(
         with transport_for_frames(program.frame_bytes(args)) as transport:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             logger.debug(transport.remark + (
-                f'; messages go with the copies of rclpy: {rcl.reason_for_rclpy}'
+                f'; rclpy copies the messages: {rcl.reason_for_rclpy}'
                 if rcl.reason_for_rclpy else ''))
             if transport.warning:
                 logger.warning(transport.warning)
@@ -133,7 +133,7 @@ def run(
         logger.error(str(err))
         return FAILED
     except KeyboardInterrupt:
-        return FAILED  # asked again: what was begun is not finished
+        return FAILED  # a second request; pending work was not finished
     except RuntimeError as err:
         if rclpy.ok():
             raise
@@ -146,9 +146,10 @@ def run(
 
 def keep_exit_status() -> None:
     """
-    Ignore for the rest of the process what would change its exit status: signals, lost terminals.
+    Ignore events that would change the exit status: signals and closed terminals.
 
-    Python's own handlers go away while the interpreter shuts down, which takes half a second.
+    Python removes its own signal handlers while the interpreter shuts down, which takes half a
+    second.
     """
     let_go_of_broken_streams()
     for number in _END_SIGNALS:
@@ -157,10 +158,10 @@ def keep_exit_status() -> None:
 
 class _Signals:
     """
-    Note SIGINT, SIGTERM and SIGHUP, the last unless it was ignored at the start, as by nohup.
+    Record SIGINT, SIGTERM and SIGHUP; SIGHUP stays ignored under nohup.
 
-    rclpy's own handlers shut ROS down at once, under the feet of a node that is being made or has
-    frames to finish. Here the node is told to end while ROS still works.
+    rclpy's handlers shut down the context immediately, even while the node is starting or
+    flushing frames. These handlers only record the time of the first signal.
     """
 
     def __init__(self) -> None:
@@ -172,23 +173,23 @@ class _Signals:
 
     @property
     def received(self) -> bool:
-        """Tell whether the node was asked to end."""
+        """Return whether the node was asked to end."""
         return self._first_at > 0.0
 
     def end(self) -> None:
-        """Ignore what comes from now on."""
+        """Ignore signals from now on."""
         self._has_ended = True
 
     def _receive(self, _number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
         self._first_at = self._first_at or now
-        # ros2 launch sends SIGINT after the terminal did; who asks much later is tired of waiting.
+        # ros2 launch repeats the SIGINT of the terminal. A much later signal forces an exit.
         if now - self._first_at > _PATIENCE_SECONDS and not self._has_ended:
             raise KeyboardInterrupt
 
 
 def _parse_arguments(args: list[str], program: Program) -> None:
-    """Answer ``--help`` and refuse words that are no ROS arguments, by leaving the program."""
+    """Handle ``--help``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
         prog=program.name, description=program.description,
         formatter_class=argparse.RawTextHelpFormatter,
@@ -201,7 +202,7 @@ def _parse_arguments(args: list[str], program: Program) -> None:
 
 
 def _remedy(words: Sequence[str], program: Program) -> str:
-    """Describe how to write a parameter that was written as an option, such as ``--source 0``."""
+    """Return how to write a parameter that was given as an option such as ``--source 0``."""
     names = {parameter.name for parameter in program.parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
@@ -227,7 +228,7 @@ def _run(node: Runnable, signals: _Signals) -> int:
 
 
 def _describe_bad_arguments(err: RuntimeError) -> str:
-    """Say what rcl says of arguments, without its source lines, and how to write a parameter."""
+    """Return an error message of rcl without source lines, with the syntax of a parameter."""
     reason = re.sub(r', at \S+:[0-9]+', '', str(err))
     if 'parameter override' in reason:
         reason += ('; write -p NAME:=VALUE, and a value with braces, brackets or spaces in quotes '

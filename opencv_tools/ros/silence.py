@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that do not come: noticed, and told once with the reason."""
+"""Warning when no frames arrive, logged once with the reason."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from opencv_tools.recording.trouble import Log
 
 _LEAST_SECONDS = 3.0
 _PERIODS = 3
-# How much of the usual time between frames each frame makes.
+# Weight of each interval in the moving average of the period.
 _PERIOD_WEIGHT = 1 / 8
 
 
 class Silence:
-    """Say why no frame comes, three seconds or three periods after the last one."""
+    """Log why no frame arrives, three seconds or three periods after the last frame."""
 
     def __init__(self, log: Log, describe: Callable[[], str]) -> None:
         """
-        Begin to wait.
+        Start waiting for frames.
 
-        :param log: where it is said.
-        :param describe: gives the reason.
+        :param log: log for the warning.
+        :param describe: returns the reason.
         """
         self._log = log
         self._describe = describe
@@ -43,16 +43,16 @@ class Silence:
         self.forget()
 
     def forget(self) -> None:
-        """Wait for other publishers, of which nothing is known."""
+        """Reset the wait and the period, after a change of the publishers' topic."""
         self._period = 0.0
         self.begin()
 
     def begin(self) -> None:
-        """Wait anew, though the frames may come as often as before."""
+        """Reset the wait, but keep the period of the frames."""
         self._frame_at = self._waited = self._told_at = 0.0
 
     def end(self, topic: str) -> None:
-        """Take note of a frame."""
+        """Record a received frame."""
         now = time.monotonic()
         if self._frame_at:
             interval = now - self._frame_at
@@ -65,10 +65,10 @@ class Silence:
 
     def watch(self, elapsed: float, is_expected: bool) -> None:
         """
-        Say why there are no frames, and say it again only when the reason is another.
+        Log the reason if frames are missing and the reason is new.
 
-        :param elapsed: seconds that none came.
-        :param is_expected: that is as it should be.
+        :param elapsed: seconds since the last check.
+        :param is_expected: whether silence is normal here; suppresses the warning.
         """
         self._waited += elapsed
         if self._waited - self._told_at < max(_LEAST_SECONDS, _PERIODS * self._period):
