@@ -209,8 +209,8 @@ def test_a_calibration_is_replaced_and_the_old_file_whole(file: Path) -> None:
 
 
 @pytest.mark.parametrize(('kind', 'reason'), [
-    ('text', 'there is a file that is no calibration; remove it, or give another URL'),
-    ('empty', 'there is a file that is no calibration; remove it, or give another URL'),
+    ('text', 'the existing file is not a calibration; remove it, or give another URL'),
+    ('empty', 'the existing file is not a calibration; remove it, or give another URL'),
     ('link', 'camera.yaml is a symbolic link, not a regular file; remove it'),
     ('dangling', 'camera.yaml is a symbolic link, not a regular file; remove it'),
     ('fifo', 'camera.yaml is a named pipe, not a regular file; remove it'),
@@ -250,7 +250,7 @@ def test_names_that_no_camera_has(file: Path, name: str) -> None:
 @pytest.mark.parametrize(('field', 'value', 'complaint'), [
     ('distortion_model', '$(touch /tmp/PWNED)', 'distortion_model is '),
     ('distortion_model', 'a\nb: c', 'distortion_model is '), ('d', [np.inf], 'distortion_coeff'),
-    ('width', 0, 'image_width is '), ('d', [0.1] * 30_000, 'has [0-9]+ bytes: give one of')])
+    ('width', 0, 'image_width is '), ('d', [0.1] * 30_000, 'has [0-9]+ bytes: give a cal')])
 def test_calibrations_that_are_not_written(
         file: Path, field: str, value: Any, complaint: str) -> None:
     info = read_camera_info(file)

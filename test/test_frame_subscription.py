@@ -751,7 +751,7 @@ def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
      'receive one with -r video_frames:=/b'),
     ('raw', {'/jpeg': CompressedImage},
      'receive one with -r video_frames:=/jpeg -p transport:=auto'),
-    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; there'),
+    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; images'),
 ])
 def test_the_reason_comes_with_what_helps(
         node: Node, camera: Node, domain: int, subscribe: Callable[..., FrameSubscription],
