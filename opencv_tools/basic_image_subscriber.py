@@ -26,9 +26,9 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
 from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.frames import Arrivals, Frame
+from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.selection import Selection
-from opencv_tools.recording.trouble import Troubles
+from opencv_tools.recording.trouble import FailureLog
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.parameters import (
@@ -66,11 +66,11 @@ class ImageSubscriber(Node):
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self.br = CvBridge()
-        self._left_out = self._refused = self._put = 0
+        self._skipped = self._refused = self._put = 0
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
-        self._troubles = Troubles(self._log)
-        self._arrivals = Arrivals()
+        self._failure_log = FailureLog(self._log)
+        self._arrivals = ArrivalClock()
         bounds = limits(settings)
         self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
         self._folder, self._recorder = open_recorder(
@@ -117,16 +117,16 @@ class ImageSubscriber(Node):
         if self._requests:
             self._requests.close()
         self._progress.close()
-        account = self._recorder.account
-        failed = account.failed + self._refused
-        left_out = account.left_out + self._left_out
+        counts = self._recorder.counts
+        failed = counts.failed + self._refused
+        skipped = counts.skipped + self._skipped
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{account.written} written to {self._folder}, {account.dropped} dropped, '
+            f'{counts.written} written to {self._folder}, {counts.dropped} dropped, '
             f'{failed} failed, {self.subscription.lost} lost in transit'
             + ('' if self.subscription.losses.is_complete else ' since the first received frame')
             + (f', {not_taken} not processed' if not_taken else '')
-            + (f', {left_out} skipped as requested' if left_out else ''))
+            + (f', {skipped} skipped as requested' if skipped else ''))
         if failed or not_taken or self._recorder.is_unfinished:
             return FAILED
         return self.done.result() if self.done.done() else DONE
@@ -144,9 +144,9 @@ class ImageSubscriber(Node):
 
         def has_room() -> bool:
             while time.monotonic() < deadline and not self.done.done():
-                account = self._recorder.account
-                if self._put - account.written - account.dropped - account.failed \
-                        - account.left_out < self._queue_size:
+                counts = self._recorder.counts
+                if self._put - counts.written - counts.dropped - counts.failed \
+                        - counts.skipped < self._queue_size:
                     return True
                 time.sleep(_POLL_SECONDS)
             return False
@@ -154,34 +154,34 @@ class ImageSubscriber(Node):
         not_taken = self.subscription.close(has_room)
         return 0 if self.done.done() else not_taken
 
-    def _record(self, frame: Frame) -> None:
+    def _record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected."""
         if not self._selection.has_begun:
             self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
         if self._selection.is_late():
-            self._left_out += 1
+            self._skipped += 1
             self._end(DONE)
             return
         requests = self._requests.take() if self._requests else []
-        if not (requests if self._requests else self._selection.wants(frame)):
-            self._left_out += 1
+        if not (requests if self._requests else self._selection.selects(frame)):
+            self._skipped += 1
             return
-        self._selection.take()
+        self._selection.count()
         on_done = partial(self._requests.answer, requests) if self._requests else None
         self._put += 1
         if not self._recorder.put(frame, on_done):
-            self._selection.put_back()
+            self._selection.uncount()
         if self._selection.is_over:
             self._end(DONE)
 
     def _refuse(self, err: ImageError | CvBridgeError) -> None:
         """Count and log a message that cannot be recorded."""
         self._refused += 1
-        self._troubles.failed(f'message not recorded: {err}')
+        self._failure_log.bad_frame(f'message not recorded: {err}')
         self._progress.tick('unreadable message', self._dropped())
 
     def _dropped(self) -> int:
-        return self.subscription.lost + self._recorder.account.dropped
+        return self.subscription.lost + self._recorder.counts.dropped
 
     def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
         """Create a timer; None for 0 seconds."""

@@ -117,7 +117,7 @@ def test_every_encoding_is_kept_exactly_or_refused(
             expected = cv2.imdecode(cv2.imencode('.jpg', expected)[1], cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(kept, expected, err_msg=name)
         is_colored = name in _COLORED_BYTES | _COLORED_WORDS
-        assert line['kept_as'] == (
+        assert line['stored_encoding'] == (
             name if not is_colored else 'bgr16' if name.endswith('16') else 'bgr8')
     refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be stored',
                              recorder.output))
@@ -240,7 +240,7 @@ def test_a_compressed_topic_is_recorded_byte_for_byte(
     assert len(lines) == 30
     for line in lines:
         assert (tmp_path / 'out' / line['file']).read_bytes() == bytes(sent[line['file']].data)
-        assert line['encoding'] == line['kept_as'] == sent[line['file']].format
+        assert line['encoding'] == line['stored_encoding'] == sent[line['file']].format
         assert line['size'] == [320, 240]
 
 

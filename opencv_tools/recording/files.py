@@ -26,13 +26,13 @@ from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.picture_files import PictureFiles
-from opencv_tools.recording.recorder import Files
+from opencv_tools.recording.picture_files import ImageSink
+from opencv_tools.recording.recorder import Sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.video import check_video, FORMATS as VIDEO_FORMATS
-from opencv_tools.recording.video_files import VideoFiles
+from opencv_tools.recording.video import check_video, VIDEO_FORMATS
+from opencv_tools.recording.video_files import VideoSink
 from opencv_tools.recording.video_picture import VideoError
-from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
+from opencv_tools.recording.writers import EncoderSettings, IMAGE_FORMATS
 
 
 # Remedies for errors of the output folder, where the text of the system error names none.
@@ -50,23 +50,23 @@ def check_format(suffix: str) -> None:
     :param suffix: file name extension with its dot, in lower case.
     :raises ValueError: the extension is unknown, or the video encoder is not installed.
     """
-    known = (*PICTURE_FORMATS, *VIDEO_FORMATS)
+    known = (*IMAGE_FORMATS, *VIDEO_FORMATS)
     if suffix not in known:
         raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
     if suffix in VIDEO_FORMATS:
         check_video()
 
 
-def open_files(
-    path: Path, names: FileNames, wanted: Format, on_exists: str, limits: Limits, sync: bool,
-    monotonic: Callable[[], float] = time.monotonic,
-) -> Files[Any]:
+def open_sink(
+    path: Path, names: FileNames, settings: EncoderSettings, on_exists: str, limits: Limits,
+    sync: bool, monotonic: Callable[[], float] = time.monotonic,
+) -> Sink[Any]:
     """
     Create the sink that frames are written to.
 
     :param path: output folder, created if it does not exist.
     :param names: template of the file names.
-    :param wanted: format and encoder settings of the files.
+    :param settings: format and encoder settings of the files.
     :param on_exists: handling of existing files, one of ``ON_EXISTS``.
     :param limits: limits of the recording.
     :param sync: whether each file is flushed to disk before it gets its final name.
@@ -75,10 +75,10 @@ def open_files(
     :raises RecordingError: the folder cannot be used, existing files are in the way, or videos
         cannot be encoded on this machine.
     """
-    is_video = wanted.suffix in VIDEO_FORMATS
+    is_video = settings.suffix in VIDEO_FORMATS
     if is_video and limits.ring:
-        raise RecordingError(f'ring deletes the oldest files, but a {wanted.suffix} recording is '
-                             'one file; set the extension of file_name to .png or .jpg')
+        raise RecordingError(f'ring deletes the oldest files, but a {settings.suffix} recording '
+                             'is one file; set the extension of file_name to .png or .jpg')
     try:
         if is_video:
             check_video()
@@ -88,8 +88,8 @@ def open_files(
     try:
         numbering = Numbering(names, folder, on_exists)
         if is_video:
-            return VideoFiles(folder, numbering, wanted, limits, monotonic)
-        return PictureFiles(folder, numbering, wanted, limits, sync)
+            return VideoSink(folder, numbering, settings, limits, monotonic)
+        return ImageSink(folder, numbering, settings, limits, sync)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err

@@ -30,7 +30,7 @@ from threading import Lock
 from typing import Any
 
 from opencv_tools.recording.killed_video import count_frames
-from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
+from opencv_tools.recording.manifest import is_same_file, Manifest, ManifestEntry, parse_line
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.
@@ -40,7 +40,7 @@ _LINE = 1 << 24
 
 # Maximum number of manifest lines that wait because the disk is full. Few lines wait, because a
 # new file begins only if the disk has room for it.
-_MOST_OWED = 100
+_MAX_DEFERRED = 100
 
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
@@ -71,9 +71,9 @@ class Folder:
         self.manifest = Manifest(path)
         self._sync = sync
         self._journal = -1
-        self._owed: list[Entry] = []
+        self._deferred: list[ManifestEntry] = []
         self._numbers = itertools.count()
-        self._making = Lock()
+        self._lock = Lock()
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._open_journal()
@@ -101,10 +101,10 @@ class Folder:
         try:
             return self._write(data)
         except FileNotFoundError:
-            self.make_again()
+            self.recreate()
             return self._write(data)
 
-    def publish(self, temporary: Path, entry: Entry, replace: bool) -> Path:
+    def publish(self, temporary: Path, entry: ManifestEntry, replace: bool) -> Path:
         """
         Rename a temporary file and add its line to the manifest; one thread at a time.
 
@@ -117,7 +117,7 @@ class Folder:
             of this name is left.
         """
         target = self.path / entry.name
-        self.announce(entry)
+        self.write_journal(entry)
         if replace:
             temporary.replace(target)
         else:
@@ -129,58 +129,58 @@ class Folder:
             raise
         return target
 
-    def make_again(self) -> None:
+    def recreate(self) -> None:
         """
         Create the folder again if it was removed, but not its parent, which may be a mount point.
 
         :raises OSError: the folder cannot be created.
         """
-        with self._making:
+        with self._lock:
             self.path.mkdir(exist_ok=True)
             if not self._journal_path.exists():
                 os.close(self._journal)
                 self._open_journal()
 
-    def announce(self, entry: Entry) -> None:
+    def write_journal(self, entry: ManifestEntry) -> None:
         """
         Write the entry of the next file to the journal.
 
         :param entry: manifest entry, without a digest if the content is not written yet.
         :raises OSError: the journal cannot be written.
         """
-        self._write_journal(*self._owed, entry)
+        self._overwrite_journal(*self._deferred, entry)
 
-    def owe_line(self, entry: Entry) -> None:
+    def defer_line(self, entry: ManifestEntry) -> None:
         """
-        Keep an entry in memory until ``settle`` writes it to the manifest.
+        Keep an entry in memory until ``write_deferred`` writes it to the manifest.
 
         :param entry: manifest entry of a finished file.
         """
-        self._owed = [*self._owed, entry][-_MOST_OWED:]
+        self._deferred = [*self._deferred, entry][-_MAX_DEFERRED:]
 
-    def settle(self) -> None:
+    def write_deferred(self) -> None:
         """
         Write the kept entries to the manifest; skip those whose file was removed.
 
         :raises OSError: the manifest cannot be written; the remaining entries are kept.
         """
-        while self._owed:
-            if (self.path / self._owed[0].name).exists():
-                self.manifest.append(self._owed[0])
-            self._owed = self._owed[1:]
+        while self._deferred:
+            if (self.path / self._deferred[0].name).exists():
+                self.manifest.append(self._deferred[0])
+            self._deferred = self._deferred[1:]
 
     def close(self) -> None:
         """Remove the journal, unless it holds an entry that the manifest does not have."""
         if self._journal >= 0:
             with suppress(OSError):  # the disk is gone; the next recording removes the journal
-                if self._owed:
-                    self._write_journal(*self._owed)
+                if self._deferred:
+                    self._overwrite_journal(*self._deferred)
                 else:
                     self._journal_path.unlink(missing_ok=True)
             os.close(self._journal)
             self._journal = -1
 
-    def _write_journal(self, *entries: Entry) -> None:
+    def _overwrite_journal(self, *entries: ManifestEntry) -> None:
         """Overwrite the journal with entries; an empty line marks the end."""
         os.pwrite(self._journal, b''.join(entry.line() for entry in entries) + b'\n', 0)
 
@@ -203,7 +203,7 @@ class Folder:
             self._journal = os.open(
                 self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             _try_lock(self._journal)
-            if is_file(self._journal, self._journal_path):
+            if is_same_file(self._journal, self._journal_path):
                 return
             os.close(self._journal)  # another recording removed the journal before the lock
 
@@ -235,7 +235,7 @@ class Folder:
             with suppress(FileNotFoundError, RefusedFileError):
                 self._complete_file(entry)
 
-    def _complete_file(self, entry: Entry) -> None:
+    def _complete_file(self, entry: ManifestEntry) -> None:
         found = entry.measured(self.path)
         # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(

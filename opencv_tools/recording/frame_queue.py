@@ -68,11 +68,11 @@ class FrameQueue(Generic[T]):
             self._changed.wait_for(lambda: self._waiting or self._closed)
             if not self._waiting:
                 return None
-            place = self._taken
+            sequence = self._taken
             self._taken += 1
             item = self._waiting.popleft()
             self._changed.notify_all()
-            return place, item
+            return sequence, item
 
     def close(self) -> None:
         """Close the queue; ``get`` returns the remaining items, then None."""

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from opencv_tools.image.compressed import stored_encoding
 from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.pictures import decode_picture
-from opencv_tools.recording.naming import Labels
+from opencv_tools.recording.naming import FrameMetadata
 
 
 @dataclass(frozen=True)
-class ReceivedFrame(Labels):
+class BaseFrame(FrameMetadata):
     """
     The fields that raw and compressed frames share.
 
@@ -47,7 +47,7 @@ class ReceivedFrame(Labels):
 
 
 @dataclass(frozen=True)
-class RawFrame(ReceivedFrame):
+class RawFrame(BaseFrame):
     """
     A frame as pixels.
 
@@ -63,7 +63,7 @@ class RawFrame(ReceivedFrame):
 
 
 @dataclass(frozen=True)
-class CompressedFrame(ReceivedFrame):
+class CompressedFrame(BaseFrame):
     """
     A frame as a compressed image; its encoding is the format string of the message.
 
@@ -86,7 +86,7 @@ class CompressedFrame(ReceivedFrame):
                         image, arrival_ns=self.arrival_ns)
 
 
-class Arrivals:
+class ArrivalClock:
     """Convert times of the system clock, which may be set at any moment, to CLOCK_MONOTONIC."""
 
     def __init__(
@@ -116,4 +116,4 @@ class Arrivals:
 
 
 #: A frame of either kind.
-Frame = RawFrame | CompressedFrame
+ReceivedFrame = RawFrame | CompressedFrame

@@ -19,7 +19,7 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-from opencv_tools.recording.video import FORMATS
+from opencv_tools.recording.video import VIDEO_FORMATS
 
 # A file up to this size may be only the header that FFmpeg wrote. A larger MP4 that ends inside
 # the header of a fragment cannot be opened either, but its frames can be rescued.
@@ -34,7 +34,7 @@ def count_frames(path: Path) -> int | None:
     :returns: number of frames; 0 if the file is only a header; None if the number is unknown.
     :raises OSError: the file cannot be read.
     """
-    if path.suffix.lower() not in FORMATS:
+    if path.suffix.lower() not in VIDEO_FORMATS:
         return None
     try:
         import av

@@ -27,7 +27,7 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.frames import BaseFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
@@ -38,12 +38,12 @@ _CHUNK = 1 << 20
 _TAIL = 1 << 20
 _LINE = 1 << 24
 # Enough for four days at 30 frames a second.
-_LARGEST = 1 << 32
+_MAX_BYTES = 1 << 32
 _MAX_NUMBER = 2**63 - 1
 
 
 @dataclass(frozen=True)
-class Entry:
+class ManifestEntry:
     """
     The manifest entry of one file.
 
@@ -53,7 +53,7 @@ class Entry:
     :param receive_ns: time of reception of the frame, in nanoseconds of the system clock.
     :param frame_id: coordinate frame of the frame.
     :param encoding: encoding of the message, or format string of a compressed message.
-    :param kept_as: encoding of the file.
+    :param stored_encoding: encoding of the file.
     :param width: width in pixels; 0 if unknown.
     :param height: height in pixels; 0 if unknown.
     :param size: size of the file in bytes.
@@ -67,7 +67,7 @@ class Entry:
     receive_ns: int
     frame_id: str
     encoding: str
-    kept_as: str
+    stored_encoding: str
     width: int
     height: int
     size: int
@@ -79,11 +79,12 @@ class Entry:
         fields = {
             'seq': self.seq, 'file': self.name, 'stamp': _time(self.stamp_ns),
             'receive_time': _time(self.receive_ns), 'frame_id': self.frame_id,
-            'encoding': self.encoding, 'kept_as': self.kept_as, 'size': [self.width, self.height],
+            'encoding': self.encoding, 'stored_encoding': self.stored_encoding,
+            'size': [self.width, self.height],
             'bytes': self.size, 'sha256': self.sha256, 'frames': self.frames}
         return json.dumps(fields).encode() + b'\n'
 
-    def measured(self, folder: Path) -> Entry:
+    def measured(self, folder: Path) -> ManifestEntry:
         """
         Return the entry with the size and the digest of its file.
 
@@ -99,15 +100,16 @@ class Entry:
 
 
 def file_entry(
-    seq: int, name: str, frame: ReceivedFrame, kept_as: str, picture_size: tuple[int, int],
+    seq: int, name: str, frame: BaseFrame, stored_encoding: str, picture_size: tuple[int, int],
     size: int = 0, sha256: str = '', frames: int = 0,
-) -> Entry:
+) -> ManifestEntry:
     """Return the entry of an image file, or of a video by its first frame."""
-    return Entry(seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
-                 kept_as, *picture_size, size, sha256, frames)
+    return ManifestEntry(
+        seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
+        stored_encoding, *picture_size, size, sha256, frames)
 
 
-def parse_line(line: bytes) -> Entry:
+def parse_line(line: bytes) -> ManifestEntry:
     """
     Read a line of a manifest.
 
@@ -116,10 +118,10 @@ def parse_line(line: bytes) -> Entry:
     try:
         fields = json.loads(line)
         width, height = map(_count, fields['size'])
-        return Entry(
+        return ManifestEntry(
             _count(fields['seq']), _file_name(fields['file']), _nanoseconds(fields['stamp']),
             _nanoseconds(fields['receive_time']), str(fields['frame_id']),
-            str(fields['encoding']), str(fields['kept_as']), width, height,
+            str(fields['encoding']), str(fields['stored_encoding']), width, height,
             _count(fields['bytes']), str(fields['sha256']), _count(fields['frames']))
     except (LookupError, OverflowError, RecursionError, TypeError, UnicodeError) as err:
         raise ValueError(f'{line[:80]!r} is not a line of a manifest') from err
@@ -132,14 +134,14 @@ class Manifest:
         """Store the path; the file is created with its first line."""
         self._path = folder / FILE_NAME
 
-    def append(self, entry: Entry) -> None:
+    def append(self, entry: ManifestEntry) -> None:
         """
         Write a line atomically at the end of the manifest.
 
         :raises OSError: the manifest cannot be written.
         """
         with self._locked() as file:
-            end = _mend(file)
+            end = _truncate_partial_line(file)
             line = entry.line()
             try:
                 if os.write(file, line) < len(line):
@@ -148,7 +150,7 @@ class Manifest:
                 os.ftruncate(file, end)
                 raise
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[ManifestEntry]:
         """
         Read all entries; skip lines that are not manifest entries.
 
@@ -160,7 +162,7 @@ class Manifest:
         except FileNotFoundError:
             return []
 
-    def tail(self) -> list[Entry]:
+    def tail(self) -> list[ManifestEntry]:
         """
         Read the last entries, which include the highest numbers.
 
@@ -174,19 +176,19 @@ class Manifest:
             return []
 
     def compact(
-        self, is_wanted: Callable[[Entry], bool], write: Callable[[bytes], Path],
+        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[bytes], Path],
     ) -> None:
         """
         Remove lines that a later line of the same file replaces, and unwanted lines.
 
-        :param is_wanted: returns whether to keep an entry.
+        :param is_kept: returns whether to keep an entry.
         :param write: writes a temporary file in the folder and returns its path.
         :raises OSError: the manifest cannot be rewritten.
         """
         with self._locked() as file:
             with os.fdopen(os.dup(file), 'rb') as reading:
                 last = {entry.name: entry for entry in _parse(reading)}
-                lines = [entry.line() for entry in last.values() if is_wanted(entry)]
+                lines = [entry.line() for entry in last.values() if is_kept(entry)]
                 reading.seek(0)
                 is_same = all(reading.read(len(line)) == line for line in lines)
                 is_same = is_same and not reading.read(1)
@@ -194,17 +196,17 @@ class Manifest:
                 write(b''.join(lines)).replace(self._path)
 
     def _opened(self) -> BinaryIO:
-        return os.fdopen(_checked(open_regular(self._path, follow=False), self._path), 'rb')
+        return os.fdopen(_checked_size(open_regular(self._path, follow=False), self._path), 'rb')
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
         """Open the manifest with an exclusive lock."""
         while True:
-            file = _checked(open_regular(
+            file = _checked_size(open_regular(
                 self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, follow=False), self._path)
             try:
                 _lock(file)
-                if is_file(file, self._path):
+                if is_same_file(file, self._path):
                     yield file
                     return
             finally:
@@ -247,19 +249,19 @@ def _file_name(value: Any) -> str:
     return value
 
 
-def _checked(file: int, path: Path) -> int:
+def _checked_size(file: int, path: Path) -> int:
     """
     Check that a manifest is small enough to be read.
 
     :raises RefusedFileError: the manifest is too large; the file is closed.
     """
-    if os.fstat(file).st_size > _LARGEST:
+    if os.fstat(file).st_size > _MAX_BYTES:
         os.close(file)
-        raise RefusedFileError(path, f'{path.name} is larger than {_LARGEST} bytes', errno.EFBIG)
+        raise RefusedFileError(path, f'{path.name} is larger than {_MAX_BYTES} bytes', errno.EFBIG)
     return file
 
 
-def _parse(file: BinaryIO) -> Iterator[Entry]:
+def _parse(file: BinaryIO) -> Iterator[ManifestEntry]:
     while line := file.readline(_LINE):
         try:
             yield parse_line(line)
@@ -267,7 +269,7 @@ def _parse(file: BinaryIO) -> Iterator[Entry]:
             continue
 
 
-def _mend(file: int) -> int:
+def _truncate_partial_line(file: int) -> int:
     """Truncate an incomplete last line and return the offset for the next one."""
     end = size = os.fstat(file).st_size
     while end and os.pread(file, 1, end - 1) != b'\n':
@@ -284,7 +286,7 @@ def _lock(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX)
 
 
-def is_file(file: int, path: Path) -> bool:
+def is_same_file(file: int, path: Path) -> bool:
     """Return whether an open file is still the file at a path."""
     try:
         return os.path.samestat(os.fstat(file), path.lstat())

@@ -40,7 +40,7 @@ _FIELDS = {
 
 
 @dataclass(frozen=True)
-class Labels:
+class FrameMetadata:
     """
     The metadata of a frame that a file name may contain.
 
@@ -59,13 +59,13 @@ class Labels:
         """Return the value of each field; texts have no characters special to paths or shells."""
         sec, nanosec = divmod(self.stamp_ns, NANO)
         return {'seq': seq, 'stamp': Decimal(self.stamp_ns) / NANO, 'sec': sec,
-                'nanosec': nanosec, 'frame_id': _harmless(self.frame_id),
-                'encoding': _harmless(self.encoding), 'topic': _harmless(self.topic)}
+                'nanosec': nanosec, 'frame_id': _sanitize(self.frame_id),
+                'encoding': _sanitize(self.encoding), 'topic': _sanitize(self.topic)}
 
 
 # A number with more digits than a template is likely to ask for.
 _SAMPLE = 1234567890
-_SAMPLE_LABELS = Labels(_SAMPLE * NANO, 'camera', 'bgr8', '/video_frames')
+_SAMPLE_METADATA = FrameMetadata(_SAMPLE * NANO, 'camera', 'bgr8', '/video_frames')
 
 
 class FileNames:
@@ -86,7 +86,7 @@ class FileNames:
         try:
             self._parts = _template_parts(template)
             self._pattern = _template_pattern(self._parts)
-            sample = self._pattern.fullmatch(self.name(_SAMPLE, _SAMPLE_LABELS))
+            sample = self._pattern.fullmatch(self.name(_SAMPLE, _SAMPLE_METADATA))
         except (ValueError, LookupError, TypeError) as err:
             raise ValueError(f'use a template such as {{seq:06d}}.png or {{stamp}}.png; {err}'
                              ) from err
@@ -104,9 +104,9 @@ class FileNames:
         """Return whether names with different numbers differ."""
         return bool(self._pattern.groups)
 
-    def name(self, seq: int, labels: Labels) -> str:
+    def name(self, seq: int, metadata: FrameMetadata) -> str:
         """Return the file name of a frame, without a folder."""
-        values = labels.values(seq)
+        values = metadata.values(seq)
         return ''.join(text if field is None else format(values[field], text)
                        for field, text in self._parts)
 
@@ -155,7 +155,7 @@ def _template_pattern(parts: Iterable[tuple[str | None, str]]) -> re.Pattern[str
         re.escape(text) if field is None else _FIELDS[field][1] for field, text in parts))
 
 
-def _harmless(text: str) -> str:
+def _sanitize(text: str) -> str:
     """Return a text of a message with only characters that are safe in a file name."""
     plain = re.sub(r'[^A-Za-z0-9._-]', '_', text.strip('/')[:_MAX_TEXT])
     return re.sub(r'^[.-]', '_', plain) or '_'

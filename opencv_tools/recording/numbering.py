@@ -24,7 +24,7 @@ from typing import TypeVar
 
 from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
-from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
+from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy
 
 T = TypeVar('T')
 
@@ -62,17 +62,17 @@ class Numbering:
         """Return whether a name may belong to this recording."""
         return self._names.matches(name)
 
-    def claim(self, labels: Labels, make: Callable[[int, str], T]) -> T:
+    def claim(self, metadata: FrameMetadata, make: Callable[[int, str], T]) -> T:
         """
         Create a file under the next free name.
 
-        :param labels: metadata of the frame, for the name.
+        :param metadata: metadata of the frame, for the name.
         :param make: creates the file of a number and a name; called until a name is free.
         :returns: the result of ``make``.
         :raises FileExistsError: the name exists, and ``on_exists`` is ``error``.
         :raises OSError: the file cannot be created; its number is not used.
         """
-        for seq, name in self._candidates(labels):
+        for seq, name in self._candidates(metadata):
             try:
                 made = make(seq, name)
             except FileExistsError:
@@ -88,16 +88,16 @@ class Numbering:
             return made
         raise FileExistsError(errno.EEXIST, f'{name} exists already')
 
-    def _candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
+    def _candidates(self, metadata: FrameMetadata) -> Iterator[tuple[int, str]]:
         """Yield numbers and names to try until one is free."""
-        name = self._names.name(self._seq, labels)
+        name = self._names.name(self._seq, metadata)
         if self._only_free:
             yield self._seq, name
         elif self._names.is_numbered:
             while True:
                 yield self._seq, name
                 self._seq += 1
-                name = self._names.name(self._seq, labels)
+                name = self._names.name(self._seq, metadata)
         else:
             first = self._copy[1] if self._copy[0] == name else 0
             for copy in itertools.count(first):

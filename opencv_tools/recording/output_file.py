@@ -19,7 +19,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from opencv_tools.recording.manifest import is_file
+from opencv_tools.recording.manifest import is_same_file
 
 
 class OutputFile:
@@ -47,10 +47,10 @@ class OutputFile:
                 self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
         return len(data)
 
-    def is_named(self) -> bool:
+    def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
         try:
-            return is_file(self.raw.fileno(), self._path)
+            return is_same_file(self.raw.fileno(), self._path)
         except OSError:  # the folder cannot be read now
             return True
 

@@ -30,7 +30,7 @@ _CHUNK_BYTES = 12  # length, type and checksum of a chunk
 
 
 @dataclass(frozen=True)
-class Payload:
+class ImageHeader:
     """
     Format and size of a compressed image.
 
@@ -44,7 +44,7 @@ class Payload:
     height: int = 0
 
 
-def read_payload(data: Any) -> Payload:
+def read_image_header(data: Any) -> ImageHeader:
     """
     Read the header of a compressed image and check that the image is complete.
 
@@ -56,11 +56,11 @@ def read_payload(data: Any) -> Payload:
     """
     content = bytes(data)
     if content.startswith(PNG_BEGINS):
-        return Payload(('.png',), *_check_png(content))
+        return ImageHeader(('.png',), *_check_png(content))
     if content.startswith(JPEG_BEGINS):
         check_whole(content)
-        return Payload(('.jpg', '.jpeg'), *jpeg_size(content))
-    return Payload(())
+        return ImageHeader(('.jpg', '.jpeg'), *jpeg_size(content))
+    return ImageHeader(())
 
 
 def _check_png(png: bytes) -> tuple[int, int]:

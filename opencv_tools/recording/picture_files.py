@@ -24,19 +24,19 @@ from pathlib import Path
 from typing import BinaryIO
 
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import Frame
-from opencv_tools.recording.manifest import Entry, file_entry
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.recorder import Standing
-from opencv_tools.recording.selection import Budget, Limits
-from opencv_tools.recording.writers import Content, encode_frame, Format
+from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.selection import Limits, Retention
+from opencv_tools.recording.writers import encode_frame, EncodedImage, EncoderSettings
 
 # The manifest is compacted when so many lines, and more than half of them, have no file.
-_MANY_LINES = 100
+_MIN_STALE_LINES = 100
 
 
 @dataclass(frozen=True)
-class PreparedPicture:
+class PreparedImage:
     """
     A temporary file that is ready to be renamed.
 
@@ -47,7 +47,7 @@ class PreparedPicture:
     """
 
     temporary: Path
-    content: Content
+    content: EncodedImage
     size: int
     sha256: str
 
@@ -57,11 +57,11 @@ class PreparedPicture:
             self.temporary.unlink(missing_ok=True)
 
 
-class PictureFiles:
+class ImageSink:
     """Write each frame to an image file."""
 
     def __init__(
-        self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
+        self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
         sync: bool = False,
     ) -> None:
         """
@@ -69,24 +69,24 @@ class PictureFiles:
 
         :param folder: output folder, closed together with this sink.
         :param numbering: source of the file names.
-        :param wanted: format and encoder settings of the files.
+        :param settings: format and encoder settings of the files.
         :param limits: limits of the recording.
         :param sync: whether each file is flushed to disk before it gets its final name.
         :raises OSError: the manifest cannot be read.
         """
-        self.standing = Standing()
+        self.counts = SinkCounts()
         self._folder = folder
         self._numbering = numbering
-        self._wanted = wanted
+        self._settings = settings
         self._sync = sync
-        self._loses_files = limits.ring or numbering.replaces
+        self._removes_files = limits.ring or numbering.replaces
         self._stale_lines = 0
         self._compact()
         earlier = folder.manifest.entries() if limits.ring else []
-        self._budget = Budget(limits, [
+        self._retention = Retention(limits, [
             entry for entry in earlier if numbering.matches(entry.name)])
 
-    def prepare(self, frame: Frame) -> PreparedPicture:
+    def prepare(self, frame: ReceivedFrame) -> PreparedImage:
         """
         Encode a frame and write it to a temporary file; thread-safe.
 
@@ -95,7 +95,7 @@ class PictureFiles:
         :raises ImageError: the format cannot hold the frame.
         :raises OSError: the file cannot be written.
         """
-        content = encode_frame(frame, self._wanted)
+        content = encode_frame(frame, self._settings)
         parts = content.parts()
         data = next(parts)
         digest, size = hashlib.sha256(data), data.nbytes
@@ -112,26 +112,26 @@ class PictureFiles:
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
-        return PreparedPicture(
+        return PreparedImage(
             temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
 
-    def commit(self, frame: Frame, picture: PreparedPicture) -> Path:
+    def commit(self, frame: ReceivedFrame, image: PreparedImage) -> Path:
         """
         Rename a temporary file; one thread at a time, in the order of the frames.
 
         :param frame: frame in the file.
-        :param picture: temporary file of the frame.
+        :param image: temporary file of the frame.
         :returns: final path.
-        :raises FullError: the recording has reached its limits.
+        :raises LimitReached: the recording has reached its limits.
         :raises OSError: the file cannot be renamed or added to the manifest.
         """
-        content = picture.content
+        content = image.content
         path = self._numbering.claim(frame, lambda seq, name: self._publish(
-            picture.temporary, file_entry(
+            image.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                picture.size, picture.sha256, frames=1), frame.arrival_ns))
-        self.standing.kept += 1
-        if self._stale_lines > max(_MANY_LINES, self._budget.count):
+                image.size, image.sha256, frames=1), frame.arrival_ns))
+        self.counts.kept += 1
+        if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
             self._compact()
         return path
 
@@ -143,19 +143,19 @@ class PictureFiles:
         finally:
             self._folder.close()
 
-    def _publish(self, temporary: Path, entry: Entry, arrival_ns: int) -> Path:
-        gone = self._budget.make_room(entry, arrival_ns)
+    def _publish(self, temporary: Path, entry: ManifestEntry, arrival_ns: int) -> Path:
+        gone = self._retention.make_room(entry, arrival_ns)
         for name in gone:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
         self._stale_lines += len(gone) or self._numbering.replaces
-        self._budget.add(entry, gone, arrival_ns)
+        self._retention.add(entry, gone, arrival_ns)
         return path
 
     def _compact(self) -> None:
         """Remove the lines of deleted and replaced files from the manifest."""
         self._stale_lines = 0
-        if self._loses_files:
+        if self._removes_files:
             self._folder.manifest.compact(
                 lambda entry: not self._numbering.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)

@@ -25,9 +25,9 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.frame_queue import FrameQueue
-from opencv_tools.recording.frames import Frame
-from opencv_tools.recording.selection import FullError
-from opencv_tools.recording.trouble import Log, Throttle, Troubles
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.selection import LimitReached
+from opencv_tools.recording.trouble import FailureLog, Log, Throttle
 
 QUEUE_SIZE = 64  # frames
 
@@ -46,36 +46,36 @@ P = TypeVar('P', bound=Prepared)
 
 
 @dataclass
-class Standing:
+class SinkCounts:
     """
     Counts of the frames that were committed to a sink.
 
     :param kept: frames that are complete in files; decreases when a file is lost.
     :param lost: frames that were accepted but are in no file.
-    :param left_out: frames that were accepted but exceeded the limits.
+    :param skipped: frames that were accepted but exceeded the limits.
     :param reason: reason for the latest loss.
     """
 
     kept: int = 0
     lost: int = 0
-    left_out: int = 0
+    skipped: int = 0
     reason: str = ''
 
 
-class Files(Protocol[P]):
+class Sink(Protocol[P]):
     """
     Destination of recorded frames.
 
-    A committed frame may wait in memory. ``standing`` counts it when it is written or lost, at the
+    A committed frame may wait in memory. ``counts`` includes it when it is written or lost, at the
     latest in ``close``.
     """
 
-    standing: Standing
+    counts: SinkCounts
 
-    def prepare(self, frame: Frame) -> P:
+    def prepare(self, frame: ReceivedFrame) -> P:
         """Encode a frame; thread-safe."""
 
-    def commit(self, frame: Frame, prepared: P) -> Path:
+    def commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         """Write a prepared frame and return its path; called in the order of the frames."""
 
     def close(self) -> None:
@@ -83,18 +83,18 @@ class Files(Protocol[P]):
 
 
 @dataclass
-class Account:
+class FrameCounts:
     """Counts of the frames that were put into a recorder; frames in the queue are not counted."""
 
     written: int = 0
     dropped: int = 0
     failed: int = 0
-    left_out: int = 0
+    skipped: int = 0
 
 
 @dataclass(frozen=True)
 class _Job:
-    frame: Frame
+    frame: ReceivedFrame
     on_done: OnDone | None
 
     def done(self, outcome: Path | str) -> None:
@@ -106,13 +106,13 @@ class Recorder(Generic[P]):
     """Write frames in worker threads, preserving their order."""
 
     def __init__(
-        self, files: Files[P], log: Log, queue_size: int = QUEUE_SIZE, writers: int = 0,
+        self, sink: Sink[P], log: Log, queue_size: int = QUEUE_SIZE, writers: int = 0,
         block: bool = False, on_full: Callable[[], object] = lambda: None,
     ) -> None:
         """
         Start the worker threads.
 
-        :param files: destination of the frames.
+        :param sink: destination of the frames.
         :param log: log for failures.
         :param queue_size: maximum number of frames that wait to be written.
         :param writers: number of worker threads; 0 for one per processor.
@@ -120,26 +120,26 @@ class Recorder(Generic[P]):
             dropped.
         :param on_full: called on any thread when the recording reaches its limits.
         """
-        self.account = Account()
+        self.counts = FrameCounts()
         self.is_full = False
         self.is_unfinished = False  # closing the files failed, although no frame may have
-        self._seen = Standing()
-        self._files = files
+        self._seen = SinkCounts()
+        self._sink = sink
         self._log = log
         self._on_full = on_full
         self._queue: FrameQueue[_Job] = FrameQueue(queue_size, block)
         self._queue_size = queue_size
-        self._troubles = Troubles(log)
+        self._failure_log = FailureLog(log)
         self._drop_warnings = Throttle()
         self._ordering = Lock()
         self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
-        self._next_place = 0
+        self._next_sequence = 0
         self._threads = [Thread(target=self._write_all, name=f'writer-{index}', daemon=True)
                          for index in range(writers or len(os.sched_getaffinity(0)))]
         for thread in self._threads:
             thread.start()
 
-    def put(self, frame: Frame, on_done: OnDone | None = None) -> bool:
+    def put(self, frame: ReceivedFrame, on_done: OnDone | None = None) -> bool:
         """
         Put a frame into the queue.
 
@@ -151,10 +151,10 @@ class Recorder(Generic[P]):
         dropped = self._queue.put(_Job(frame, on_done))
         if not dropped:
             return True
-        self.account.dropped += 1
+        self.counts.dropped += 1
         if self._drop_warnings.passes():
             self._log.warning(
-                f'{self.account.dropped} frames dropped: they arrive faster than they are '
+                f'{self.counts.dropped} frames dropped: they arrive faster than they are '
                 f'written, and the queue of {self._queue_size} is full; write .jpg, set every_n, '
                 'or raise queue_size')
         dropped.done('the frame was dropped because the queue is full')
@@ -168,29 +168,29 @@ class Recorder(Generic[P]):
         if self._threads:
             self._threads.clear()
             try:
-                self._files.close()
+                self._sink.close()
             except (OSError, ImageError) as err:
                 self.is_unfinished = True
-                self._log.error(f'the recording was not finished: {reason_of(err)}')
+                self._log.error(f'the recording was not finished: {error_text(err)}')
             finally:
-                self._settle()
+                self._update_counts()
 
     def _write_all(self) -> None:
         while (taken := self._queue.get()) is not None:
-            place, job = taken
+            sequence, job = taken
             prepared = self._prepare(job.frame)
             with self._ordering:
-                self._out_of_order[place] = job, prepared
-                while self._next_place in self._out_of_order:
-                    self._finish(*self._out_of_order.pop(self._next_place))
-                    self._next_place += 1
+                self._out_of_order[sequence] = job, prepared
+                while self._next_sequence in self._out_of_order:
+                    self._finish(*self._out_of_order.pop(self._next_sequence))
+                    self._next_sequence += 1
 
-    def _prepare(self, frame: Frame) -> P | Exception:
+    def _prepare(self, frame: ReceivedFrame) -> P | Exception:
         """Prepare a frame on any thread; return an error, which is reported in order."""
         if self.is_full:
-            return FullError('the recording has reached its limits')
+            return LimitReached('the recording has reached its limits')
         try:
-            return self._files.prepare(frame)
+            return self._sink.prepare(frame)
         except Exception as err:  # noqa: B902 - later frames wait for the turn of this one
             return err
 
@@ -198,50 +198,51 @@ class Recorder(Generic[P]):
         """Commit a frame and count the outcome."""
         try:
             path = self._commit(job.frame, prepared)
-        except FullError as err:
-            self.account.left_out += 1
+        except LimitReached as err:
+            self.counts.skipped += 1
             self._end(err)
             job.done(str(err))
         except Exception as err:  # noqa: B902 - as above
-            self.account.failed += 1
-            tell = self._troubles.outage if isinstance(err, OSError) else self._troubles.failed
-            tell(f'a frame was not written: {reason_of(err)}')
-            job.done(reason_of(err))
+            self.counts.failed += 1
+            log = (self._failure_log.write_failed if isinstance(err, OSError)
+                   else self._failure_log.bad_frame)
+            log(f'a frame was not written: {error_text(err)}')
+            job.done(error_text(err))
         else:
             job.done(path)
         finally:
-            self._settle()
+            self._update_counts()
 
-    def _settle(self) -> None:
+    def _update_counts(self) -> None:
         """Count the outcome of committed frames and log losses."""
-        standing, seen, account = replace(self._files.standing), self._seen, self.account
-        self._seen = standing
-        for _ in range(standing.lost - seen.lost):
-            self._troubles.outage(f'a frame was not written: {standing.reason}')
-        if standing.kept > seen.kept:
-            self._troubles.written()
-        account.written += standing.kept - seen.kept
-        account.failed += standing.lost - seen.lost
-        account.left_out += standing.left_out - seen.left_out
+        now, seen, counts = replace(self._sink.counts), self._seen, self.counts
+        self._seen = now
+        for _ in range(now.lost - seen.lost):
+            self._failure_log.write_failed(f'a frame was not written: {now.reason}')
+        if now.kept > seen.kept:
+            self._failure_log.write_succeeded()
+        counts.written += now.kept - seen.kept
+        counts.failed += now.lost - seen.lost
+        counts.skipped += now.skipped - seen.skipped
 
-    def _commit(self, frame: Frame, prepared: P | Exception) -> Path:
+    def _commit(self, frame: ReceivedFrame, prepared: P | Exception) -> Path:
         if isinstance(prepared, Exception):
             raise prepared
         try:
             if self.is_full:
-                raise FullError('the recording has reached its limits')
-            return self._files.commit(frame, prepared)
+                raise LimitReached('the recording has reached its limits')
+            return self._sink.commit(frame, prepared)
         except Exception:  # noqa: B902 - it is raised again
             prepared.discard()
             raise
 
-    def _end(self, err: FullError) -> None:
+    def _end(self, err: LimitReached) -> None:
         if not self.is_full:
             self.is_full = True
             self._log.info(f'Recording limit reached: {err}')
             self._on_full()
 
 
-def reason_of(err: Exception) -> str:
+def error_text(err: Exception) -> str:
     """Return the text of an error, without a file name that differs for every frame."""
     return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

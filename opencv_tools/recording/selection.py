@@ -20,18 +20,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
-from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.recording.manifest import Entry
+from opencv_tools.recording.frames import BaseFrame
+from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import NANO
 
 # Jitter tolerance: a frame this fraction of a period early still counts as on time.
-_SLACK = 0.25
+_JITTER_TOLERANCE = 0.25
 
 # Arrival time in nanoseconds of files whose age is unknown.
-_LONG_AGO = -1 << 62
+_UNKNOWN_AGE_NS = -1 << 62
 
 
-class FullError(Exception):
+class LimitReached(Exception):
     """A recording has reached its limits."""
 
 
@@ -96,12 +96,12 @@ class Selection:
         """Return whether the maximum number of frames was counted."""
         return 0 < self._limits.max_frames <= self._taken
 
-    def wants(self, frame: ReceivedFrame) -> bool:
+    def selects(self, frame: BaseFrame) -> bool:
         """Return whether a received frame is to be recorded."""
         self._seen += 1
         return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)
 
-    def take(self) -> None:
+    def count(self) -> None:
         """Count a recorded frame."""
         self._taken += 1
 
@@ -112,7 +112,7 @@ class Selection:
             self._began_at = now
         return 0 < self._limits.max_seconds <= now - self._began_at
 
-    def put_back(self) -> None:
+    def uncount(self) -> None:
         """Undo the count of a frame that was dropped."""
         self._taken -= 1
 
@@ -120,25 +120,25 @@ class Selection:
         """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
         period = self._period_ns
         early = self._due_ns - time_ns
-        if period * _SLACK < early <= 2 * period:
+        if period * _JITTER_TOLERANCE < early <= 2 * period:
             return False
-        is_on_grid = -period <= early <= period * _SLACK
+        is_on_grid = -period <= early <= period * _JITTER_TOLERANCE
         self._due_ns = (self._due_ns if is_on_grid else time_ns) + period
         return True
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _KeptFile:
     name: str
     size: int
     arrival_ns: int
 
 
-class Budget:
+class Retention:
     """Keep the files of a recording within its limits."""
 
     def __init__(
-        self, limits: Limits, entries: list[Entry],
+        self, limits: Limits, entries: list[ManifestEntry],
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -152,14 +152,14 @@ class Budget:
         :param wall: system clock in nanoseconds, for the age of existing files.
         """
         self._limits = limits
-        self._kept: dict[str, _Kept] = {}
+        self._kept: dict[str, _KeptFile] = {}
         now, offset = wall(), wall() - monotonic()
         earlier = {entry.name: entry for entry in entries} if limits.ring else {}
         for entry in sorted(earlier.values(), key=lambda entry: (
                 entry.receive_ns <= now, entry.receive_ns)):
             is_past = entry.receive_ns <= now
-            self._kept[entry.name] = _Kept(
-                entry.name, entry.size, entry.receive_ns - offset if is_past else _LONG_AGO)
+            self._kept[entry.name] = _KeptFile(
+                entry.name, entry.size, entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
         self._bytes = sum(kept.size for kept in self._kept.values())
 
     @property
@@ -167,14 +167,14 @@ class Budget:
         """Count of files in the ring."""
         return len(self._kept)
 
-    def make_room(self, entry: Entry, arrival_ns: int) -> list[str]:
+    def make_room(self, entry: ManifestEntry, arrival_ns: int) -> list[str]:
         """
         Select the files to delete before a new file is written.
 
         :param entry: manifest entry of the new file.
         :param arrival_ns: arrival time of its frame, in nanoseconds of the monotonic clock.
         :returns: names of the files to delete, oldest first.
-        :raises FullError: the new file exceeds the limits, and no file can be deleted.
+        :raises LimitReached: the new file exceeds the limits, and no file can be deleted.
         """
         limits = self._limits
         replaced = self._kept.get(entry.name)
@@ -190,18 +190,18 @@ class Budget:
                 gone.append(other.name)
                 size -= other.size
         if self._is_too_large(size):
-            raise FullError(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
-                            'bytes')
+            raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
+                               'bytes')
         return gone
 
-    def add(self, entry: Entry, gone: list[str], arrival_ns: int) -> None:
+    def add(self, entry: ManifestEntry, gone: list[str], arrival_ns: int) -> None:
         """Count a new file, and remove the deleted files from the counts."""
         for name in (*gone, entry.name):
             other = self._kept.pop(name, None)
             self._bytes -= other.size if other else 0
         self._bytes += entry.size
         if self._limits.ring:
-            self._kept[entry.name] = _Kept(entry.name, entry.size, arrival_ns)
+            self._kept[entry.name] = _KeptFile(entry.name, entry.size, arrival_ns)
 
     def _is_too_large(self, size: int) -> bool:
         return 0 < self._limits.max_bytes < size

@@ -51,7 +51,7 @@ class Log(Protocol):
         """Log a failure."""
 
 
-class Troubles:
+class FailureLog:
     """
     Log the first of similar failures and the end of an outage; thread-safe.
 
@@ -65,12 +65,12 @@ class Troubles:
         self._lock = Lock()
         self._reasons: OrderedDict[str, None] = OrderedDict()
         self._outage = ''
-        self._failed_since = 0
-        self._left_out = 0
+        self._failed_count = 0
+        self._skipped = 0
         self._allowed = float(_BURST)
         self._allowed_at = time.monotonic()
 
-    def failed(self, reason: str) -> None:
+    def bad_frame(self, reason: str) -> None:
         """
         Log a frame that cannot be read or encoded.
 
@@ -89,7 +89,7 @@ class Troubles:
         if line:
             self._log.error(line)
 
-    def outage(self, reason: str) -> None:
+    def write_failed(self, reason: str) -> None:
         """
         Log a frame that could not be written.
 
@@ -98,7 +98,7 @@ class Troubles:
         key = _cause(reason)
         line = ''
         with self._lock:
-            self._failed_since += 1
+            self._failed_count += 1
             if key != self._outage:
                 line = self._line(reason)
                 # A reason that was not logged is new when it recurs.
@@ -106,18 +106,18 @@ class Troubles:
         if line:
             self._log.error(line)
 
-    def written(self) -> None:
+    def write_succeeded(self) -> None:
         """Log the end of an outage, if there was one."""
         if not self._outage:
             return
         with self._lock:
             if not self._outage:
                 return
-            count, self._failed_since, self._outage = self._failed_since, 0, ''
+            count, self._failed_count, self._outage = self._failed_count, 0, ''
             line = self._line(f'Writing again; {count} frames were not written')
             if not line:  # the next written frame logs it
-                self._failed_since, self._outage = count, _NOT_LOGGED
-                self._left_out -= 1
+                self._failed_count, self._outage = count, _NOT_LOGGED
+                self._skipped -= 1
         if line:
             self._log.info(line)
 
@@ -128,11 +128,11 @@ class Troubles:
             float(_BURST), self._allowed + (now - self._allowed_at) * _LINES_A_SECOND)
         self._allowed_at = now
         if self._allowed < 1:
-            self._left_out += 1
+            self._skipped += 1
             return ''
         self._allowed -= 1
-        left_out, self._left_out = self._left_out, 0
-        return plain_reason(reason) + (f' (and {left_out} more)' if left_out else '')
+        skipped, self._skipped = self._skipped, 0
+        return plain_reason(reason) + (f' (and {skipped} more)' if skipped else '')
 
 
 def plain_reason(reason: str) -> str:

@@ -36,13 +36,13 @@ from typing import Any
 
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.output_file import OutputFile
-from opencv_tools.recording.video_picture import VideoError, VideoPicture
+from opencv_tools.recording.video_picture import VideoError, VideoFrame
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
 
 @dataclass(frozen=True)
-class _Format:
+class _ContainerFormat:
     name: str  # name of the format in FFmpeg
     ticks: int  # resolution of times, in ticks per second
     longest: int  # longest gap between two frames, in seconds
@@ -55,17 +55,18 @@ class _Format:
     options: dict[str, str] = field(default_factory=dict)
 
 
-_FORMATS = {
+_CONTAINER_FORMATS = {
     # A fragment begins at each key frame and does not depend on later data.
-    '.mp4': _Format('mp4', 90000, 3600, 16, 200, 24, options={
-                    'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
-    '.mkv': _Format('matroska', 1000, 3600, 16, 100, 48, options={'cluster_time_limit': '500'}),
+    '.mp4': _ContainerFormat('mp4', 90000, 3600, 16, 200, 24, options={
+        'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
+    '.mkv': _ContainerFormat('matroska', 1000, 3600, 16, 100, 48, options={
+        'cluster_time_limit': '500'}),
     # 300 is a multiple of common rates. FFmpeg writes at most 60000 empty frames in a row.
-    '.avi': _Format('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
+    '.avi': _ContainerFormat('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
 }
 
 #: File name extensions of the video formats.
-FORMATS = tuple(_FORMATS)
+VIDEO_FORMATS = tuple(_CONTAINER_FORMATS)
 
 # Recordings run beside other work. superfast takes 12 ms of a core for a frame of 1920x1080;
 # veryfast takes 22 ms for 0.9 of the size, ultrafast 9 ms for 1.8 of the size. With zerolatency
@@ -103,13 +104,13 @@ class VideoWriter:
     """One video file; used by one thread at a time."""
 
     def __init__(
-        self, path: Path, picture: VideoPicture, time_ns: int, crf: int = 23, max_bytes: int = 0,
+        self, path: Path, video_frame: VideoFrame, time_ns: int, crf: int = 23, max_bytes: int = 0,
     ) -> None:
         """
         Create the file.
 
-        :param path: path of the file; its extension, one of ``FORMATS``, selects the format.
-        :param picture: frame with the size and pixel format of the video; it is not written.
+        :param path: path of the file; its extension, one of ``VIDEO_FORMATS``, selects the format.
+        :param video_frame: frame with the size and pixel format of the video; it is not written.
         :param time_ns: start time of the video in nanoseconds, stored in the comment of the file.
         :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
         :param max_bytes: maximum size of the file in bytes; 0 for no limit.
@@ -121,8 +122,8 @@ class VideoWriter:
         self.flushed = 0  # accepted frames that are complete in the file
         self.is_full = False  # the next frame would exceed max_bytes
         self._path = path
-        self._form = picture.form
-        self._format = _FORMATS[path.suffix.lower()]
+        self._stream_format = video_frame.stream_format
+        self._format = _CONTAINER_FORMATS[path.suffix.lower()]
         self._start_ns = self._last_ns = time_ns
         self._last, self._next_key = -1, 0  # ticks
         self._packets = self._keys = 0
@@ -145,7 +146,7 @@ class VideoWriter:
         return self._file.size
 
     @property
-    def left_out(self) -> int:
+    def skipped(self) -> int:
         """Count of accepted frames that exceed the maximum size."""
         return self.frames - self._packets if self.is_full else 0
 
@@ -154,27 +155,27 @@ class VideoWriter:
         """Upper bound of the bytes of frames that are not in the file yet."""
         return self._waiting
 
-    def is_named(self) -> bool:
+    def is_at_path(self) -> bool:
         """Return whether the file is still at its path."""
-        return self._file.is_named()
+        return self._file.is_at_path()
 
-    def fits(self, picture: VideoPicture, time_ns: int) -> bool:
+    def fits(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
         Return whether a frame can continue the video.
 
-        :param picture: frame, which must have the size and pixel format of the video.
+        :param video_frame: frame, which must have the size and pixel format of the video.
         :param time_ns: time of the frame in nanoseconds. More than a second before the previous
             frame means that the clock was set. The longest gap is an hour, in AVI 199 s.
         """
         step = time_ns - self._last_ns
-        return (picture.form == self._form
+        return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
-    def write(self, picture: VideoPicture, time_ns: int) -> bool:
+    def write(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
         Encode a frame, which may wait in memory for later frames.
 
-        :param picture: frame for which ``fits`` returned True.
+        :param video_frame: frame for which ``fits`` returned True.
         :param time_ns: time of the frame in nanoseconds; one tick after the previous frame if it
             is not later.
         :returns: False if the frame would exceed the maximum size; the file can then only be
@@ -191,7 +192,7 @@ class VideoWriter:
         self.is_full = self.is_full or not self._has_room(0, pts)
         if self.is_full:
             return False
-        frame = picture.frame
+        frame = video_frame.frame
         frame.pts, frame.time_base = pts, Fraction(1, ticks)
         frame.pict_type = _KEY_FRAME if is_key else 0
         self._call(self._encode, frame)
@@ -237,7 +238,7 @@ class VideoWriter:
         self._stream = self._container.add_stream(
             'libx264', rate=_NOMINAL_RATE, options={**_OPTIONS, 'crf': str(crf)})
         context = self._stream.codec_context
-        context.width, context.height, context.pix_fmt = self._form
+        context.width, context.height, context.pix_fmt = self._stream_format
         context.time_base = Fraction(1, self._format.ticks)
         self._container.start_encoding()
 
@@ -271,7 +272,7 @@ class VideoWriter:
             step(*arguments)
         except av.error.FFmpegError as err:
             self._file.check(self._whole)
-            width, height, _ = self._form
+            width, height, _ = self._stream_format
             raise VideoError(f'a {width}x{height} frame cannot be encoded as '
                              f'{self._path.suffix}: {err}') from err
         self._file.check(self._whole)
@@ -284,5 +285,5 @@ class VideoWriter:
             if container is not None:
                 container.close()  # it writes nothing after an error of the file
         with self._file.raw:
-            if not self.flushed and self._file.is_named():
+            if not self.flushed and self._file.is_at_path():
                 self._path.unlink(missing_ok=True)

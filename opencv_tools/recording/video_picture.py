@@ -45,26 +45,26 @@ class VideoError(ImageError):
 
 
 @dataclass(frozen=True)
-class VideoPicture:
+class VideoFrame:
     """A frame for the encoder, as an ``av.VideoFrame``."""
 
     frame: Any
 
     @property
-    def form(self) -> tuple[int, int, str]:
+    def stream_format(self) -> tuple[int, int, str]:
         """Properties that all frames of a file share: width, height and pixel format."""
         return self.frame.width, self.frame.height, self.frame.format.name
 
 
-def video_picture(
+def to_video_frame(
     image: NDArray[Any], encoding_name: str, suffix: str, to_color: bool = False,
-) -> VideoPicture:
+) -> VideoFrame:
     """
     Convert an image for the encoder; thread-safe.
 
     :param image: (h, w) or (h, w, c) array of any strides; not modified.
     :param encoding_name: sensor_msgs/Image encoding of the image.
-    :param suffix: extension of the video, one of ``FORMATS``, for error messages.
+    :param suffix: extension of the video, one of ``VIDEO_FORMATS``, for error messages.
     :param to_color: whether 8-bit Bayer and YUV images are converted; otherwise they are refused.
     :returns: a copy in 4:2:0 if both sizes are even, else in 4:4:4, which keeps every pixel.
     :raises VideoError: no video can hold the image.
@@ -87,7 +87,7 @@ def video_picture(
     for plane, values in zip(frame.planes, planes):
         rows = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]
         rows.reshape(-1, plane.line_size)[:, :plane.width] = values
-    return VideoPicture(frame)
+    return VideoFrame(frame)
 
 
 def _planes(image: NDArray[Any], order: str, is_even: bool) -> tuple[Any, Any, Any]:

@@ -28,22 +28,22 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import (
     convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
 )
-from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
-from opencv_tools.recording.payload import read_payload
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.payload import read_image_header
 
 
 class UnwritableError(ImageError):
     """A file format cannot hold a frame; the message names one that can."""
 
 
-_ANYTHING = '.npy'
+_NPY = '.npy'
 _PART_BYTES = 2**20
 
 #: OpenCV types that each format stores without loss (JPEG: apart from its compression).
-FORMATS = {
+IMAGE_FORMATS = {
     **{suffix: PICTURE_FORMATS[suffix]
        for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
-    _ANYTHING: frozenset[str](),
+    _NPY: frozenset[str](),
 }
 
 # Channel orders that OpenCV's encoders do not accept, and their replacements.
@@ -54,11 +54,11 @@ _COLORS = {'uint8': 'bgr8', 'uint16': 'bgr16'}
 
 
 @dataclass(frozen=True)
-class Format:
+class EncoderSettings:
     """
     Format and encoder settings of recorded files.
 
-    :param suffix: file name extension, one of ``FORMATS`` or of a video format.
+    :param suffix: file name extension, one of ``IMAGE_FORMATS`` or of a video format.
     :param to_color: whether Bayer and YUV frames are converted to colour in images and videos;
         otherwise they are stored unchanged or refused.
     :param jpeg_quality: JPEG quality, from 1 to 100.
@@ -74,7 +74,7 @@ class Format:
 
 
 @dataclass(frozen=True)
-class Content:
+class EncodedImage:
     """
     Content of an image file.
 
@@ -105,58 +105,58 @@ class Content:
             yield part.reshape(-1).view(np.uint8).data
 
 
-def able_formats(type_name: str) -> str:
+def formats_for(type_name: str) -> str:
     """Return the extensions of formats that can hold an OpenCV type such as ``16UC1``."""
-    able = [suffix for suffix, types in FORMATS.items() if type_name in types]
-    return ' or '.join([*able, _ANYTHING])
+    suffixes = [suffix for suffix, types in IMAGE_FORMATS.items() if type_name in types]
+    return ' or '.join([*suffixes, _NPY])
 
 
-def encode_frame(frame: Frame, wanted: Format) -> Content:
+def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImage:
     """
     Encode a frame as an image file.
 
     A compressed frame that already has the requested format is kept; others are decoded.
 
     :param frame: frame to encode; not modified.
-    :param wanted: format and encoder settings; ``.npy`` stores the array unchanged.
+    :param settings: format and encoder settings; ``.npy`` stores the array unchanged.
     :returns: the content of the file; for a kept frame a view of its data.
     :raises ImageError: the format cannot hold the frame without loss, or the frame is damaged.
     """
     if isinstance(frame, CompressedFrame):
-        payload = read_payload(frame.data)
-        if wanted.suffix in payload.suffixes:
-            return Content(frame.data, frame.encoding, payload.width, payload.height)
-    return _encode_image(frame.decode(), wanted)
+        payload = read_image_header(frame.data)
+        if settings.suffix in payload.suffixes:
+            return EncodedImage(frame.data, frame.encoding, payload.width, payload.height)
+    return _encode_image(frame.decode(), settings)
 
 
-def _encode_image(frame: RawFrame, wanted: Format) -> Content:
+def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     image, encoding = frame.image, find_encoding(frame.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
-    if wanted.suffix == _ANYTHING:
+    if settings.suffix == _NPY:
         layout: Any = np.lib.format  # numpy 1.26 has no types for these functions
         header = layout.header_data_from_array_1_0(image)
         head = io.BytesIO()
         layout.write_array_header_1_0(head, header)
-        return Content(head.getbuffer(), encoding.name, width, height,
-                       image.T if header['fortran_order'] else image)
-    if wanted.to_color and encoding.kind in ('bayer', 'yuv'):
+        return EncodedImage(head.getbuffer(), encoding.name, width, height,
+                            image.T if header['fortran_order'] else image)
+    if settings.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.planes == 1 else encoding.name
-    if type_name not in FORMATS[wanted.suffix]:
-        raise UnwritableError(f'a {encoding.name} frame cannot be stored as {wanted.suffix}; '
-                              f'set the extension of file_name to {able_formats(type_name)}')
+    if type_name not in IMAGE_FORMATS[settings.suffix]:
+        raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
+                              f'set the extension of file_name to {formats_for(type_name)}')
     if not image.size:
         raise UnwritableError(f'an empty frame ({width}x{height}) cannot be stored as '
-                              f'{wanted.suffix}')
-    quality = wanted.jpeg_quality if wanted.suffix in ('.jpg', '.jpeg') else None
+                              f'{settings.suffix}')
+    quality = settings.jpeg_quality if settings.suffix in ('.jpg', '.jpeg') else None
     try:
         data = encode_picture(
-            _file_order(image, encoding), wanted.suffix, quality, wanted.png_compression)
+            _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
     except PictureError as err:
         raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
-    return Content(data, encoding.name, width, height)
+    return EncodedImage(data, encoding.name, width, height)
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:

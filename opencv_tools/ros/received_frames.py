@@ -22,7 +22,7 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
 from opencv_tools.image.text import printable
-from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
 from sensor_msgs.msg import CompressedImage
@@ -33,7 +33,7 @@ _MAX_TEXT = 40  # characters of a text of a message on the console
 def message_to_frame(
     bridge: CvBridge, message: FrameMessage, topic: str, receive_ns: int,
     max_pixels: int = MAX_PIXELS,
-) -> Frame:
+) -> ReceivedFrame:
     """
     Convert a message to a frame, without a copy of its data.
 

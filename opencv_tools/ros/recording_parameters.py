@@ -21,14 +21,14 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.recording.files import check_format, open_files
+from opencv_tools.recording.files import check_format, open_sink
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.recorder import QUEUE_SIZE, Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.trouble import Log
-from opencv_tools.recording.writers import Format
+from opencv_tools.recording.writers import EncoderSettings
 from opencv_tools.ros.frame_sources import TRANSPORTS
 from opencv_tools.ros.parameters import Parameter, ParameterError
 
@@ -147,8 +147,8 @@ def open_recorder(
             f"output_dir {values['output_dir']} cannot be used: the working directory was "
             'removed; set output_dir to an absolute path') from err
     names = FileNames(values['file_name'])
-    wanted = Format(names.suffix, values['convert'] == 'auto', values['jpeg_quality'],
-                    values['png_compression'], values['crf'])
-    files = open_files(folder, names, wanted, values['on_exists'], bounds, values['sync'])
+    settings = EncoderSettings(names.suffix, values['convert'] == 'auto', values['jpeg_quality'],
+                               values['png_compression'], values['crf'])
+    files = open_sink(folder, names, settings, values['on_exists'], bounds, values['sync'])
     return folder, Recorder(files, log, values['queue_size'], values['writers'],
                             values['on_overflow'] == 'block', on_full)
