@@ -35,18 +35,18 @@ from opencv_tools.image.text import MAX_PATH, printable, without_password
 from opencv_tools.ros.calibration_file import CameraInfoError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.capture_parameters import (
-    camera_request, ENCODING, look, OPENING, PARAMETERS, playback,
+    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, REOPEN_ON_CHANGE,
 )
 from opencv_tools.ros.controls import CameraControls
-from opencv_tools.ros.diagnostics import Condition, Diagnostics
+from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.frame_topics import FrameTopics
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
+from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.stamps import Stamper
 from opencv_tools.ros.timers import Delay
-from opencv_tools.ros.transport import Transport, UNTOUCHED
+from opencv_tools.ros.transport import FastDdsSetup, NOT_CONFIGURED
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo
@@ -61,34 +61,35 @@ _CHANGE_SECONDS = 0.2
 class ImagePublisher(Node):
     """Publish the frames of a source on ``video_frames``, in a thread."""
 
-    def __init__(self, transport: Transport = UNTOUCHED) -> None:
+    def __init__(self, fastdds: FastDdsSetup = NOT_CONFIGURED) -> None:
         """
         Start opening the source and publishing.
 
-        :param transport: result of the configuration of Fast DDS.
+        :param fastdds: result of the configuration of Fast DDS.
         :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self._dropped = 0
-        self._left_out = ''
-        self._opened_for = ''  # the encoding that the source was opened for
+        self._last_drop = ''
+        self._opened_encoding = ''  # the encoding that the source was opened for
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
-        self._topics = FrameTopics(self, 'video_frames', self._calibrate(), transport,
+        self._topics = FrameTopics(self, 'video_frames', self._open_calibration(), fastdds,
                                    self._settings['wait_for_subscribers'])
         self.publisher_ = self._topics.images
-        self._grabber = Grabber(self._open_source, playback(self._settings), self, self._topics)
+        self._grabber = Grabber(
+            self._open_source, playback_settings(self._settings), self, self._topics)
         self._controls = CameraControls(self, PARAMETERS, self._camera)
         self._camera_opened = self.create_guard_condition(self._declare_controls)
-        self._diagnostics = Diagnostics(self, self._condition)
+        self._diagnostics = Diagnostics(self, self._source_status)
         self._reopening = Delay(self, _CHANGE_SECONDS, self._grabber.reopen)
-        watch_parameters(self, PARAMETERS, self._change, lambda: self._controls.parameters)
+        watch_parameters(self, PARAMETERS, self._apply_changes, lambda: self._controls.parameters)
         self.create_service(SetBool, 'set_capture', self._set_capture)
         self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
         if not is_camera(self._settings['source']):
-            self._controls.refuse_the_rest()
+            self._controls.warn_unknown_parameters()
         if self._settings['wait_for_subscribers']:
             self.get_logger().info(
                 f'Waiting for {self._settings["wait_for_subscribers"]} subscriber(s)')
@@ -107,7 +108,7 @@ class ImagePublisher(Node):
             f'Published {self._progress.count} frames at {self._progress.average_rate():.1f} Hz, '
             f'{self._dropped} dropped'
             + (f', {self._grabber.missed} missed' if self._grabber.missed else ''))
-        return self.done.result() if self.done.done() else DONE
+        return self.done.result() if self.done.done() else EXIT_OK
 
     def opened(self, source: Source) -> None:
         """Log the opened source and any camera settings that could not be applied."""
@@ -133,11 +134,11 @@ class ImagePublisher(Node):
 
     def broken(self, reason: BrokenFrameError) -> None:
         """Log a frame that cannot be read."""
-        self._leave_out(reason)
+        self._drop(reason)
 
     def _publish_all(self) -> None:
         """Publish frames until the source ends, then set the exit status."""
-        status = FAILED
+        status = EXIT_FAILURE
         try:
             for frame in self._grabber.frames():
                 if not self._is_live():  # a file can wait, but a camera cannot
@@ -147,52 +148,52 @@ class ImagePublisher(Node):
                     break
             if not self._grabber.stopped:
                 self._finish()
-            status = DONE
+            status = EXIT_OK
         except CaptureError as err:
             self.get_logger().error(str(err))
             self._controls.report_unused()
         except RuntimeError:
             if self.context.ok():
                 raise
-            status = DONE  # ROS was shut down before the next frame
+            status = EXIT_OK  # ROS was shut down before the next frame
         finally:
             self.done.set_result(status)
 
     def _publish(self, frame: Frame | None) -> None:
         """Publish one frame; None means a frame without a subscriber."""
         if frame is None:
-            self._note_no_subscriber()
+            self._count_unseen()
             return
-        rendition = Rendition(frame, look(self._settings))
+        rendition = Rendition(frame, output_settings(self._settings))
         stamp = self._stamper.stamp(
             frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
         try:
             if not self._topics.publish(rendition, stamp, self._settings['frame_id']):
-                self._note_no_subscriber()
+                self._count_unseen()
                 return
             width, height = rendition.size
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
-            if not self._is_live() or self._settings['encoding'] == self._opened_for:
-                self._leave_out(err)
+            if not self._is_live() or self._settings['encoding'] == self._opened_encoding:
+                self._drop(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(
             f'{width}x{height} {rendition.encoding}', self._dropped, self._grabber.missed)
 
-    def _note_no_subscriber(self) -> None:
+    def _count_unseen(self) -> None:
         self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
         self._diagnostics.count()
 
-    def _leave_out(self, err: Exception) -> None:
+    def _drop(self, err: Exception) -> None:
         """Count and log a frame that cannot be published."""
         self._dropped += 1
         text = f'frame dropped: {err}'
-        if text == self._left_out:  # a camera may send the same broken frame repeatedly
+        if text == self._last_drop:  # a camera may send the same broken frame repeatedly
             self.get_logger().warning(text, throttle_duration_sec=1.0)
         else:
             self.get_logger().warning(text)
-        self._left_out = text
+        self._last_drop = text
 
     def _finish(self) -> None:
         """
@@ -205,9 +206,9 @@ class ImagePublisher(Node):
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
-        self._opened_for = self._settings['encoding']
+        self._opened_encoding = self._settings['encoding']
         return open_source(
-            self._settings['source'], camera_request(self._settings, self._controls.wanted),
+            self._settings['source'], camera_request(self._settings, self._controls.requested),
             self._settings['read_timeout'])
 
     def _source_name(self) -> str:
@@ -227,20 +228,20 @@ class ImagePublisher(Node):
         if camera:
             self._controls.declare(camera)
 
-    def _calibrate(self) -> Calibration:
+    def _open_calibration(self) -> Calibration:
         name = self._settings['camera_name'] or self.get_namespace().strip('/').replace('/', '_')
         return Calibration(
             self._settings['camera_info_url'], name or 'camera',
             lambda text: self.get_logger().warning(printable(text, MAX_PATH)))
 
-    def _change(self, changes: dict[str, Any]) -> None:
+    def _apply_changes(self, changes: dict[str, Any]) -> None:
         """Apply changed parameters."""
         self._settings = {**self._settings, **changes}
-        self._grabber.playback = playback(self._settings)
+        self._grabber.playback = playback_settings(self._settings)
         if ENCODING in changes:
             self._grabber.reopen()
-        elif OPENING & changes.keys():
-            self._reopening.ask()
+        elif REOPEN_ON_CHANGE & changes.keys():
+            self._reopening.request()
 
     def _set_capture(
         self, request: SetBool.Request, response: SetBool.Response,
@@ -270,9 +271,9 @@ class ImagePublisher(Node):
         self.get_logger().info(f'set_camera_info: {printable(response.status_message, MAX_PATH)}')
         return response
 
-    def _condition(self) -> Condition:
+    def _source_status(self) -> SourceStatus:
         source = self._grabber.source
-        return Condition(
+        return SourceStatus(
             self._source_name(), source.description if source else '',
             self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
             self._grabber.reconnects, self._topics.awaited)
@@ -285,10 +286,10 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
-    program = Program(
+    executable = Executable(
         'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',
         PARAMETERS, '-p source:=clip.mp4 -p publish_rate:=0', expected_frame_bytes)
-    status = run(program, ImagePublisher, args, failures=())
+    status = run(executable, ImagePublisher, args, failures=())
     keep_exit_status()
     return status
 

@@ -37,9 +37,9 @@ from opencv_tools.ros.parameters import (
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import (
-    limits, open_recorder, PARAMETERS, reception_depth,
+    limits, open_recorder, PARAMETERS, subscription_depth,
 )
-from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
+from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
@@ -66,7 +66,7 @@ class ImageSubscriber(Node):
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self.br = CvBridge()
-        self._skipped = self._refused = self._put = 0
+        self._skipped = self._unreadable = self._put_count = 0
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
         self._failure_log = FailureLog(self._log)
@@ -74,14 +74,14 @@ class ImageSubscriber(Node):
         bounds = limits(settings)
         self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
         self._folder, self._recorder = open_recorder(
-            settings, bounds, self._log, lambda: self._end(DONE))
+            settings, bounds, self._log, lambda: self._end(EXIT_OK))
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], reception_depth(settings), self._log,
-            self.listener_callback, self._refuse)
+            self, 'video_frames', settings['transport'], subscription_depth(settings), self._log,
+            self.listener_callback, self._count_unreadable)
         self._queue_size = settings['queue_size']
         self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
-        self._patience = self._start_timer(self._timeout, self._give_up)
+        self._timeout_timer = self._start_timer(self._timeout, self._end_on_timeout)
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
@@ -95,13 +95,13 @@ class ImageSubscriber(Node):
         """
         if self.done.done():
             return
-        if self._patience:
-            self._patience.reset()
+        if self._timeout_timer:
+            self._timeout_timer.reset()
         try:
             frame = message_to_frame(
                 self.br, message, self.subscription.topic_name, receive_ns, self._max_pixels)
         except (CvBridgeError, SizeError) as err:
-            self._refuse(err)
+            self._count_unreadable(err)
         else:
             self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
             self._progress.tick(describe_message(message), self._dropped())
@@ -112,26 +112,26 @@ class ImageSubscriber(Node):
 
         :returns: the exit status.
         """
-        not_taken = self._take_the_rest()
+        unprocessed = self._record_remaining()
         self._recorder.close()
         if self._requests:
             self._requests.close()
         self._progress.close()
         counts = self._recorder.counts
-        failed = counts.failed + self._refused
+        failed = counts.failed + self._unreadable
         skipped = counts.skipped + self._skipped
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._folder}, {counts.dropped} dropped, '
             f'{failed} failed, {self.subscription.lost} lost in transit'
             + ('' if self.subscription.losses.is_complete else ' since the first received frame')
-            + (f', {not_taken} not processed' if not_taken else '')
+            + (f', {unprocessed} not processed' if unprocessed else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
-        if failed or not_taken or self._recorder.is_unfinished:
-            return FAILED
-        return self.done.result() if self.done.done() else DONE
+        if failed or unprocessed or self._recorder.is_unfinished:
+            return EXIT_FAILURE
+        return self.done.result() if self.done.done() else EXIT_OK
 
-    def _take_the_rest(self) -> int:
+    def _record_remaining(self) -> int:
         """
         Record received frames until the end of the reception, unless the node is done.
 
@@ -145,38 +145,38 @@ class ImageSubscriber(Node):
         def has_room() -> bool:
             while time.monotonic() < deadline and not self.done.done():
                 counts = self._recorder.counts
-                if self._put - counts.written - counts.dropped - counts.failed \
+                if self._put_count - counts.written - counts.dropped - counts.failed \
                         - counts.skipped < self._queue_size:
                     return True
                 time.sleep(_POLL_SECONDS)
             return False
 
-        not_taken = self.subscription.close(has_room)
-        return 0 if self.done.done() else not_taken
+        unprocessed = self.subscription.close(has_room)
+        return 0 if self.done.done() else unprocessed
 
     def _record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected."""
         if not self._selection.has_begun:
-            self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
+            self._start_timer(self._selection.max_seconds, lambda: self._end(EXIT_OK))
         if self._selection.is_late():
             self._skipped += 1
-            self._end(DONE)
+            self._end(EXIT_OK)
             return
-        requests = self._requests.take() if self._requests else []
+        requests = self._requests.pop_all() if self._requests else []
         if not (requests if self._requests else self._selection.selects(frame)):
             self._skipped += 1
             return
         self._selection.count()
-        on_done = partial(self._requests.answer, requests) if self._requests else None
-        self._put += 1
+        on_done = partial(self._requests.complete, requests) if self._requests else None
+        self._put_count += 1
         if not self._recorder.put(frame, on_done):
             self._selection.uncount()
         if self._selection.is_over:
-            self._end(DONE)
+            self._end(EXIT_OK)
 
-    def _refuse(self, err: ImageError | CvBridgeError) -> None:
+    def _count_unreadable(self, err: ImageError | CvBridgeError) -> None:
         """Count and log a message that cannot be recorded."""
-        self._refused += 1
+        self._unreadable += 1
         self._failure_log.bad_frame(f'message not recorded: {err}')
         self._progress.tick('unreadable message', self._dropped())
 
@@ -187,11 +187,11 @@ class ImageSubscriber(Node):
         """Create a timer; None for 0 seconds."""
         return create_steady_timer(self, seconds, call) if seconds else None
 
-    def _give_up(self) -> None:
+    def _end_on_timeout(self) -> None:
         """End with an error, because no frame arrived in time."""
         self._log.error(f'no frame on {self.subscription.topic_name} within {self._timeout:g} s: '
-                        f'{self.subscription.describe_silence()}')
-        self._end(FAILED)
+                        f'{self.subscription.explain_no_frames()}')
+        self._end(EXIT_FAILURE)
 
     def _end(self, status: int) -> None:
         if not self.done.done():
@@ -205,10 +205,10 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
-    program = Program(
+    executable = Executable(
         'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
-    status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status
 

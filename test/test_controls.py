@@ -108,7 +108,7 @@ def controlled(domain: int) -> Iterator[Callable[..., Controlled]]:
 
 def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controlled]) -> None:
     node = controlled('brightness:=100')
-    assert node.controls.wanted == (('brightness', 100),)
+    assert node.controls.requested == (('brightness', 100),)
     node.camera.values[BRIGHTNESS] = 100
     node.controls.declare(node.camera)
     assert node.shown() == (100, False, 5)
@@ -116,7 +116,7 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
     assert node.shown() == (100, True, 7)
     assert node.get_parameter('gain').value == 3.0
     assert node.camera.calls == [('flip', 1), ('gain', 7)]
-    assert dict(node.controls.wanted) == {'brightness': 100, 'flip': 1, 'gain': 7}
+    assert dict(node.controls.requested) == {'brightness': 100, 'flip': 1, 'gain': 7}
     assert 'out of range' in node.change(brightness=256)
     assert 'Wrong parameter type' in node.change(brightness=5.5)
     assert 'camera refuses flip' in node.change(brightness=13, flip=False)
@@ -132,7 +132,7 @@ def test_what_another_program_sets_is_shown_and_kept(
     node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself
     spin_until(node, lambda: node.shown() == (77, False, 9))
     assert node.camera.calls == []
-    assert dict(node.controls.wanted) == {'flip': 1, 'brightness': 77}
+    assert dict(node.controls.requested) == {'flip': 1, 'brightness': 77}
     node.camera.change(BRIGHTNESS, 999)  # out of the range that it had
     node.camera.change(FLIP, 1)
     spin_until(node, lambda: node.shown() == (77, True, 9))
@@ -172,8 +172,8 @@ def test_what_is_asked_for_often_is_done_once(node: Node) -> None:
     delay = Delay(node, 0.3, lambda: calls.append(1))
     for expected in ([1], [1, 1]):
         for _ in range(3):
-            delay.ask()
+            delay.request()
         assert calls == expected[1:]
         spin_until(node, partial(operator.eq, calls, expected))
-    node.create_timer(0.005, delay.ask)  # which does not put it off
+    node.create_timer(0.005, delay.request)  # which does not put it off
     spin_until(node, lambda: len(calls) > 2)

@@ -60,7 +60,7 @@ def test_a_folder_that_can_be_made_is_kept(
 
 
 @pytest.mark.parametrize(('variable', 'words'), [
-    ('', 'there is no home folder, HOME is unset'), ('HOME', 'file/.ros/log cannot be written'),
+    ('', 'there is no home directory, HOME is unset'), ('HOME', 'file/.ros/log cannot be written'),
     ('ROS_HOME', 'file/log cannot be written'), ('ROS_LOG_DIR', 'file cannot be written')])
 def test_a_folder_that_cannot_be_written_is_replaced(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str, words: str) -> None:

@@ -242,6 +242,19 @@ def test_values_that_are_refused(index: int, value: object) -> None:
         TABLE[index].accept(value)
 
 
+@pytest.mark.parametrize(('parameter', 'value', 'span'), [
+    (Parameter('open', 1, 'a number'), 2**63 - 1, 'a whole number of at least 0'),
+    (Parameter('open', 1, 'a number', minimum=5), 2**40, 'a whole number of at least 5'),
+    (Parameter('open', 1.0, 'a number'), 1e300, 'a number of at least 0')])
+def test_a_number_without_a_maximum_has_no_upper_bound(
+        context: Context, parameter: Parameter, value: float, span: str) -> None:
+    node = declare_given(context, (parameter,), open=value)
+    assert node.get_parameter('open').value == value
+    node.destroy_node()
+    with pytest.raises(ParameterError, match=f'parameter open is -1: give {span} '):
+        parameter.accept(-1)
+
+
 def test_progress_is_said_at_most_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr('time.monotonic', lambda: now)

@@ -29,7 +29,7 @@ _POLL_SECONDS = 0.002
 _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
 # killed subscriber stays in the graph for 20 s, and the other subscribers wait meanwhile.
-_PATIENCE_SECONDS = 10.0
+_TIMEOUT_SECONDS = 10.0
 
 
 class ConfirmedPublisher(Protocol):
@@ -66,7 +66,7 @@ class Backlog:
         self._log = log
         self._clock = clock
         self._sleep = sleep
-        self._is_patient = True
+        self._may_wait = True
 
     def add(self, publisher: ConfirmedPublisher) -> None:
         """Count a published message."""
@@ -98,13 +98,13 @@ class Backlog:
         is_logged = False
         while not condition():
             waited = self._clock() - began
-            if self._is_patient and waited > _PATIENCE_SECONDS:
-                self._is_patient = False
+            if self._may_wait and waited > _TIMEOUT_SECONDS:
+                self._may_wait = False
                 self._log.warning(
                     'a reliable subscriber has not confirmed the last frames for '
-                    f'{_PATIENCE_SECONDS:g} s; the publisher no longer waits for it, and it may '
+                    f'{_TIMEOUT_SECONDS:g} s; the publisher no longer waits for it, and it may '
                     'lose frames')
-            if is_stopped() or not self._is_patient:
+            if is_stopped() or not self._may_wait:
                 return False
             if waited > _LOGGED_AFTER_SECONDS and not is_logged:
                 is_logged = True
@@ -122,4 +122,4 @@ class Backlog:
         for publisher in self._unconfirmed:
             if publisher.wait_for_all_acked(Duration()):
                 self._unconfirmed[publisher] = 0
-        self._is_patient = self._is_patient or not any(self._unconfirmed.values())
+        self._may_wait = self._may_wait or not any(self._unconfirmed.values())

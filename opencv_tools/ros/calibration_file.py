@@ -33,13 +33,13 @@ _T = TypeVar('_T')
 
 _UINT32_MAX = 2**32 - 1
 # Boolean words of YAML 1.1, each also capitalised and in capitals.
-_TRUTH = {form(word): truth for truth, words in (
+_BOOLEANS = {form(word): truth for truth, words in (
     (True, ('y', 'yes', 'true', 'on')), (False, ('n', 'no', 'false', 'off')))
     for word in words for form in (str.lower, str.capitalize, str.upper)}
 
 # Maximum size of a file; a calibration has less than 2 KB.
 _FILE_BYTES = 1 << 16
-_USUAL_MODEL = 'plumb_bob'
+_DEFAULT_MODEL = 'plumb_bob'
 _MODEL = re.compile('[A-Za-z0-9_]{0,64}')
 _NAME = re.compile('[A-Za-z0-9_.-]{1,128}')
 
@@ -146,7 +146,7 @@ class _Document:
     root: Any
 
     def get(
-        self, key: str, convert: Callable[[Any], _T], wanted: str, default: str | None = None,
+        self, key: str, convert: Callable[[Any], _T], expected: str, default: str | None = None,
     ) -> _T:
         value = self.root
         for part in key.split('.'):
@@ -155,7 +155,7 @@ class _Document:
             return convert(value)
         except (KeyError, TypeError, ValueError) as err:
             found = 'missing' if value is None else reprlib.repr(value)
-            raise CameraInfoError(f'{self.path}: {key} is {found}: give {wanted}') from err
+            raise CameraInfoError(f'{self.path}: {key} is {found}: give {expected}') from err
 
     def whole(
         self, key: str, lowest: int = 0, highest: int = _UINT32_MAX, default: str | None = None,
@@ -166,8 +166,9 @@ class _Document:
                 raise ValueError
             return number
 
-        wanted = f'a whole number from {lowest} to {highest}' if lowest < highest else str(lowest)
-        return self.get(key, _convert, wanted, default)
+        expected = (f'a whole number from {lowest} to {highest}' if lowest < highest
+                    else str(lowest))
+        return self.get(key, _convert, expected, default)
 
     def matrix(self, key: str, rows: int | None, cols: int | None) -> list[float]:
         size = 1
@@ -200,12 +201,12 @@ def _parse(
     info = CameraInfo(
         width=document.whole('image_width', 1), height=document.whole('image_height', 1),
         distortion_model=document.get(
-            'distortion_model', _check_model, 'a text like plumb_bob', _USUAL_MODEL),
+            'distortion_model', _check_model, 'a text like plumb_bob', _DEFAULT_MODEL),
         binning_x=document.whole('binning_x', default='0'),
         binning_y=document.whole('binning_y', default='0'),
         **{field: document.matrix(key, *size) for key, (field, *size) in _MATRICES.items()})
     if 'distortion_model' not in document.root:
-        warn(f'{path} has no distortion_model: {_USUAL_MODEL} is assumed')
+        warn(f'{path} has no distortion_model: {_DEFAULT_MODEL} is assumed')
     if 'roi' in document.root:
         left = document.whole('roi.x_offset', 0, info.width)
         top = document.whole('roi.y_offset', 0, info.height)
@@ -213,7 +214,7 @@ def _parse(
             x_offset=left, y_offset=top,
             width=document.whole('roi.width', 0, info.width - left),
             height=document.whole('roi.height', 0, info.height - top),
-            do_rectify=document.get('roi.do_rectify', _TRUTH.__getitem__, 'true or false'))
+            do_rectify=document.get('roi.do_rectify', _BOOLEANS.__getitem__, 'true or false'))
     return info
 
 

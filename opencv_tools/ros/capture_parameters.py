@@ -106,13 +106,13 @@ PARAMETERS = (
 )
 
 #: Parameters whose change requires reopening the camera.
-OPENING = frozenset(('width', 'height', 'fps', 'fourcc'))
+REOPEN_ON_CHANGE = frozenset(('width', 'height', 'fps', 'fourcc'))
 
 #: Parameter that may require reopening the camera, because not every format converts to it.
 ENCODING = 'encoding'
 
 
-def playback(values: Mapping[str, Any]) -> Playback:
+def playback_settings(values: Mapping[str, Any]) -> Playback:
     """
     Return the playback settings that the parameters describe.
 
@@ -130,7 +130,7 @@ def playback(values: Mapping[str, Any]) -> Playback:
         _parse_reconnect(values['reconnect']))
 
 
-def look(values: Mapping[str, Any]) -> Look:
+def output_settings(values: Mapping[str, Any]) -> Look:
     """Return the output settings that the parameters describe."""
     return Look(values['encoding'], values['flip'], values['rotate'], values['jpeg_quality'])
 

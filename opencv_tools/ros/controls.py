@@ -37,7 +37,7 @@ from rclpy.timer import Timer
 _SUFFIX = '_control'
 
 # Period in which changes by other programs are read from the camera.
-_FOLLOW_SECONDS = 1.0
+_READ_SECONDS = 1.0
 
 
 class CameraControls:
@@ -62,9 +62,9 @@ class CameraControls:
         self._camera = camera
         self._controls: dict[str, tuple[Parameter, Control]] = {}
         self._given = unknown_parameters(node, table)
-        self.wanted = tuple((name.removesuffix(_SUFFIX), int(value))
-                            for name, value in self._given.items() if isinstance(value, int))
-        self._showing = False
+        self.requested = tuple((name.removesuffix(_SUFFIX), int(value))
+                               for name, value in self._given.items() if isinstance(value, int))
+        self._is_updating = False
         self._timer: Timer | None = None
         node.add_on_set_parameters_callback(self._set)
 
@@ -87,12 +87,12 @@ class CameraControls:
             parameter = self._parameter(control, value)
             if parameter.name not in self._controls:
                 self._declare(parameter, control)
-        self._show(controls)
+        self._update_parameters(controls)
         self._timer = self._timer or create_steady_timer(
-            self._node, _FOLLOW_SECONDS, self._follow)
-        self.refuse_the_rest()
+            self._node, _READ_SECONDS, self._read_changes)
+        self.warn_unknown_parameters()
 
-    def refuse_the_rest(self) -> None:
+    def warn_unknown_parameters(self) -> None:
         """Log, once, the given parameters that neither the node nor the camera has."""
         given, self._given = self._given, {}
         for name in sorted(given.keys() - self._controls.keys()):
@@ -109,35 +109,36 @@ class CameraControls:
                 f'parameter {name} is not used yet{hint}; it is not a parameter of the node, and '
                 'no camera is open that may have it')
 
-    def _follow(self) -> None:
+    def _read_changes(self) -> None:
         """Update the parameters from the camera, and keep changes by other programs."""
         camera = self._camera()
         if camera is None:
             return
         with suppress(CaptureError):  # it was disconnected; a reconnect restores the values
             changed = camera.controls(changed=True)
-            wanted = dict(self.wanted)
-            kept = {control.name: value for control, value in changed.items() if control.active
-                    and control.name in wanted and self._shown(control) not in (None, value)}
-            self._show(changed)
-            self.wanted = tuple({**wanted, **kept}.items())
+            requested = dict(self.requested)
+            kept = {control.name: value for control, value in changed.items()
+                    if control.active and control.name in requested
+                    and self._parameter_value(control) not in (None, value)}
+            self._update_parameters(changed)
+            self.requested = tuple({**requested, **kept}.items())
 
-    def _shown(self, control: Control) -> int | None:
+    def _parameter_value(self, control: Control) -> int | None:
         """Return the value of the parameter of a control; None if it has no parameter."""
         name = self._name(control)
         return int(self._node.get_parameter(name).value) if name in self._controls else None
 
-    def _show(self, values: Mapping[Control, int]) -> None:
+    def _update_parameters(self, values: Mapping[Control, int]) -> None:
         """Set parameters to the values of the camera, without setting the camera."""
         for control, value in values.items():
-            if self._shown(control) in (None, value):
+            if self._parameter_value(control) in (None, value):
                 continue
             name = self._name(control)
             kind = type(self._controls[name][0].default)
-            self._showing = True
+            self._is_updating = True
             (result,) = self._node.set_parameters(
                 [rclpy.parameter.Parameter(name, value=kind(value))])
-            self._showing = False
+            self._is_updating = False
             if not result.successful:
                 self._node.get_logger().warning(
                     f'the camera changed {name} to {value}, but the parameter cannot be set: '
@@ -176,23 +177,23 @@ class CameraControls:
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all changed values, or to none of them with the reason."""
-        if self._showing:
+        if self._is_updating:
             return SetParametersResult(successful=True)
         camera = self._camera()
         before: list[tuple[Control, int]] = []
-        wanted = dict(self.wanted)
+        requested = dict(self.requested)
         try:
             for parameter, control, value in self._accept(changes):
                 if camera:
                     camera.set_control(control, value)
                     before.append((control, int(self._node.get_parameter(parameter.name).value)))
-                wanted[control.name] = value
+                requested[control.name] = value
         except (CaptureError, ParameterError) as err:
             for control, value in before:
                 with suppress(CaptureError):
                     camera.set_control(control, value)
             return SetParametersResult(successful=False, reason=str(err))
-        self.wanted = tuple(wanted.items())
+        self.requested = tuple(requested.items())
         return SetParametersResult(successful=True)
 
     def _accept(

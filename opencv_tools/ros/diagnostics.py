@@ -29,13 +29,13 @@ _PERIOD = 1.0
 
 
 @dataclass(frozen=True)
-class Condition:
+class SourceStatus:
     """
     Status of a source.
 
     :param source: name of the source.
     :param description: negotiated format; '' while the source is closed.
-    :param trouble: reason why the source is unavailable; '' while it is open or paused.
+    :param unavailable_reason: reason why the source is unavailable; '' while it is open or paused.
     :param paused: whether capturing is paused.
     :param missed: number of camera frames that were not read in time.
     :param dropped: number of frames that could not be read or published.
@@ -45,7 +45,7 @@ class Condition:
 
     source: str
     description: str
-    trouble: str
+    unavailable_reason: str
     paused: bool
     missed: int
     dropped: int
@@ -56,15 +56,15 @@ class Condition:
 class Diagnostics:
     """Publish the status of a source; frames are counted on any thread."""
 
-    def __init__(self, node: Node, condition: Callable[[], Condition]) -> None:
+    def __init__(self, node: Node, source_status: Callable[[], SourceStatus]) -> None:
         """
         Start publishing.
 
         :param node: node of the publisher.
-        :param condition: returns the status of the source.
+        :param source_status: returns the status of the source.
         """
         self._node = node
-        self._condition = condition
+        self._source_status = source_status
         self._lock = threading.Lock()
         self._ages: list[float] = []
         self._since = time.monotonic()
@@ -87,33 +87,33 @@ class Diagnostics:
         with self._lock:
             ages, self._ages = self._ages, []
         seconds, self._since = now - self._since, now
-        condition = self._condition()
-        lost = condition.missed + condition.dropped
-        level, message = _judge(condition, len(ages), lost - self._lost_before)
+        source_status = self._source_status()
+        lost = source_status.missed + source_status.dropped
+        level, message = _level_and_message(source_status, len(ages), lost - self._lost_before)
         self._lost_before = lost
         values = {
-            'source': condition.source, 'format': condition.description,
+            'source': source_status.source, 'format': source_status.description,
             'rate': f'{len(ages) / seconds:.1f} Hz',
             'age': f'{1000 * max(ages, default=0.0):.1f} ms at most',
-            'dropped': condition.dropped, 'missed': condition.missed,
-            'reconnects': condition.reconnects}
+            'dropped': source_status.dropped, 'missed': source_status.missed,
+            'reconnects': source_status.reconnects}
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: source',
-            message=message, hardware_id=condition.source,
+            message=message, hardware_id=source_status.source,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
 
-def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
+def _level_and_message(source_status: SourceStatus, frames: int, lost: int) -> tuple[bytes, str]:
     """Return the diagnostic level and message of a status."""
-    if condition.paused:
+    if source_status.paused:
         return DiagnosticStatus.OK, 'paused'
-    if condition.trouble:
-        return DiagnosticStatus.ERROR, condition.trouble
+    if source_status.unavailable_reason:
+        return DiagnosticStatus.ERROR, source_status.unavailable_reason
     if lost > 0:
         return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
-    if condition.awaited and not frames:
-        return DiagnosticStatus.OK, f'waiting for {condition.awaited} subscriber(s)'
+    if source_status.awaited and not frames:
+        return DiagnosticStatus.OK, f'waiting for {source_status.awaited} subscriber(s)'
     return DiagnosticStatus.OK, 'publishing' if frames else 'no frame in the last second'

@@ -46,7 +46,7 @@ _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 @dataclass(frozen=True)
-class FrameSource:
+class ImageTopic:
     """
     A topic that may have frames.
 
@@ -58,7 +58,7 @@ class FrameSource:
     type_name: str
 
 
-class FrameSources:
+class TopicDiscovery:
     """The raw and compressed topics that belong to an image topic, and their publishers."""
 
     def __init__(self, node: Node, topic: str, transport: str) -> None:
@@ -71,59 +71,59 @@ class FrameSources:
         """
         self._node = node
         self._topic = topic
-        self._known = _list_sources(topic, node.resolve_topic_name(topic))
+        self._known = _list_topics(topic, node.resolve_topic_name(topic))
         allowed = {'raw': {_IMAGE}, 'compressed': {_COMPRESSED_IMAGE}}.get(
             transport, FRAME_TYPES.keys())
         #: Topics that the transport allows, best first.
-        self.allowed = [source for source in self._known if source.type_name in allowed]
+        self.allowed = [known for known in self._known if known.type_name in allowed]
 
-    def offers(self, source: FrameSource) -> list[TopicEndpointInfo]:
+    def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
-        return [info for info in self._node.get_publishers_info_by_topic(source.name)
-                if info.topic_type == source.type_name]
+        return [info for info in self._node.get_publishers_info_by_topic(image_topic.name)
+                if info.topic_type == image_topic.type_name]
 
-    def best(self) -> FrameSource | None:
+    def best(self) -> ImageTopic | None:
         """Return the first topic that has a publisher, or None."""
-        return next(filter(self.offers, self.allowed), None)
+        return next(filter(self.publishers, self.allowed), None)
 
-    def describe_silence(self, source: FrameSource, qos: QoSProfile) -> str:
+    def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
         """
         Return the reason why no frame arrives, with a remedy, as a sentence.
 
-        :param source: subscribed topic.
+        :param image_topic: subscribed topic.
         :param qos: quality of service of the subscription.
         """
-        topic = self._resolved(source)
-        publishers = self._node.get_publishers_info_by_topic(source.name)
-        offers = [info for info in publishers if info.topic_type == source.type_name]
+        topic = self._resolved_name(image_topic)
+        publishers = self._node.get_publishers_info_by_topic(image_topic.name)
+        offers = [info for info in publishers if info.topic_type == image_topic.type_name]
         if offers:
             return _describe_silent(topic, offers, qos)
         for other in self._known:
-            found = self.offers(other)
+            found = self.publishers(other)
             if found:
-                return self._describe_other(source, other, found[0])
+                return self._describe_other(image_topic, other, found[0])
         if publishers:
             return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
-                    f'({_describe_node(publishers[0])}), not {source.type_name}; '
+                    f'({_describe_node(publishers[0])}), not {image_topic.type_name}; '
                     f'{self._describe_images()}')
         return f'no publisher on {topic}; {self._describe_images()}'
 
-    def _resolved(self, source: FrameSource) -> str:
-        name: str = self._node.resolve_topic_name(source.name)
+    def _resolved_name(self, image_topic: ImageTopic) -> str:
+        name: str = self._node.resolve_topic_name(image_topic.name)
         return name
 
     def _describe_other(
-        self, source: FrameSource, other: FrameSource, info: TopicEndpointInfo,
+        self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,
     ) -> str:
         """Describe frames of the other message type."""
-        topic, name = self._resolved(source), self._resolved(other)
+        topic, name = self._resolved_name(image_topic), self._resolved_name(other)
         given = 'raw' if other.type_name == _IMAGE else 'compressed'
-        wanted = source.type_name
+        expected = image_topic.type_name
         if name == topic:
             fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
-                   f'not {wanted}'
+                   f'not {expected}'
         else:
-            fact = f'no publisher of {wanted} on {topic}, but one of ' \
+            fact = f'no publisher of {expected} on {topic}, but one of ' \
                    f'{other.type_name} on {name} ({_describe_node(info)})'
         return f'{fact}; set transport:={given} or transport:=auto'
 
@@ -147,7 +147,7 @@ class FrameSources:
         if not topics:
             return f'no images are published in {domain}; ' \
                    'is a publisher running, with the same ROS_DOMAIN_ID?'
-        allowed = {source.type_name for source in self.allowed}
+        allowed = {image_topic.type_name for image_topic in self.allowed}
         example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
                        '')
         remedy = f'-r {self._topic}:={example or next(iter(topics))}'
@@ -157,11 +157,11 @@ class FrameSources:
                f'receive one with {remedy}'
 
 
-def _list_sources(topic: str, resolved: str) -> Sequence[FrameSource]:
+def _list_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
     """Return the topics that may have the frames of an image topic, best first."""
-    image = FrameSource(topic, _IMAGE)
-    itself = FrameSource(topic, _COMPRESSED_IMAGE)
-    beside = FrameSource(f'{resolved}/compressed', _COMPRESSED_IMAGE)
+    image = ImageTopic(topic, _IMAGE)
+    itself = ImageTopic(topic, _COMPRESSED_IMAGE)
+    beside = ImageTopic(f'{resolved}/compressed', _COMPRESSED_IMAGE)
     if resolved.endswith('/compressed'):
         return itself, image, beside
     return image, beside, itself

@@ -28,7 +28,7 @@ from opencv_tools.ros.backlog import Backlog
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.rcl import publish_image
-from opencv_tools.ros.transport import Transport
+from opencv_tools.ros.transport import FastDdsSetup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -46,7 +46,7 @@ class FrameTopics:
     """
 
     def __init__(
-        self, node: Node, topic: str, calibration: Calibration, transport: Transport,
+        self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
         subscribers: int,
     ) -> None:
         """
@@ -55,12 +55,12 @@ class FrameTopics:
         :param node: node of the publishers.
         :param topic: name of the image topic.
         :param calibration: calibration of the camera.
-        :param transport: result of the configuration of Fast DDS.
+        :param fastdds: result of the configuration of Fast DDS.
         :param subscribers: number of subscribers to wait for before the first frame.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration
-        self._transport = transport
+        self._fastdds = fastdds
         self._log = node.get_logger()
         self._largest = 0  # bytes of the largest frame so far
         self._bridge = CvBridge()
@@ -129,9 +129,9 @@ class FrameTopics:
         """Log a warning when frames become too large for the shared memory."""
         if frame_bytes > self._largest:
             self._largest = frame_bytes
-            misfit = self._transport.misfit(frame_bytes)
-            if misfit:
-                self._log.warning(misfit)
+            size_warning = self._fastdds.size_warning(frame_bytes)
+            if size_warning:
+                self._log.warning(size_warning)
 
     def _publishers(self) -> tuple[Publisher, ...]:
         return self.images, self._compressed, self._infos

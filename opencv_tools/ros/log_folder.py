@@ -34,7 +34,8 @@ def replace_log_folder() -> str:
     folder = _log_folder()
     if folder and _is_writable(folder):
         return ''
-    reason = f'{folder} cannot be written' if folder else 'there is no home folder, HOME is unset'
+    reason = (f'{folder} cannot be written' if folder
+              else 'there is no home directory, HOME is unset')
     try:
         temporary = mkdtemp(prefix='opencv_tools_log_')
     except OSError:

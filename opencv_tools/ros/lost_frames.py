@@ -27,7 +27,7 @@ _DISCOVERY_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
-class _First:
+class _FirstMessage:
     """The first message of a publisher that arrived; earlier messages may have been lost."""
 
     number: int
@@ -56,18 +56,18 @@ class LostFrames:
         self._clock = clock
         self._is_partial = False
         self._last: dict[bytes, int] = {}
-        self._first: dict[bytes, _First] = {}
+        self._first: dict[bytes, _FirstMessage] = {}
         self._discovered: dict[bytes, float] = {}
-        self.begin()
+        self.restart()
 
     @property
     def is_complete(self) -> bool:
         """Return whether the messages of every publisher are counted from number 1."""
         return not (self._is_partial or self._first)
 
-    def begin(self) -> None:
+    def restart(self) -> None:
         """Record the start of a subscription to another topic."""
-        self._began = self._clock()
+        self._restarted_at = self._clock()
 
     def discover(self, publishers: Iterable[bytes]) -> None:
         """Record the discovery of publishers."""
@@ -75,18 +75,18 @@ class LostFrames:
         for publisher in publishers:
             self._discovered.setdefault(publisher, now)
 
-    def take(self, info: MessageInfo) -> None:
+    def add(self, info: MessageInfo) -> None:
         """Count the messages that were lost between this message and its predecessor."""
         if not info.number:
             self._is_partial = True
             return
         publisher = bytes(info.publisher)
         if publisher in self._last:
-            self._begin_earlier(publisher, info)
+            self._count_earlier(publisher, info)
         elif info.number > 1:
             now = self._clock()
-            if self._discovered.get(publisher, now) - self._began >= _DISCOVERY_SECONDS:
-                self._first[publisher] = _First(info.number, info.source_timestamp, now)
+            if self._discovered.get(publisher, now) - self._restarted_at >= _DISCOVERY_SECONDS:
+                self._first[publisher] = _FirstMessage(info.number, info.source_timestamp, now)
             else:
                 self._is_partial = True
         last = self._last.get(publisher, info.number)
@@ -94,14 +94,14 @@ class LostFrames:
         # Older messages may arrive later, in reply to a request of the subscription.
         self._last[publisher] = max(info.number, last)
 
-    def _begin_earlier(self, publisher: bytes, info: MessageInfo) -> None:
+    def _count_earlier(self, publisher: bytes, info: MessageInfo) -> None:
         """Count the messages that a new publisher sent before its first one that arrived."""
         first = self._first.get(publisher)
         if first and info.number > first.number:
             del self._first[publisher]
             period = (info.source_timestamp - first.source_timestamp) / (
                 info.number - first.number) / 1e9
-            if first.arrived - (first.number - 1) * period >= self._began:
+            if first.arrived - (first.number - 1) * period >= self._restarted_at:
                 self.count += first.number - 1
             else:
                 self._is_partial = True

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import difflib
+import math
 from typing import Any
 
 from opencv_tools.image.text import printable, without_password
@@ -32,6 +33,8 @@ from rclpy.node import Node
 
 # Names and prefixes of parameters that ROS itself reads.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+_INTEGER_LIMIT = 2**63 - 1  # largest value of an integer parameter
 
 
 class ParameterError(ValueError):
@@ -55,8 +58,8 @@ class Parameter:
     :param default: default value; its type is the type of the parameter.
     :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
         and the meaning of special values.
-    :param minimum: smallest valid number.
-    :param maximum: largest valid number.
+    :param minimum: smallest valid number; -inf for no bound.
+    :param maximum: largest valid number; inf for no bound.
     :param step: distance between valid numbers, counted from the minimum.
     :param choices: valid values; empty if all values are valid.
     :param check: raises ValueError with the remedy for an invalid text.
@@ -69,7 +72,7 @@ class Parameter:
     default: str | int | float
     description: str
     minimum: float = 0
-    maximum: float = 0
+    maximum: float = math.inf
     step: int = 1
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
@@ -88,7 +91,8 @@ class Parameter:
                 FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
         elif isinstance(self.default, int):
             descriptor.integer_range = [IntegerRange(
-                from_value=int(self.minimum), to_value=int(self.maximum), step=self.step)]
+                from_value=int(max(self.minimum, -_INTEGER_LIMIT - 1)),
+                to_value=int(min(self.maximum, _INTEGER_LIMIT)), step=self.step)]
         return descriptor
 
     def accept(self, value: object) -> str | int | float:
@@ -104,7 +108,7 @@ class Parameter:
         if isinstance(self.default, bool):
             if value in (False, True):  # or 0 or 1
                 return bool(value)
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give true or false '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give true or false '
                                  f'({self.description})')
         if self.choices:
             return self._accept_choice(value)
@@ -112,32 +116,33 @@ class Parameter:
         numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
         if not numeric or not self.minimum <= value <= self.maximum:
             noun = 'a number' if kind is float else 'a whole number'
-            raise ParameterError(
-                f'parameter {self.name} is {_shown(value)}: give {noun} '
-                f'from {self.minimum:.15g} to {self.maximum:.15g} ({self.description})')
+            span = (f'from {self.minimum:.15g} to {self.maximum:.15g}'
+                    if math.isfinite(self.maximum) else f'of at least {self.minimum:.15g}')
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun} {span} '
+                                 f'({self.description})')
         return kind(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give a text '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give a text '
                                  f'({self.description})')
         text = str(self._accept_choice(str(value)))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
-                raise ParameterError(f'parameter {self.name} is {_shown(text)}: {err}') from err
+                raise ParameterError(f'parameter {self.name} is {_quoted(text)}: {err}') from err
         return text
 
     def _accept_choice(self, value: Any) -> str | int:
         if self.choices and value not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give one of '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give one of '
                                  f'{", ".join(repr(choice) for choice in self.choices)}')
         chosen: str | int = value
         return chosen
 
 
-def _shown(value: object) -> str:
+def _quoted(value: object) -> str:
     """Return a value for a message; passwords in URLs are hidden."""
     return without_password(repr(value))
 
@@ -156,9 +161,10 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
     known = {parameter.name: parameter for parameter in table}
     for name in unknown_parameters(node, table):
-        meant = closest_name(name, known)
-        if meant and known[meant].ends:
-            raise ParameterError(f'there is no parameter {printable(name)}: did you mean {meant}?')
+        similar = closest_name(name, known)
+        if similar and known[similar].ends:
+            raise ParameterError(
+                f'there is no parameter {printable(name)}: did you mean {similar}?')
     return values
 
 
@@ -233,14 +239,14 @@ def watch_parameters(
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
-    def take(changes: list[rclpy.Parameter]) -> None:
+    def apply_changes(changes: list[rclpy.Parameter]) -> None:
         changed = {change.name: change.value for change in changes if change.name in known}
         if changed:
             apply(changed)
 
     node.add_pre_set_parameters_callback(convert)
     node.add_on_set_parameters_callback(check)
-    node.add_post_set_parameters_callback(take)
+    node.add_post_set_parameters_callback(apply_changes)
 
 
 def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:

@@ -30,37 +30,38 @@ _SECONDS_BETWEEN_LINES = 1.0
 class Progress:
     """Count frames and log the progress at most once a second."""
 
-    def __init__(self, say: Callable[[str], object], phrase: str) -> None:
+    def __init__(self, write_line: Callable[[str], object], phrase: str) -> None:
         """
         Start counting.
 
-        :param say: writes a line.
+        :param write_line: writes a line.
         :param phrase: activity, such as ``Publishing video frame``.
         """
         self.count = 0
-        self._say = say
+        self._write_line = write_line
         self._phrase = phrase
-        self._first_at = self._said_at = 0.0
-        self._said_count = 0
+        self._first_at = self._logged_at = 0.0
+        self._logged_count = 0
         self._last_at = 0.0
 
-    def tick(self, what: str, dropped: int, missed: int = 0) -> None:
+    def tick(self, description: str, dropped: int, missed: int = 0) -> None:
         """
         Count a frame.
 
-        :param what: description of the frame, such as ``640x480 bgr8``.
+        :param description: description of the frame, such as ``640x480 bgr8``.
         :param dropped: number of frames lost so far.
         :param missed: number of camera frames not read in time so far; 0 is not shown.
         """
         self.count += 1
         now = self._last_at = time.monotonic()
         self._first_at = self._first_at or now
-        if self._said_at and now - self._said_at < _SECONDS_BETWEEN_LINES:
+        if self._logged_at and now - self._logged_at < _SECONDS_BETWEEN_LINES:
             return
-        since = now - self._said_at
-        rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
-        self._said_at, self._said_count = now, self.count
-        self._show(f'{what}, {rate}{dropped} dropped' + (f', {missed} missed' if missed else ''))
+        since = now - self._logged_at
+        rate = f'{(self.count - self._logged_count) / since:.1f} Hz, ' if self._logged_at else ''
+        self._logged_at, self._logged_count = now, self.count
+        self._show(f'{description}, {rate}{dropped} dropped'
+                   + (f', {missed} missed' if missed else ''))
 
     def average_rate(self) -> float:
         """Return the mean frame rate in Hz, 0.0 for fewer than two frames."""
@@ -71,7 +72,7 @@ class Progress:
         """End the output."""
 
     def _show(self, state: str) -> None:
-        self._say(f'{self._phrase} {self.count}: {state}')
+        self._write_line(f'{self._phrase} {self.count}: {state}')
 
 
 class ProgressBar(Progress):

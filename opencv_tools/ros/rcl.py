@@ -80,7 +80,7 @@ class _Allocator(ctypes.Structure):
         'allocate', 'deallocate', 'reallocate', 'zero_allocate', 'state'))
 
 
-class _SerializedMessage(ctypes.Structure):
+class _RmwSerializedMessage(ctypes.Structure):
     _fields_ = (('buffer', ctypes.c_void_p), ('length', ctypes.c_size_t),
                 ('capacity', ctypes.c_size_t), ('allocator', _Allocator))
 
@@ -111,7 +111,7 @@ class MessageInfo(ctypes.Structure):
 
 
 #: The serialized message, (n,) uint8, and its metadata.
-Taken = tuple[NDArray[np.uint8], MessageInfo]
+SerializedMessage = tuple[NDArray[np.uint8], MessageInfo]
 
 
 class _ErrorText(ctypes.Structure):
@@ -165,13 +165,13 @@ def _is_our_array(rcutils: Any) -> bool:
     """Return whether rcl's serialized message, an array of bytes, has the expected fields."""
     allocator = rcutils.rcutils_get_default_allocator()
     # The buffer has twice the size, in case the structure of rcl is larger.
-    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_SerializedMessage))
+    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_RmwSerializedMessage))
     if rcutils.rcutils_uint8_array_init(
             made, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _OK:
         return False
-    message = _SerializedMessage.from_buffer(made)
+    message = _RmwSerializedMessage.from_buffer(made)
     found = (bool(message.buffer), message.length, message.capacity, bytes(message.allocator),
-             made.raw[ctypes.sizeof(_SerializedMessage):].strip(b'\0'))
+             made.raw[ctypes.sizeof(_RmwSerializedMessage):].strip(b'\0'))
     rcutils.rcutils_uint8_array_fini(made)
     return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
 
@@ -233,7 +233,7 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
 
-def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | None:
+def take_serialized(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
     """
     Take a serialized message.
 
@@ -243,7 +243,7 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | 
     """
     if _rcl is None:
         return _take_by_rclpy(subscription)
-    message = _SerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
+    message = _RmwSerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
     info = MessageInfo()
     with subscription:
         result = _rcl.rcl_take_serialized_message(
@@ -256,7 +256,7 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | 
     return np.asarray(taken), info
 
 
-def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Taken | None:
+def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
     """Take a message through rclpy, which does not report its publisher."""
     with subscription:
         taken = subscription.take_message(Image, True)

@@ -52,7 +52,7 @@ def message_to_frame(
         stamp, frame_id = message.header.stamp, message.header.frame_id
     stamp_ns = stamp.sec * NANO + stamp.nanosec
     if isinstance(message, (WireCompressedImage, CompressedImage)):
-        _check_size(*_size_told(message.data), max_pixels)
+        _check_size(*_declared_size(message.data), max_pixels)
         return CompressedFrame(
             stamp_ns, frame_id, message.format, topic, receive_ns, message.data, max_pixels)
     _check_size(message.width, message.height, max_pixels)
@@ -60,7 +60,7 @@ def message_to_frame(
                     bridge.imgmsg_to_cv2(message))
 
 
-def _size_told(data: Any) -> tuple[int, int]:
+def _declared_size(data: Any) -> tuple[int, int]:
     """Read the size of a compressed image; 0 by 0 if it has none and will not be decoded."""
     try:
         return picture_size(bytes(data))

@@ -112,7 +112,7 @@ def limits(values: Mapping[str, Any]) -> Limits:
     return found
 
 
-def reception_depth(values: Mapping[str, Any]) -> int | None:
+def subscription_depth(values: Mapping[str, Any]) -> int | None:
     """
     Return the number of frames that the middleware keeps for the subscription.
 

@@ -30,7 +30,7 @@ from opencv_tools.ros import rcl
 from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
-from opencv_tools.ros.transport import HELP, Transport, transport_for_frames
+from opencv_tools.ros.transport import configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup
 from opencv_tools.standard_streams import let_go_of_broken_streams, open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -41,18 +41,18 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 # Exit statuses of both executables.
-DONE = 0
-FAILED = 1
-BAD_USAGE = 2
+EXIT_OK = 0
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Maximum delay of Python's signal handlers, which run when the executor returns.
 _SIGNAL_SECONDS = 0.1
-_PATIENCE_SECONDS = 1.0
+_FORCE_QUIT_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
-class Program:
+class Executable:
     """
     Properties of an executable that are needed before its node exists.
 
@@ -73,7 +73,7 @@ class Program:
     frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
 
 
-class Runnable(Protocol):
+class ClosableNode(Protocol):
     """
     A node that ends by itself or is closed.
 
@@ -91,54 +91,55 @@ class Runnable(Protocol):
 
 
 def run(
-    program: Program, make_node: Callable[[Transport], Runnable], args: Sequence[str] | None,
-    failures: tuple[type[Exception], ...],
+    executable: Executable, create_node: Callable[[FastDdsSetup], ClosableNode],
+    args: Sequence[str] | None, failures: tuple[type[Exception], ...],
 ) -> int:
     """
     Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
 
     Signals that arrive after the node has ended do not change the exit status.
 
-    :param program: properties of the executable.
-    :param make_node: creates the node after rclpy is initialised, given the Fast DDS setup.
+    :param executable: properties of the executable.
+    :param create_node: creates the node after rclpy is initialised, given the Fast DDS setup.
     :param args: command line, program name first; None for the command line of the process.
-    :param failures: exceptions of ``make_node`` whose message is logged as a failure.
-    :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
+    :param failures: exceptions of ``create_node`` whose message is logged as a failure.
+    :returns: the exit status: ``EXIT_OK``, ``EXIT_FAILURE`` or ``EXIT_USAGE``.
     """
     open_standard_streams()
-    logger = get_logger(program.name)
+    logger = get_logger(executable.name)
     args = list(sys.argv if args is None else args)
     signals = _Signals()
     try:
-        remarks = check_ros_arguments(args, program.name, program.node, program.parameters)
-        _parse_arguments(remove_ros_args(args), program)
+        remarks = check_ros_arguments(
+            args, executable.name, executable.node, executable.parameters)
+        _parse_arguments(remove_ros_args(args), executable)
         remark = replace_log_folder()
         if remark:
             logger.warning(remark)
         for remark in remarks:
             logger.error(remark)
-        with transport_for_frames(program.frame_bytes(args)) as transport:
+        with configured_fastdds(executable.frame_bytes(args)) as fastdds:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(transport.remark + (
+            logger.debug(fastdds.summary + (
                 f'; rclpy copies the messages: {rcl.reason_for_rclpy}'
                 if rcl.reason_for_rclpy else ''))
-            if transport.warning:
-                logger.warning(transport.warning)
-            node = make_node(transport)
+            if fastdds.warning:
+                logger.warning(fastdds.warning)
+            node = create_node(fastdds)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
-        return BAD_USAGE
+        return EXIT_USAGE
     except failures as err:
         logger.error(str(err))
-        return FAILED
+        return EXIT_FAILURE
     except KeyboardInterrupt:
-        return FAILED  # a second request; pending work was not finished
+        return EXIT_FAILURE  # a second request; pending work was not finished
     except RuntimeError as err:
         if rclpy.ok():
             raise
         logger.error(_describe_bad_arguments(err))
-        return BAD_USAGE
+        return EXIT_USAGE
     finally:
         signals.end()
         rclpy.try_shutdown()
@@ -184,26 +185,27 @@ class _Signals:
         now = time.monotonic()
         self._first_at = self._first_at or now
         # ros2 launch repeats the SIGINT of the terminal. A much later signal forces an exit.
-        if now - self._first_at > _PATIENCE_SECONDS and not self._has_ended:
+        if now - self._first_at > _FORCE_QUIT_SECONDS and not self._has_ended:
             raise KeyboardInterrupt
 
 
-def _parse_arguments(args: list[str], program: Program) -> None:
+def _parse_arguments(args: list[str], executable: Executable) -> None:
     """Handle ``--help``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
-        prog=program.name, description=program.description,
+        prog=executable.name, description=executable.description,
         formatter_class=argparse.RawTextHelpFormatter,
-        usage=f'{program.name} [--ros-args -p NAME:=VALUE ...]',
-        epilog=f'example:\n  {program.name} --ros-args {program.example}\n\n'
-               f'parameters [default]:\n{describe_parameters(program.parameters)}\n\n{HELP}')
+        usage=f'{executable.name} [--ros-args -p NAME:=VALUE ...]',
+        epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
+               f'parameters [default]:\n{describe_parameters(executable.parameters)}\n\n'
+               f'{ENVIRONMENT_HELP}')
     _, rest = parser.parse_known_args(args[1:])
     if rest:
-        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, program)}')
+        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, executable)}')
 
 
-def _remedy(words: Sequence[str], program: Program) -> str:
+def _remedy(words: Sequence[str], executable: Executable) -> str:
     """Return how to write a parameter that was given as an option such as ``--source 0``."""
-    names = {parameter.name for parameter in program.parameters}
+    names = {parameter.name for parameter in executable.parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
         name = option.lstrip('-').removesuffix(':').replace('-', '_')
@@ -213,7 +215,7 @@ def _remedy(words: Sequence[str], program: Program) -> str:
     return ''
 
 
-def _run(node: Runnable, signals: _Signals) -> int:
+def _run(node: ClosableNode, signals: _Signals) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.done.add_done_callback(lambda _: executor.wake())

@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-_PATIENCE_SECONDS = 3.0
+_TIMEOUT_SECONDS = 3.0
 _END_SECONDS = 5.0
 # Number of calls that the middleware keeps; the default depth of ROS services is 10.
 _DEPTH = 1000
@@ -52,12 +52,12 @@ class SaveRequests:
             Trigger, '~/save', self._save, qos_profile=QoSProfile(depth=_DEPTH),
             callback_group=ReentrantCallbackGroup())
 
-    def take(self) -> list[Future]:
+    def pop_all(self) -> list[Future]:
         """Return and clear the requests for the present frame."""
         taken, self._waiting = self._waiting, []
         return taken
 
-    def answer(self, requests: list[Future], outcome: Path | str) -> None:
+    def complete(self, requests: list[Future], outcome: Path | str) -> None:
         """
         Complete requests with the outcome of their frame; thread-safe.
 
@@ -71,7 +71,7 @@ class SaveRequests:
     def close(self) -> None:
         """Refuse waiting and new calls, because the node is shutting down."""
         self._is_closed = True
-        self.answer(self.take(), 'the node is shutting down')
+        self.complete(self.pop_all(), 'the node is shutting down')
         deadline = time.monotonic() + _END_SECONDS
         while self._unanswered and time.monotonic() < deadline:
             self._node.executor.spin_once(timeout_sec=0.1)
@@ -85,18 +85,18 @@ class SaveRequests:
         request = Future()
         self._waiting.append(request)
         self._unanswered += 1
-        patience = create_steady_timer(
-            self._node, _PATIENCE_SECONDS, lambda: self._give_up(request))
+        timer = create_steady_timer(
+            self._node, _TIMEOUT_SECONDS, lambda: self._fail(request))
         outcome = await request
-        self._node.destroy_timer(patience)
+        self._node.destroy_timer(timer)
         response.success = isinstance(outcome, Path)
         response.message = (printable(outcome, MAX_PATH) if response.success
                             else plain_reason(str(outcome)))
         self._unanswered -= 1
         return response
 
-    def _give_up(self, request: Future) -> None:
+    def _fail(self, request: Future) -> None:
         """Fail a request that timed out. An older frame would not show the current scene."""
         if request in self._waiting:
             self._waiting.remove(request)
-            request.set_result(f'no frame arrived within {_PATIENCE_SECONDS:g} s')
+            request.set_result(f'no frame arrived within {_TIMEOUT_SECONDS:g} s')

@@ -21,13 +21,13 @@ import time
 
 from opencv_tools.recording.trouble import Log
 
-_LEAST_SECONDS = 3.0
+_MIN_SECONDS = 3.0
 _PERIODS = 3
 # Weight of each interval in the moving average of the period.
 _PERIOD_WEIGHT = 1 / 8
 
 
-class Silence:
+class NoFramesWarning:
     """Log why no frame arrives, three seconds or three periods after the last frame."""
 
     def __init__(self, log: Log, describe: Callable[[], str]) -> None:
@@ -39,31 +39,31 @@ class Silence:
         """
         self._log = log
         self._describe = describe
-        self._said = ''
-        self.forget()
+        self._logged_reason = ''
+        self.reset_period()
 
-    def forget(self) -> None:
+    def reset_period(self) -> None:
         """Reset the wait and the period, after a change of the publishers' topic."""
         self._period = 0.0
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """Reset the wait, but keep the period of the frames."""
-        self._frame_at = self._waited = self._told_at = 0.0
+        self._frame_at = self._waited = self._logged_at = 0.0
 
-    def end(self, topic: str) -> None:
+    def frame_received(self, topic: str) -> None:
         """Record a received frame."""
         now = time.monotonic()
         if self._frame_at:
             interval = now - self._frame_at
             self._period += (interval - self._period) * (_PERIOD_WEIGHT if self._period else 1)
         self._frame_at = now
-        self._waited = self._told_at = 0.0
-        if self._said:
-            self._said = ''
+        self._waited = self._logged_at = 0.0
+        if self._logged_reason:
+            self._logged_reason = ''
             self._log.info(f'Frames arrive on {topic}')
 
-    def watch(self, elapsed: float, is_expected: bool) -> None:
+    def check(self, elapsed: float, is_expected: bool) -> None:
         """
         Log the reason if frames are missing and the reason is new.
 
@@ -71,10 +71,10 @@ class Silence:
         :param is_expected: whether silence is normal here; suppresses the warning.
         """
         self._waited += elapsed
-        if self._waited - self._told_at < max(_LEAST_SECONDS, _PERIODS * self._period):
+        if self._waited - self._logged_at < max(_MIN_SECONDS, _PERIODS * self._period):
             return
-        self._told_at = self._waited
+        self._logged_at = self._waited
         reason = '' if is_expected else self._describe()
-        if reason and reason != self._said:
-            self._said = reason
+        if reason and reason != self._logged_reason:
+            self._logged_reason = reason
             self._log.warning(f'No frames: {reason}')

@@ -35,15 +35,15 @@ class Delay:
         :param call: function to call.
         """
         self._call = call
-        self._timer = create_steady_timer(node, seconds, self._ring)
+        self._timer = create_steady_timer(node, seconds, self._fire)
         self._timer.cancel()
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Request a call, unless one is pending."""
         if self._timer.is_canceled():
             self._timer.reset()
 
-    def _ring(self) -> None:
+    def _fire(self) -> None:
         self._timer.cancel()
         self._call()
 

@@ -30,27 +30,28 @@ from opencv_tools.ros.shared_memory import (
 )
 
 #: Text of ``--help`` about the environment.
-HELP = ('environment:\n'
-        '  OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS and malloc, to compare, or\n'
-        '                                  because your own profile is not set by a variable of\n'
-        '                                  Fast DDS; large frames may be lost')
+ENVIRONMENT_HELP = (
+    'environment:\n'
+    '  OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS and malloc, to compare, or\n'
+    '                                  because your own profile is not set by a variable of\n'
+    '                                  Fast DDS; large frames may be lost')
 
 _MB = 1 << 20
 # Number of frames for which the segment has room, and the number below which frames are lost.
 _FRAMES = 8
-_LEAST_FRAMES = 3
-_LEAST_SEGMENT = 16 * _MB
-_LARGEST_SEGMENT = 256 * _MB
-_USUAL_SEGMENT = _MB // 2  # default of Fast DDS, for small messages
+_MIN_FRAMES = 3
+_MIN_SEGMENT = 16 * _MB
+_MAX_SEGMENT = 256 * _MB
+_DEFAULT_SEGMENT = _MB // 2  # default of Fast DDS, for small messages
 
 # The port of a reader lists waiting fragments and drops further ones. The default of Fast DDS, 512
 # fragments, holds 1.35 frames of 3840x2160. A fragment has 65482 bytes, the limit of UDP, or less.
-_PIECE = 65_000
-_LEAST_PIECES = 512
-_MOST_PIECES = 8192
-_UNKNOWN_PIECES = 4096  # more than eight frames of 3840x2160, for frames of unknown size
+_FRAGMENT_BYTES = 65_000
+_MIN_FRAGMENTS = 512
+_MAX_FRAGMENTS = 8192
+_DEFAULT_FRAGMENTS = 4096  # more than eight frames of 3840x2160, for frames of unknown size
 _DESCRIPTOR_BYTES = 20  # bytes of a port for each fragment
-_PORTS_OF_ROOM = 1 / 16  # share of the free memory for a port; a participant has two or three
+_PORT_SHARE = 1 / 16  # share of the free memory for a port; a participant has two or three
 
 # Requested receive buffer of UDP sockets; the kernel limits it to net.core.rmem_max. A send buffer
 # of this size would overload a slow link with repeated data.
@@ -114,52 +115,52 @@ _NO_SHARED_MEMORY = (
 
 _OTHER_USER = ('user {user} also runs nodes on this machine, and Fast DDS shares no memory '
                'between users: {what}; run all nodes as one user')
-_SLOWLY = 'frames are sent over UDP and may be late'
-_NOT_AT_ALL = 'with the discovery range LOCALHOST those nodes and this one exchange no frames'
+_UDP_EFFECT = 'frames are sent over UDP and may be late'
+_LOCALHOST_EFFECT = 'with discovery range LOCALHOST those nodes and this one exchange no frames'
 
 
 @dataclass(frozen=True)
-class Transport:
+class FastDdsSetup:
     """
     Result of the configuration of Fast DDS, for frames to subscribers on this machine.
 
-    :param remark: summary of the configuration and its reason, as a sentence.
+    :param summary: summary of the configuration and its reason, as a sentence.
     :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP; None if the
         user configured Fast DDS, or another size would not help.
-    :param room: free bytes of shared memory before the configuration.
+    :param free_bytes: free bytes of shared memory before the configuration.
     :param warning: problem that does not depend on the size of the frames; '' if there is none.
     """
 
-    remark: str
+    summary: str
     segment: int | None = None
-    room: int = 0
+    free_bytes: int = 0
     warning: str = ''
 
-    def misfit(self, frame_bytes: int) -> str:
+    def size_warning(self, frame_bytes: int) -> str:
         """
         Return a warning if frames of a size will be late or lost.
 
         :param frame_bytes: bytes of a frame.
         :returns: the reason and a remedy as a sentence, '' if the frames fit.
         """
-        if self.segment is None or self.segment >= _LEAST_FRAMES * frame_bytes:
+        if self.segment is None or self.segment >= _MIN_FRAMES * frame_bytes:
             return ''
-        wanted = 2 * _wanted_segment(frame_bytes)
-        if self.room >= wanted:
+        target = 2 * _target_segment(frame_bytes)
+        if self.free_bytes >= target:
             return (f'the shared memory of {_in_mb(self.segment)} reserved at startup is too '
                     f'small for frames of {_in_mb(frame_bytes)}, which may be late or lost: start '
                     'the node with the frame size that it publishes')
-        return (f'{SHARED_MEMORY} had {_in_mb(self.room)} free, too little for frames of '
+        return (f'{SHARED_MEMORY} had {_in_mb(self.free_bytes)} free, too little for frames of '
                 f'{_in_mb(frame_bytes)}, which may be late or lost: increase it to '
-                f'{_in_mb(wanted)}, in Docker with --shm-size={math.ceil(wanted / _MB)}m or '
+                f'{_in_mb(target)}, in Docker with --shm-size={math.ceil(target / _MB)}m or '
                 '--ipc=host')
 
 
-UNTOUCHED = Transport('Fast DDS is not configured')
+NOT_CONFIGURED = FastDdsSetup('Fast DDS is not configured')
 
 
 @contextmanager
-def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
+def configured_fastdds(frame_bytes: int) -> Iterator[FastDdsSetup]:
     """
     Configure Fast DDS for several frames in shared memory and a short heartbeat, and malloc.
 
@@ -172,30 +173,30 @@ def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
     :param frame_bytes: expected bytes of a published frame; 0 if no frames are published.
     :returns: the result of the configuration.
     """
-    reason = _user_choice()
+    reason = _user_configuration()
     if reason:
-        yield Transport(f'Fast DDS and malloc are not configured: {reason}')
+        yield FastDdsSetup(f'Fast DDS and malloc are not configured: {reason}')
         return
     _keep_memory()
     removed = remove_dead_segments()
-    room = free_bytes()
+    available = free_bytes()
     other_user = find_other_user()
     if other_user and not _is_local():  # if local, rmw_fastrtps adds its own shared memory
         with _profile(_describe_profile(0, 0)):
-            yield Transport('UDP for frames, because of the other user', room=room,
-                            warning=_OTHER_USER.format(user=other_user, what=_SLOWLY))
+            yield FastDdsSetup('UDP for frames, because of the other user', free_bytes=available,
+                               warning=_OTHER_USER.format(user=other_user, what=_UDP_EFFECT))
         return
-    segment = _affordable_segment(frame_bytes, room)
-    with _profile(_describe_profile(segment, _affordable_pieces(frame_bytes, room))):
-        yield Transport(
+    segment = _segment_bytes(frame_bytes, available)
+    with _profile(_describe_profile(segment, _port_capacity(frame_bytes, available))):
+        yield FastDdsSetup(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}; '
-            f'{SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
-            'malloc keeps the memory of frames', segment, room,
+            f'{SHARED_MEMORY} has {_in_mb(available)} free; {removed} dead segments removed; '
+            'malloc keeps the memory of frames', segment, available,
             _NO_SHARED_MEMORY if not is_writable() else
-            _OTHER_USER.format(user=other_user, what=_NOT_AT_ALL) if other_user else '')
+            _OTHER_USER.format(user=other_user, what=_LOCALHOST_EFFECT) if other_user else '')
 
 
-def _user_choice() -> str:
+def _user_configuration() -> str:
     """Return why Fast DDS must not be configured, '' if it may be."""
     if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
         return 'OPENCV_TOOLS_TRANSPORT is default'
@@ -209,31 +210,32 @@ def _user_choice() -> str:
                  if os.access(name, os.F_OK)), '')  # unlike Path.exists() this never raises
 
 
-def _wanted_segment(frame_bytes: int) -> int:
+def _target_segment(frame_bytes: int) -> int:
     if not frame_bytes:
-        return _USUAL_SEGMENT
-    return max(min(max(_FRAMES * frame_bytes, _LEAST_SEGMENT), _LARGEST_SEGMENT),
-               _LEAST_FRAMES * frame_bytes)
+        return _DEFAULT_SEGMENT
+    return max(min(max(_FRAMES * frame_bytes, _MIN_SEGMENT), _MAX_SEGMENT),
+               _MIN_FRAMES * frame_bytes)
 
 
-def _affordable_segment(frame_bytes: int, room: int) -> int:
+def _segment_bytes(frame_bytes: int, available: int) -> int:
     """Return the size of the segment: at most half of the free memory, 0 if that is too little."""
-    segment = min(_wanted_segment(frame_bytes), room // 2)
-    return segment if segment >= max(_LEAST_FRAMES * frame_bytes, _USUAL_SEGMENT) else 0
+    segment = min(_target_segment(frame_bytes), available // 2)
+    return segment if segment >= max(_MIN_FRAMES * frame_bytes, _DEFAULT_SEGMENT) else 0
 
 
-def _affordable_pieces(frame_bytes: int, room: int) -> int:
+def _port_capacity(frame_bytes: int, available: int) -> int:
     """Return the number of fragments that may wait in a port: those of all frames of a segment."""
-    wanted = math.ceil(_FRAMES * frame_bytes / _PIECE) if frame_bytes else _UNKNOWN_PIECES
-    affordable = int(room * _PORTS_OF_ROOM) // _DESCRIPTOR_BYTES
-    return max(_LEAST_PIECES, min(wanted, affordable, _MOST_PIECES))
+    target = (math.ceil(_FRAMES * frame_bytes / _FRAGMENT_BYTES) if frame_bytes
+              else _DEFAULT_FRAGMENTS)
+    affordable = int(available * _PORT_SHARE) // _DESCRIPTOR_BYTES
+    return max(_MIN_FRAGMENTS, min(target, affordable, _MAX_FRAGMENTS))
 
 
-def _describe_profile(segment: int, pieces: int) -> str:
+def _describe_profile(segment: int, fragments: int) -> str:
     """Return the XML profile; a segment of 0 bytes selects UDP alone, faster than a small one."""
     transports: dict[str, dict[str, int]] = {}
     if segment:
-        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': pieces}
+        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': fragments}
     if not _is_local():
         transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     participant = _PARTICIPANT.format(
