@@ -31,13 +31,13 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (
-    Parameter('name', 'x', 'a text', fixed=True),
-    Parameter('kind', 'a', 'a choice', choices=('a', 'b')),
-    Parameter('rate', 1.5, 'a fraction', maximum=10.0),
-    Parameter('count', 3, 'a number', minimum=1, maximum=5),
-    Parameter('turn', 0, 'a choice of numbers', choices=(0, 90)),
-    Parameter('on', False, 'a switch'),
-    Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2),
+    Parameter('name', 'x', 'a text'),
+    Parameter('kind', 'a', 'a choice', choices=('a', 'b'), changeable=True),
+    Parameter('rate', 1.5, 'a fraction', maximum=10.0, changeable=True),
+    Parameter('count', 3, 'a number', minimum=1, maximum=5, changeable=True),
+    Parameter('turn', 0, 'a choice of numbers', choices=(0, 90), changeable=True),
+    Parameter('on', False, 'a switch', changeable=True),
+    Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2, changeable=True),
 )
 
 

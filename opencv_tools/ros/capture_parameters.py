@@ -57,52 +57,51 @@ def _check_camera_name(name: str) -> None:
 
 #: Parameters of ``img_publisher``, in the order of ``--help``.
 PARAMETERS = (
-    Parameter('source', '0', 'Device number, device path, video file, image file, folder or '
-              'glob of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source,
-              fixed=True),
+    Parameter('source', '0', 'Device number, device path, video file, image file, folder or glob '
+              'of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source),
     Parameter('publish_rate', 10.0, 'Frame rate of the published images in Hz; 0 for the rate of '
-              'the source', maximum=MAX_RATE),
+              'the source', maximum=MAX_RATE, changeable=True),
     Parameter('encoding', 'bgr8', "Encoding of the published images; '' for the encoding of the "
-              'source', choices=(*ENCODINGS, '')),
-    Parameter('frame_id', 'camera', 'Coordinate frame of the camera, for the message headers'),
+              'source', choices=(*ENCODINGS, ''), changeable=True),
+    Parameter('frame_id', 'camera', 'Coordinate frame of the camera, for the message headers',
+              changeable=True),
     Parameter('width', 0, 'Width of the camera image in pixels; 0 for the default (640)',
-              maximum=1 << 16),
+              maximum=1 << 16, changeable=True),
     Parameter('height', 0, 'Height of the camera image in pixels; 0 for the default (480)',
-              maximum=1 << 16),
+              maximum=1 << 16, changeable=True),
     Parameter('fps', 0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)',
-              maximum=MAX_RATE),
+              maximum=MAX_RATE, changeable=True),
     Parameter('fourcc', '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty '
-              'for the best format at this size and rate', check=check_fourcc),
-    Parameter('flip', 'none', 'Mirroring of the images', choices=tuple(FLIPS)),
+              'for the best format at this size and rate', check=check_fourcc, changeable=True),
+    Parameter('flip', 'none', 'Mirroring of the images', choices=tuple(FLIPS), changeable=True),
     Parameter('rotate', 0, 'Clockwise rotation of the images in degrees, applied after flip',
-              choices=ROTATIONS),
+              choices=ROTATIONS, changeable=True),
     Parameter('jpeg_quality', 95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to '
-              '100 (best)', minimum=1, maximum=100),
-    Parameter('stamp', 'capture', 'Event whose time is the stamp of a frame', choices=STAMPS),
-    Parameter('stamp_offset', 0.0, 'Offset added to each stamp in seconds; negative to '
-              'compensate the delay of a camera', minimum=-1e6, maximum=1e6),
+              '100 (best)', minimum=1, maximum=100, changeable=True),
+    Parameter('stamp', 'capture', 'Event whose time is the stamp of a frame', choices=STAMPS,
+              changeable=True),
+    Parameter('stamp_offset', 0.0, 'Offset added to each stamp in seconds; negative to compensate '
+              'the delay of a camera', minimum=-1e6, maximum=1e6, changeable=True),
     Parameter('read_timeout', 2.0, 'Seconds without a frame after which a camera or stream is '
-              'reopened', minimum=0.1, maximum=1e6),
+              'reopened', minimum=0.1, maximum=1e6, changeable=True),
     Parameter('reconnect', 'forever', 'How long to wait for a disconnected camera: forever, '
-              'never, or seconds', check=_parse_reconnect, ends=True),
+              'never, or seconds', check=_parse_reconnect, ends=True, changeable=True),
     Parameter('camera_info_url', '', 'URL of the calibration file: file:// or package://, with '
-              '${NAME} and ${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml',
-              fixed=True),
+              '${NAME} and ${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml'),
     Parameter('camera_name', '', 'Name of the camera, for ${NAME} in camera_info_url; empty for '
-              'the namespace of the node, or camera if there is none', check=_check_camera_name,
-              fixed=True),
+              'the namespace of the node, or camera if there is none', check=_check_camera_name),
     Parameter('on_end', 'stop', 'Action after the last frame of a file', choices=ON_END,
-              fixed=True, ends=True),
+              ends=True),
     Parameter('loop', 1, 'Number of times a file is played; 0 to repeat it forever, like '
-              'on_end:=loop', maximum=10**9, fixed=True, ends=True),
+              'on_end:=loop', maximum=10**9, ends=True),
     Parameter('start_frame', 0, 'Number of the first frame of a file to publish, counted from 0',
-              maximum=10**9, fixed=True),
+              maximum=10**9),
     Parameter('stop_frame', 0, 'Number of the first frame of a file not to publish, counted from '
-              '0; 0 for the end of the file', maximum=10**9, fixed=True, ends=True),
+              '0; 0 for the end of the file', maximum=10**9, ends=True),
     Parameter('max_frames', 0, 'Number of published frames after which the node exits; 0 for no '
-              'limit', maximum=10**9, fixed=True, ends=True),
+              'limit', maximum=10**9, ends=True),
     Parameter('wait_for_subscribers', 0, 'Number of subscribers to wait for before the first '
-              'frame; 0 to start at once', maximum=1000, fixed=True),
+              'frame; 0 to start at once', maximum=1000),
 )
 
 #: Parameters whose change requires reopening the camera.

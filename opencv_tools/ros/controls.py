@@ -165,15 +165,17 @@ class CameraControls:
         description = (f'Camera control; the default is {control.default}'
                        + (f': {menu}' if menu else ''))
         if control.kind == ControlType.BOOLEAN:
-            return Parameter(name, bool(value), description)
+            return Parameter(name, bool(value), description, changeable=True)
         if control.choices:
             return Parameter(name, value, description,
-                             choices=tuple(number for number, _ in control.choices))
+                             choices=tuple(number for number, _ in control.choices),
+                             changeable=True)
         # Some drivers report values outside their own range, or a step of 0.
         step = max(1, control.step)
         even = (value - control.minimum) % step == 0
         return Parameter(name, value, description, min(value, control.minimum),
-                         max(value, control.maximum), step=step if even else 1)
+                         max(value, control.maximum), step=step if even else 1,
+                         changeable=True)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all changed values, or to none of them with the reason."""

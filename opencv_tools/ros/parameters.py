@@ -63,7 +63,7 @@ class Parameter:
     :param step: distance between valid numbers, counted from the minimum.
     :param choices: valid values; empty if all values are valid.
     :param check: raises ValueError with the remedy for an invalid text.
-    :param fixed: whether the parameter is read-only while the node runs.
+    :param changeable: whether the parameter can be changed while the node runs.
     :param ends: whether the parameter decides when the node ends, or how much it does. The node
         does not start with a misspelt name of such a parameter.
     """
@@ -76,13 +76,13 @@ class Parameter:
     step: int = 1
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
-    fixed: bool = False
+    changeable: bool = False
     ends: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor for ``ros2 param describe``."""
         descriptor = ParameterDescriptor(
-            name=self.name, description=self.description, read_only=self.fixed,
+            name=self.name, description=self.description, read_only=not self.changeable,
             additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
         if isinstance(self.default, bool) or self.choices:
             return descriptor

@@ -51,49 +51,45 @@ def _check_folder(text: str) -> None:
 #: Parameters of ``img_subscriber``, in the order of ``--help``.
 PARAMETERS = (
     Parameter('output_dir', 'frames', 'Folder of the recorded files; created if it does not exist',
-              check=_check_folder, fixed=True),
+              check=_check_folder),
     Parameter('file_name', '{seq:06d}.png', 'Template of the file names, with {seq}, {stamp}, '
               '{sec}, {nanosec}, {frame_id}, {encoding} or {topic}; the extension selects the '
-              'format, and .mp4, .mkv and .avi record a video', check=_check_file_name,
-              fixed=True),
+              'format, and .mp4, .mkv and .avi record a video', check=_check_file_name),
     Parameter('transport', 'auto', 'Image transport to subscribe to; auto uses compressed if no '
-              'raw images are published', choices=TRANSPORTS, fixed=True),
+              'raw images are published', choices=TRANSPORTS),
     Parameter('max_pixels', MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is '
-              'refused before it is decoded', minimum=1, maximum=2**31, fixed=True),
+              'refused before it is decoded', minimum=1, maximum=2**31),
     Parameter('mode', 'continuous', 'Recording mode; continuous writes every frame, on_request '
-              'one frame for each call of ~/save', choices=MODES, fixed=True),
+              'one frame for each call of ~/save', choices=MODES),
     Parameter('convert', 'auto', 'Conversion of Bayer and YUV frames to colour in images and '
-              'videos', choices=('auto', 'never'), fixed=True),
+              'videos', choices=('auto', 'never')),
     Parameter('jpeg_quality', 95, 'JPEG quality of .jpg files, from 1 (smallest) to 100 (best)',
-              minimum=1, maximum=100, fixed=True),
+              minimum=1, maximum=100),
     Parameter('png_compression', 1, 'Compression level of .png files, from 0 (none) and 1 '
-              '(fastest) to 9 (smallest)', maximum=9, fixed=True),
+              '(fastest) to 9 (smallest)', maximum=9),
     Parameter('crf', 23, 'Constant rate factor of videos, from 0 (best) to 51 (smallest)',
-              maximum=51, fixed=True),
-    Parameter('every_n', 1, 'Write every n-th frame', minimum=1, maximum=10**9, fixed=True,
-              ends=True),
+              maximum=51),
+    Parameter('every_n', 1, 'Write every n-th frame', minimum=1, maximum=10**9, ends=True),
     Parameter('max_rate', 0.0, 'Maximum rate of the written frames in Hz; 0 for no limit',
-              maximum=1e6, fixed=True, ends=True),
+              maximum=1e6, ends=True),
     Parameter('max_frames', 0, 'Number of recorded frames after which the node exits; 0 for no '
-              'limit', maximum=10**9, fixed=True, ends=True),
+              'limit', maximum=10**9, ends=True),
     Parameter('max_duration', 0.0, 'Duration of the recording in seconds, counted from the first '
-              'frame; 0 for no limit', maximum=1e9, fixed=True, ends=True),
+              'frame; 0 for no limit', maximum=1e9, ends=True),
     Parameter('max_bytes', 0, 'Maximum size of all files together in bytes, after which the node '
-              'exits; 0 for no limit', maximum=10**18, fixed=True, ends=True),
+              'exits; 0 for no limit', maximum=10**18, ends=True),
     Parameter('ring', False, 'Delete the oldest files at the limits max_frames, max_duration and '
-              'max_bytes instead of exiting', fixed=True, ends=True),
+              'max_bytes instead of exiting', ends=True),
     Parameter('queue_size', QUEUE_SIZE, 'Maximum number of frames that wait to be written',
-              minimum=1, maximum=100_000, fixed=True),
-    Parameter('writers', 0, 'Number of threads that write; 0 for one per processor', maximum=256,
-              fixed=True),
+              minimum=1, maximum=100_000),
+    Parameter('writers', 0, 'Number of threads that write; 0 for one per processor', maximum=256),
     Parameter('on_overflow', 'drop', 'Action when the queue is full; drop removes its oldest '
-              'frame, block pauses the reception', choices=('drop', 'block'), fixed=True),
+              'frame, block pauses the reception', choices=('drop', 'block')),
     Parameter('on_exists', 'continue', 'Action when files of an earlier recording exist; continue '
-              'numbers the new files after them', choices=ON_EXISTS, fixed=True),
-    Parameter('sync', False, 'Flush each file to disk before renaming it to its final name',
-              fixed=True),
+              'numbers the new files after them', choices=ON_EXISTS),
+    Parameter('sync', False, 'Flush each file to disk before renaming it to its final name'),
     Parameter('timeout', 0.0, 'Seconds without a frame after which the node exits with an error; '
-              '0 for no limit', maximum=1e9, fixed=True, ends=True),
+              '0 for no limit', maximum=1e9, ends=True),
 )
 
 
