@@ -44,7 +44,7 @@ class OutputFile:
                 rest = rest[self.raw.write(rest):]  # a disk that fills up takes only a part
                 self.size = max(self.size, self.raw.tell())
         except OSError as err:
-                self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
+            self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
         return len(data)
 
     def is_at_path(self) -> bool:

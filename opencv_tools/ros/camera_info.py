@@ -98,9 +98,9 @@ def scale_camera_info(info: CameraInfo, width: int, height: int) -> CameraInfo:
     """
     Convert a calibration to another size of the same image.
 
-    The rows of K and P are multiplied by the ratios of the sizes, without a shift by half a pixel,
-    as ``PinholeCameraModel::fromCameraInfo`` of image_geometry does for binning. D and R do not
-    depend on the size. A region of interest grows to whole pixels.
+    The rows of K and P are multiplied by the ratios of the sizes, without a shift by half a pixel.
+    ``PinholeCameraModel::fromCameraInfo`` of image_geometry does the same for binning. D and R do
+    not depend on the size. A region of interest grows to whole pixels.
 
     :param info: calibration to scale.
     :param width: width of the images in pixels.

@@ -40,10 +40,11 @@ class LostFrames:
     Count lost messages by the sequence numbers of their publishers.
 
     The messages of a publisher that started after the subscription are counted from number 1.
-    Those of other publishers are counted from the first that arrived. A publisher counts as new
-    if it was discovered later, and the time since the subscription is too short for the number of
-    its messages at the rate of its first ones. Messages lost after the last one that arrived are
-    not counted.
+    Those of other publishers are counted from the first that arrived. Messages lost after the last
+    one that arrived are not counted.
+
+    A publisher started after the subscription if it was discovered later, and if the time since
+    the subscription is too short for all its messages at the rate of the first ones.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
