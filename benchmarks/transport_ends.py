@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.capture.frame import Frame, Source
-from opencv_tools.recording.frames import Frame as RecordedFrame, RawFrame
+from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros import capture_parameters, reception, recording_parameters
 from opencv_tools.ros.runtime import Executable, run
@@ -218,7 +218,7 @@ class OurSubscriber(ImageSubscriber):
     ages: Ages
     stages: Stages
 
-    def _record(self, frame: RecordedFrame) -> None:
+    def _record(self, frame: ReceivedFrame) -> None:
         assert isinstance(frame, RawFrame)
         self.ages.note(frame.image, frame.stamp_ns)
         self.stages.note(frame.stamp_ns)
