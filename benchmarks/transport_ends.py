@@ -42,10 +42,10 @@ from numpy.typing import NDArray
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.capture.frame import Frame, Source
-from opencv_tools.recording.frames import Frame as RecordedFrame, RawFrame
+from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros import capture_parameters, reception, recording_parameters
-from opencv_tools.ros.runtime import Program, run
+from opencv_tools.ros.runtime import Executable, run
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
@@ -218,7 +218,7 @@ class OurSubscriber(ImageSubscriber):
     ages: Ages
     stages: Stages
 
-    def _record(self, frame: RecordedFrame) -> None:
+    def _record(self, frame: ReceivedFrame) -> None:
         assert isinstance(frame, RawFrame)
         self.ages.note(frame.image, frame.stamp_ns)
         self.stages.note(frame.stamp_ns)
@@ -277,10 +277,10 @@ class TutorialSubscriber(Node):
 def publish_ours(load: Load) -> int:
     """Run the package's publisher."""
     camera = OurPublisher.camera = Camera(load)
-    program = Program('img_publisher', 'image_publisher', '', capture_parameters.PARAMETERS, '',
-                      lambda _: load.frame_bytes)
+    executable = Executable('img_publisher', 'image_publisher', '', capture_parameters.PARAMETERS,
+                            '', lambda _: load.frame_bytes)
     topic = f'{load.namespace}/{TOPIC}'
-    status = run(program, OurPublisher, [
+    status = run(executable, OurPublisher, [
         'img_publisher', *load.arguments, '-p', 'publish_rate:=0.0',
         '-p', f'max_frames:={load.frames}', '-p', 'wait_for_subscribers:=1',
         '-p', f'qos_overrides.{topic}.publisher.reliability:={load.qos}'], failures=())
@@ -291,11 +291,11 @@ def publish_ours(load: Load) -> int:
 def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
-    program = Program('img_subscriber', 'image_subscriber', '', recording_parameters.PARAMETERS,
-                      '')
+    executable = Executable('img_subscriber', 'image_subscriber', '',
+                            recording_parameters.PARAMETERS, '')
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
-        status = run(program, lambda _: OurSubscriber(), [
+        status = run(executable, lambda _: OurSubscriber(), [
             'img_subscriber', *load.arguments, '-p', f'output_dir:={folder}'], failures=())
     ages.report(stages=stages.times)
     return status

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Send a video through both nodes onto the disk, and a robot from URDF to SDF; compare both."""
+"""Send a video through both nodes to disk and convert a robot to SDF; compare the results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
 OUTPUT = ROOT / 'demo'
 ROBOT = ROOT / 'urdf' / 'my_robot.urdf.xacro'
-SECONDS = 180  # for everything, on the slowest machine
+SECONDS = 180  # timeout of each process, generous for slow machines
 MODULES = {'img_publisher': ['opencv_tools.basic_image_publisher'],
            'img_subscriber': ['opencv_tools.basic_image_subscriber'],
            'robot_compare': ['opencv_tools.robot.cli', 'robot_compare'],
@@ -40,7 +40,7 @@ MODULES = {'img_publisher': ['opencv_tools.basic_image_publisher'],
 
 def executable(name: str, *words: str) -> list[str]:
     """Return the command line of an executable of this package, installed or not."""
-    # A virtual environment has it beside its python, colcon where `ros2 run` looks.
+    # A virtual environment has executables next to python, colcon has them where ros2 run looks.
     folders = [Path(sys.executable).parent]
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')):
         folders.append(Path(prefix, 'lib', 'opencv_tools'))
@@ -52,10 +52,10 @@ def executable(name: str, *words: str) -> list[str]:
 
 
 class NodeProcess:
-    """A node in a process of its own, whose console lines are shown and kept."""
+    """A node in its own process; its console lines are printed and stored."""
 
     def __init__(self, name: str, **parameters: object) -> None:
-        """Start the node, in a namespace that no other program on this machine uses."""
+        """Start the node in a namespace that is unique on this machine."""
         assignments = [f'{name}:={value}' for name, value in parameters.items()]
         command = [
             *executable(name), '--ros-args',
@@ -69,7 +69,7 @@ class NodeProcess:
         self._reader.start()
 
     def wait(self) -> int:
-        """Return the exit status; a node that does not end in time is killed."""
+        """Return the exit status; kill a node that exceeds the timeout."""
         try:
             status = self._process.wait(SECONDS)
         except subprocess.TimeoutExpired:
@@ -79,7 +79,7 @@ class NodeProcess:
         return status
 
     def number(self, pattern: str) -> int:
-        """Return a number of the console lines, 0 when it is not there."""
+        """Return a number from the console lines, 0 if it is missing."""
         match = re.search(pattern, '\n'.join(self.lines))
         return int(match[1]) if match else 0
 
@@ -91,7 +91,7 @@ class NodeProcess:
 
 
 def convert_robot() -> bool:
-    """Convert the robot to SDF and return whether the result is the same robot."""
+    """Convert the robot to SDF and return whether both describe the same robot."""
     model = OUTPUT / 'my_robot.sdf'
     for command in (executable('urdf_to_sdf', str(ROBOT), '-o', str(model)),
                     executable('robot_compare', str(ROBOT), str(model))):
@@ -105,7 +105,7 @@ def convert_robot() -> bool:
 
 
 def shown(path: Path) -> str:
-    """Return a path as it is called from the root of the package."""
+    """Return a path relative to the root of the package."""
     return str(path.relative_to(ROOT))
 
 
@@ -121,7 +121,7 @@ def decode(clip: Path) -> list[np.ndarray]:
 
 
 def contact_sheet(files: list[Path]) -> np.ndarray:
-    """Return twelve of the written files as one picture, four in a row."""
+    """Return twelve of the written files as one image, four in a row."""
     picked = [files[index * len(files) // 12] for index in range(12)]
     tiles = [cv2.resize(cv2.imread(str(file)), (320, 180), interpolation=cv2.INTER_AREA)
              for file in picked]
@@ -129,7 +129,7 @@ def contact_sheet(files: list[Path]) -> np.ndarray:
 
 
 def main() -> int:
-    """Run the demo; the exit status is 0 when all frames and the robot arrived unchanged."""
+    """Run the demo; return 0 if all frames and the robot are unchanged."""
     frames = decode(CLIP)
     folder = OUTPUT / 'frames'
     shutil.rmtree(OUTPUT, ignore_errors=True)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Start the publisher and the subscriber with the parameters of config/camera.yaml."""
+"""Start one publisher and one subscriber with the parameters of a file."""
 
 from pathlib import Path
 
@@ -26,17 +26,17 @@ from opencv_tools.ros.command_line import check_params_file
 
 
 ARGUMENTS = {
-    'image_publisher': {'source': 'camera number, file, folder, URL or pattern'},
-    'image_subscriber': {'output_dir': 'folder that the frames are written to'},
+    'image_publisher': {'source': 'Camera number, file, folder, URL or pattern'},
+    'image_subscriber': {'output_dir': 'Folder of the recorded files'},
 }
 EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subscriber'}
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """
-    Start each node with the file's parameters, and over them the arguments that were given.
+    Create the nodes with the parameters of the file, overridden by launch arguments.
 
-    :raises ParameterError: there is no such file.
+    :raises ParameterError: the parameter file does not exist.
     """
     params_file = LaunchConfiguration('params_file').perform(context)
     check_params_file(params_file)
@@ -54,7 +54,7 @@ def start_nodes(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments and both nodes."""
+    """Return the launch description: arguments and both nodes."""
     config = Path(get_package_share_directory('opencv_tools'), 'config', 'camera.yaml')
     arguments = [
         DeclareLaunchArgument(argument, default_value='', description=description)
@@ -62,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *arguments,
         DeclareLaunchArgument('namespace', default_value='',
-                              description='namespace of both nodes and of the topic'),
+                              description='Namespace of both nodes and their topics'),
         DeclareLaunchArgument('params_file', default_value=str(config),
                               description='YAML file with the parameters of both nodes'),
         OpaqueFunction(function=start_nodes),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Several cameras at once: one ``img_publisher`` each, in a namespace with the camera's name."""
+"""Start one publisher per camera, each in a namespace with the name of the camera."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -24,23 +24,23 @@ from opencv_tools.ros.command_line import check_params_file
 
 def parse_cameras(text: str) -> dict[str, str]:
     """
-    Read ``NAME=SOURCE NAME=SOURCE ...``.
+    Read a list ``NAME=SOURCE NAME=SOURCE ...``.
 
-    :raises ValueError: it is written otherwise, or two have one name.
+    :raises ValueError: the text has another form, or two cameras have the same name.
     """
     pairs = [word.partition('=')[::2] for word in text.split()]
     cameras = dict(pairs)
     if not pairs or len(cameras) < len(pairs) or '' in {*cameras, *cameras.values()}:
-        raise ValueError(f'cameras is {text!r}: give each camera a source and a name of its own, '
+        raise ValueError(f'cameras is {text!r}: give each camera a unique name and a source, '
                          "as in cameras:='front=0 rear=/dev/v4l/by-id/usb-rear-video-index0'")
     return cameras
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """
-    Start a publisher for each camera, with the file's parameters and its own source.
+    Create a publisher for each camera, with its source and the parameters of the file.
 
-    :raises ValueError: ``cameras`` is written wrongly, or there is no such file.
+    :raises ValueError: ``cameras`` is malformed, or the parameter file does not exist.
     """
     params_file = LaunchConfiguration('params_file').perform(context)
     if params_file:
@@ -55,11 +55,11 @@ def start_nodes(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments and the nodes."""
+    """Return the launch description: arguments and nodes."""
     return LaunchDescription([
-        DeclareLaunchArgument('cameras', description='NAME=SOURCE for each camera, with blanks '
-                              'between them; the name is its namespace, and its frame_id '
-                              'unless the file has another'),
+        DeclareLaunchArgument('cameras', description='NAME=SOURCE for each camera, separated by '
+                              'spaces; NAME is the namespace, and the frame_id unless the '
+                              'parameter file sets it'),
         DeclareLaunchArgument('params_file', default_value='',
                               description='YAML file with parameters of the publishers, for all '
                               '(/**/image_publisher) or for one (/front/image_publisher)'),

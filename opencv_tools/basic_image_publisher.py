@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node ``image_publisher``: frames of a camera, a file or a pattern, as image messages."""
+"""Node ``image_publisher``: publishes frames of a camera, file or pattern as image messages."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ from opencv_tools.image.text import MAX_PATH, printable, without_password
 from opencv_tools.ros.calibration_file import CameraInfoError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.capture_parameters import (
-    camera_request, ENCODING, look, OPENING, PARAMETERS, playback,
+    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, REOPEN_ON_CHANGE,
 )
 from opencv_tools.ros.controls import CameraControls
-from opencv_tools.ros.diagnostics import Condition, Diagnostics
+from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.frame_topics import FrameTopics
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
+from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.stamps import Stamper
 from opencv_tools.ros.timers import Delay
-from opencv_tools.ros.transport import Transport, UNTOUCHED
+from opencv_tools.ros.transport import FastDdsSetup, NOT_CONFIGURED
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo
@@ -54,41 +54,42 @@ from std_srvs.srv import SetBool
 
 _STOP_SECONDS = 5
 _RELEASE_SECONDS = 5
-# What changes within this time, such as width and height, lets a camera be opened anew once.
+# Changes within this time, such as width and height, reopen the camera only once.
 _CHANGE_SECONDS = 0.2
 
 
 class ImagePublisher(Node):
-    """Publish the frames of a source to ``video_frames``, on a thread of its own."""
+    """Publish the frames of a source on ``video_frames``, in a thread."""
 
-    def __init__(self, transport: Transport = UNTOUCHED) -> None:
+    def __init__(self, fastdds: FastDdsSetup = NOT_CONFIGURED) -> None:
         """
-        Begin to open the source and to publish.
+        Start opening the source and publishing.
 
-        :param transport: how frames go to subscribers on this machine.
-        :raises ParameterError: a parameter's value cannot be used.
+        :param fastdds: result of the configuration of Fast DDS.
+        :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self._dropped = 0
-        self._left_out = ''
-        self._opened_for = ''  # the encoding
+        self._last_drop = ''
+        self._opened_encoding = ''  # the encoding that the source was opened for
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
-        self._topics = FrameTopics(self, 'video_frames', self._calibrate(), transport,
+        self._topics = FrameTopics(self, 'video_frames', self._open_calibration(), fastdds,
                                    self._settings['wait_for_subscribers'])
         self.publisher_ = self._topics.images
-        self._grabber = Grabber(self._open_source, playback(self._settings), self, self._topics)
+        self._grabber = Grabber(
+            self._open_source, playback_settings(self._settings), self, self._topics)
         self._controls = CameraControls(self, PARAMETERS, self._camera)
         self._camera_opened = self.create_guard_condition(self._declare_controls)
-        self._diagnostics = Diagnostics(self, self._condition)
+        self._diagnostics = Diagnostics(self, self._source_status)
         self._reopening = Delay(self, _CHANGE_SECONDS, self._grabber.reopen)
-        watch_parameters(self, PARAMETERS, self._change, lambda: self._controls.parameters)
+        watch_parameters(self, PARAMETERS, self._apply_changes, lambda: self._controls.parameters)
         self.create_service(SetBool, 'set_capture', self._set_capture)
         self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
         if not is_camera(self._settings['source']):
-            self._controls.refuse_the_rest()
+            self._controls.warn_unknown_parameters()
         if self._settings['wait_for_subscribers']:
             self.get_logger().info(
                 f'Waiting for {self._settings["wait_for_subscribers"]} subscriber(s)')
@@ -97,7 +98,7 @@ class ImagePublisher(Node):
 
     def close(self) -> int:
         """
-        Stop publishing, let go of the source and say how many frames there were.
+        Stop publishing, close the source and log a summary.
 
         :returns: the exit status.
         """
@@ -107,10 +108,10 @@ class ImagePublisher(Node):
             f'Published {self._progress.count} frames at {self._progress.average_rate():.1f} Hz, '
             f'{self._dropped} dropped'
             + (f', {self._grabber.missed} missed' if self._grabber.missed else ''))
-        return self.done.result() if self.done.done() else DONE
+        return self.done.result() if self.done.done() else EXIT_OK
 
     def opened(self, source: Source) -> None:
-        """Say what was opened, and what came of what was asked for."""
+        """Log the opened source and any camera settings that could not be applied."""
         if not self._grabber.trouble:
             self.get_logger().info(f'{source.name} opened: {source.description}, '
                                    f'publishing to {self.publisher_.topic_name}')
@@ -120,98 +121,98 @@ class ImagePublisher(Node):
             self._camera_opened.trigger()
 
     def lost(self, reason: UnavailableError) -> None:
-        """Say that there is no source now."""
+        """Log that the source is unavailable."""
         seconds = self._grabber.playback.reconnect
         limit = '' if seconds == math.inf else f' for {seconds:g} s'
         self.get_logger().error(f'{reason}; waiting for it{limit}')
         self._controls.report_unused()
 
     def returned(self, source: Source, seconds: float) -> None:
-        """Say that the source gives frames again."""
+        """Log that the source is available again."""
         self.get_logger().info(f'{source.name} is back after {seconds:.1f} s: '
                                f'{source.description}')
 
     def broken(self, reason: BrokenFrameError) -> None:
-        """Take note of a frame that cannot be read."""
-        self._leave_out(reason)
+        """Log a frame that cannot be read."""
+        self._drop(reason)
 
     def _publish_all(self) -> None:
-        """Publish frame after frame until the end, then tell the executor."""
-        status = FAILED
+        """Publish frames until the source ends, then set the exit status."""
+        status = EXIT_FAILURE
         try:
             for frame in self._grabber.frames():
-                if not self._is_live():  # a file can wait, a camera cannot
+                if not self._is_live():  # a file can wait, but a camera cannot
                     self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
                 self._publish(frame)
                 if self._settings['max_frames'] == self._progress.count > 0:
                     break
             if not self._grabber.stopped:
                 self._finish()
-            status = DONE
+            status = EXIT_OK
         except CaptureError as err:
             self.get_logger().error(str(err))
             self._controls.report_unused()
         except RuntimeError:
             if self.context.ok():
                 raise
-            status = DONE  # ROS was shut down between two frames
+            status = EXIT_OK  # ROS was shut down before the next frame
         finally:
             self.done.set_result(status)
 
     def _publish(self, frame: Frame | None) -> None:
-        """Publish one frame, None if nobody sees it."""
+        """Publish one frame; None means a frame without a subscriber."""
         if frame is None:
-            self._note_no_subscriber()
+            self._count_unseen()
             return
-        rendition = Rendition(frame, look(self._settings))
+        rendition = Rendition(frame, output_settings(self._settings))
         stamp = self._stamper.stamp(
             frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
         try:
             if not self._topics.publish(rendition, stamp, self._settings['frame_id']):
-                self._note_no_subscriber()
+                self._count_unseen()
                 return
             width, height = rendition.size
         except ImageError as err:
-            # A camera that was opened for another encoding is about to be opened anew.
-            if not self._is_live() or self._settings['encoding'] == self._opened_for:
-                self._leave_out(err)
+            # A camera that was opened for another encoding will be reopened.
+            if not self._is_live() or self._settings['encoding'] == self._opened_encoding:
+                self._drop(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(
             f'{width}x{height} {rendition.encoding}', self._dropped, self._grabber.missed)
 
-    def _note_no_subscriber(self) -> None:
-        self._progress.tick('nobody subscribes', self._dropped, self._grabber.missed)
+    def _count_unseen(self) -> None:
+        self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
         self._diagnostics.count()
 
-    def _leave_out(self, err: Exception) -> None:
-        """Take note of a frame that cannot be published."""
+    def _drop(self, err: Exception) -> None:
+        """Count and log a frame that cannot be published."""
         self._dropped += 1
-        text = f'frame left out: {err}'
-        if text == self._left_out:  # a camera may send the same again and again
+        text = f'frame dropped: {err}'
+        if text == self._last_drop:  # a camera may send the same broken frame repeatedly
             self.get_logger().warning(text, throttle_duration_sec=1.0)
         else:
             self.get_logger().warning(text)
-        self._left_out = text
+        self._last_drop = text
 
     def _finish(self) -> None:
         """
-        Wait until subscribers have what was published.
+        Wait until subscribers have received the published frames.
 
-        :raises CaptureError: nothing was.
+        :raises CaptureError: no frame was published.
         """
         if not self._progress.count:
             raise CaptureError(f'{self._source_name()}: no frame could be published')
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
-        self._opened_for = self._settings['encoding']
+        self._opened_encoding = self._settings['encoding']
         return open_source(
-            self._settings['source'], camera_request(self._settings, self._controls.wanted),
+            self._settings['source'], camera_request(self._settings, self._controls.requested),
             self._settings['read_timeout'])
 
     def _source_name(self) -> str:
-        """Write the source as it may be printed."""
+        """Return the name of the source without passwords."""
         return without_password(self._settings['source'])
 
     def _is_live(self) -> bool:
@@ -227,25 +228,25 @@ class ImagePublisher(Node):
         if camera:
             self._controls.declare(camera)
 
-    def _calibrate(self) -> Calibration:
+    def _open_calibration(self) -> Calibration:
         name = self._settings['camera_name'] or self.get_namespace().strip('/').replace('/', '_')
         return Calibration(
             self._settings['camera_info_url'], name or 'camera',
             lambda text: self.get_logger().warning(printable(text, MAX_PATH)))
 
-    def _change(self, changes: dict[str, Any]) -> None:
-        """Go on with parameters that were changed."""
+    def _apply_changes(self, changes: dict[str, Any]) -> None:
+        """Apply changed parameters."""
         self._settings = {**self._settings, **changes}
-        self._grabber.playback = playback(self._settings)
+        self._grabber.playback = playback_settings(self._settings)
         if ENCODING in changes:
             self._grabber.reopen()
-        elif OPENING & changes.keys():
-            self._reopening.ask()
+        elif REOPEN_ON_CHANGE & changes.keys():
+            self._reopening.request()
 
     def _set_capture(
         self, request: SetBool.Request, response: SetBool.Response,
     ) -> SetBool.Response:
-        """Pause, letting go of a camera, or go on."""
+        """Pause capturing and close the camera, or resume."""
         response.success = True
         if request.data:
             self._grabber.resume()
@@ -253,14 +254,14 @@ class ImagePublisher(Node):
         else:
             response.success = self._grabber.pause(_RELEASE_SECONDS)
             response.message = ('paused' if response.success else
-                                f'{self._source_name()} is still held')
+                                f'{self._source_name()} is still in use')
         self.get_logger().info(response.message)
         return response
 
     def _set_camera_info(
         self, request: SetCameraInfo.Request, response: SetCameraInfo.Response,
     ) -> SetCameraInfo.Response:
-        """Keep a calibration and publish it from now on."""
+        """Save a calibration and publish it from now on."""
         try:
             response.status_message = self._topics.calibration.save(
                 request.camera_info, self._settings['flip'], self._settings['rotate'])
@@ -270,9 +271,9 @@ class ImagePublisher(Node):
         self.get_logger().info(f'set_camera_info: {printable(response.status_message, MAX_PATH)}')
         return response
 
-    def _condition(self) -> Condition:
+    def _source_status(self) -> SourceStatus:
         source = self._grabber.source
-        return Condition(
+        return SourceStatus(
             self._source_name(), source.description if source else '',
             self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
             self._grabber.reconnects, self._topics.awaited)
@@ -282,13 +283,13 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
 
-    :param args: the command line, program name first; None for the process's own.
-    :returns: 0 when it ended as asked, 1 when the source failed, 2 for bad parameters.
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
-    program = Program(
+    executable = Executable(
         'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',
         PARAMETERS, '-p source:=clip.mp4 -p publish_rate:=0', expected_frame_bytes)
-    status = run(program, ImagePublisher, args, failures=())
+    status = run(executable, ImagePublisher, args, failures=())
     keep_exit_status()
     return status
 

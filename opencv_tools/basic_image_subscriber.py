@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The node ``image_subscriber``: image messages, as files."""
+"""Node ``image_subscriber``: records image messages as files."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
 from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.frames import Arrivals, Frame
+from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.selection import Selection
-from opencv_tools.recording.trouble import Troubles
+from opencv_tools.recording.trouble import FailureLog
 from opencv_tools.ros.frame_subscription import FrameSubscription
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.parameters import (
@@ -37,105 +37,105 @@ from opencv_tools.ros.parameters import (
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.received_frames import describe_message, message_to_frame
 from opencv_tools.ros.recording_parameters import (
-    limits, open_recorder, PARAMETERS, reception_depth,
+    limits, open_recorder, PARAMETERS, subscription_depth,
 )
-from opencv_tools.ros.runtime import DONE, FAILED, keep_exit_status, Program, run
+from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.save_requests import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-# How long frames that were received are recorded at the end, and how often there is a look for
-# room in the queue meanwhile.
+# Maximum time to record received frames at the end, and the period of checks for room in the
+# queue meanwhile.
 _END_SECONDS = 60.0
 _POLL_SECONDS = 0.001
 
 
 class ImageSubscriber(Node):
-    """Receive ``video_frames`` and write each frame to a file."""
+    """Receive ``video_frames`` and record each frame."""
 
     def __init__(self) -> None:
         """
-        Make the folder ready and subscribe.
+        Open the output folder and subscribe.
 
-        :raises ParameterError: a parameter's value cannot be used.
-        :raises RecordingError: the folder cannot be written to.
+        :raises ParameterError: the value of a parameter is invalid.
+        :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
         settings = declare_parameters(self, PARAMETERS)
         self.done = Future()
         self.br = CvBridge()
-        self._left_out = self._refused = self._put = 0
+        self._skipped = self._unreadable = self._put_count = 0
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings['max_frames'])
-        self._troubles = Troubles(self._log)
-        self._arrivals = Arrivals()
+        self._failure_log = FailureLog(self._log)
+        self._arrivals = ArrivalClock()
         bounds = limits(settings)
         self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
         self._folder, self._recorder = open_recorder(
-            settings, bounds, self._log, lambda: self._end(DONE))
+            settings, bounds, self._log, lambda: self._end(EXIT_OK))
         self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], reception_depth(settings), self._log,
-            self.listener_callback, self._refuse)
+            self, 'video_frames', settings['transport'], subscription_depth(settings), self._log,
+            self.listener_callback, self._count_unreadable)
         self._queue_size = settings['queue_size']
         self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
-        self._patience = self._start_timer(self._timeout, self._give_up)
+        self._timeout_timer = self._start_timer(self._timeout, self._end_on_timeout)
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
     def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
         """
-        Hand a frame over to be written.
+        Convert a message to a frame and record it.
 
-        :param message: an image, or a compressed one; the frame is a view of it.
-        :param receive_ns: when it came, in nanoseconds of the system's clock.
+        :param message: raw or compressed image; the frame is a view of it.
+        :param receive_ns: time of reception in nanoseconds of the system clock.
         """
         if self.done.done():
             return
-        if self._patience:
-            self._patience.reset()
+        if self._timeout_timer:
+            self._timeout_timer.reset()
         try:
             frame = message_to_frame(
                 self.br, message, self.subscription.topic_name, receive_ns, self._max_pixels)
         except (CvBridgeError, SizeError) as err:
-            self._refuse(err)
+            self._count_unreadable(err)
         else:
             self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
             self._progress.tick(describe_message(message), self._dropped())
 
     def close(self) -> int:
         """
-        Write what was received and say how it went.
+        Record the remaining received frames and log a summary.
 
         :returns: the exit status.
         """
-        not_taken = self._take_the_rest()
+        unprocessed = self._record_remaining()
         self._recorder.close()
         if self._requests:
             self._requests.close()
         self._progress.close()
-        account = self._recorder.account
-        failed = account.failed + self._refused
-        left_out = account.left_out + self._left_out
+        counts = self._recorder.counts
+        failed = counts.failed + self._unreadable
+        skipped = counts.skipped + self._skipped
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{account.written} written to {self._folder}, {account.dropped} dropped, '
-            f'{failed} failed, {self.subscription.lost} lost on the way'
-            + ('' if self.subscription.losses.is_complete else ' since the first that arrived')
-            + (f', {not_taken} not taken' if not_taken else '')
-            + (f', {left_out} left out as asked' if left_out else ''))
-        if failed or not_taken or self._recorder.is_unfinished:
-            return FAILED
-        return self.done.result() if self.done.done() else DONE
+            f'{counts.written} written to {self._folder}, {counts.dropped} dropped, '
+            f'{failed} failed, {self.subscription.lost} lost in transit'
+            + ('' if self.subscription.losses.is_complete else ' since the first received frame')
+            + (f', {unprocessed} not processed' if unprocessed else '')
+            + (f', {skipped} skipped as requested' if skipped else ''))
+        if failed or unprocessed or self._recorder.is_unfinished:
+            return EXIT_FAILURE
+        return self.done.result() if self.done.done() else EXIT_OK
 
-    def _take_the_rest(self) -> int:
+    def _record_remaining(self) -> int:
         """
-        Record what was received, while the writers go on, unless the node has all it wants.
+        Record received frames until the end of the reception, unless the node is done.
 
-        :returns: how many frames were received but not taken.
+        :returns: number of received frames that were not processed.
         """
         if self.done.done():
             self.subscription.destroy()
@@ -144,54 +144,54 @@ class ImageSubscriber(Node):
 
         def has_room() -> bool:
             while time.monotonic() < deadline and not self.done.done():
-                account = self._recorder.account
-                if self._put - account.written - account.dropped - account.failed \
-                        - account.left_out < self._queue_size:
+                counts = self._recorder.counts
+                if self._put_count - counts.written - counts.dropped - counts.failed \
+                        - counts.skipped < self._queue_size:
                     return True
                 time.sleep(_POLL_SECONDS)
             return False
 
-        not_taken = self.subscription.close(has_room)
-        return 0 if self.done.done() else not_taken
+        unprocessed = self.subscription.close(has_room)
+        return 0 if self.done.done() else unprocessed
 
-    def _record(self, frame: Frame) -> None:
-        """Have a frame written, if it is wanted."""
+    def _record(self, frame: ReceivedFrame) -> None:
+        """Record a frame if it is selected."""
         if not self._selection.has_begun:
-            self._start_timer(self._selection.max_seconds, lambda: self._end(DONE))
+            self._start_timer(self._selection.max_seconds, lambda: self._end(EXIT_OK))
         if self._selection.is_late():
-            self._left_out += 1
-            self._end(DONE)
+            self._skipped += 1
+            self._end(EXIT_OK)
             return
-        requests = self._requests.take() if self._requests else []
-        if not (requests if self._requests else self._selection.wants(frame)):
-            self._left_out += 1
+        requests = self._requests.pop_all() if self._requests else []
+        if not (requests if self._requests else self._selection.selects(frame)):
+            self._skipped += 1
             return
-        self._selection.take()
-        on_done = partial(self._requests.answer, requests) if self._requests else None
-        self._put += 1
+        self._selection.count()
+        on_done = partial(self._requests.complete, requests) if self._requests else None
+        self._put_count += 1
         if not self._recorder.put(frame, on_done):
-            self._selection.put_back()
+            self._selection.uncount()
         if self._selection.is_over:
-            self._end(DONE)
+            self._end(EXIT_OK)
 
-    def _refuse(self, err: ImageError | CvBridgeError) -> None:
-        """Take note of a message that cannot be recorded."""
-        self._refused += 1
-        self._troubles.failed(f'message left out: {err}')
-        self._progress.tick('a message that cannot be read', self._dropped())
+    def _count_unreadable(self, err: ImageError | CvBridgeError) -> None:
+        """Count and log a message that cannot be recorded."""
+        self._unreadable += 1
+        self._failure_log.bad_frame(f'message not recorded: {err}')
+        self._progress.tick('unreadable message', self._dropped())
 
     def _dropped(self) -> int:
-        return self.subscription.lost + self._recorder.account.dropped
+        return self.subscription.lost + self._recorder.counts.dropped
 
     def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
-        """Have something called after a time; 0 for never."""
+        """Create a timer; None for 0 seconds."""
         return create_steady_timer(self, seconds, call) if seconds else None
 
-    def _give_up(self) -> None:
-        """End because no frame came."""
+    def _end_on_timeout(self) -> None:
+        """End with an error, because no frame arrived in time."""
         self._log.error(f'no frame on {self.subscription.topic_name} within {self._timeout:g} s: '
-                        f'{self.subscription.describe_silence()}')
-        self._end(FAILED)
+                        f'{self.subscription.explain_no_frames()}')
+        self._end(EXIT_FAILURE)
 
     def _end(self, status: int) -> None:
         if not self.done.done():
@@ -202,13 +202,13 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
 
-    :param args: the command line, program name first; None for the process's own.
-    :returns: 0 when it ended as asked, 1 when frames or files failed, 2 for bad parameters.
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
-    program = Program(
-        'img_subscriber', 'image_subscriber', 'Write the frames on video_frames to files.',
+    executable = Executable(
+        'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
         PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
-    status = run(program, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status
 

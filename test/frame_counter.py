@@ -91,12 +91,12 @@ def ours(_: bool) -> Iterator[Subscribe]:
     """Subscribe as img_subscriber does."""
     # Not at the top, so that a plain process has nothing of the package.
     from opencv_tools.ros.frame_subscription import FrameSubscription
-    from opencv_tools.ros.transport import transport_for_frames
+    from opencv_tools.ros.transport import configured_fastdds
 
     def _refuse(err: Exception) -> None:
         raise err
 
-    with transport_for_frames(0):
+    with configured_fastdds(0):
         yield lambda node, take: FrameSubscription(
             node, TOPIC, 'raw', None, node.get_logger(), lambda frame, _: take(frame), _refuse)
 

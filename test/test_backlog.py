@@ -34,7 +34,7 @@ Start = Callable[..., NodeProcess]
 
 WAITING = 'waiting for a reliable subscriber to confirm the last frames'
 GIVEN_UP = ('a reliable subscriber has not confirmed the last frames for 10 s; '
-            'it is not waited for any more and may lose frames')
+            'the publisher no longer waits for it, and it may lose frames')
 
 
 class Channel:
@@ -161,7 +161,7 @@ def test_subscriber_that_is_stopped_for_a_while_loses_nothing(
         process.interrupt()
         assert process.finish() == 0, process.output
     received = int(re.search(
-        r'Received (\d+) frames .*, 0 dropped, 0 failed, 0 lost on', subscriber.output)[1])
+        r'Received (\d+) frames .*, 0 dropped, 0 failed, 0 lost in', subscriber.output)[1])
     written = read_pictures(tmp_path / 'out')
     assert len(written) == received > 10
     assert all(np.array_equal(picture, draw_pattern(number, 64, 48))

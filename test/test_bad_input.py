@@ -75,7 +75,7 @@ PUBLISHER = {
                            "parameter camera_name is '../x': give up to 128 letters"),
     'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
     'unknown wait': (BAD_USAGE, {'reconnect': 'soon'},
-                     "parameter reconnect is 'soon': give forever, never or a number of seconds"),
+                     "parameter reconnect is 'soon': set it to forever, never or a number of"),
     'a list': (BAD_USAGE, {'source': '[1, 2]'}, 'parameter source is [1, 2]: give a text'),
     'unknown reliability': (BAD_USAGE, {
         'source': 'pattern', 'qos_overrides./video_frames.publisher.reliability': 'perfect'},
@@ -94,12 +94,12 @@ SUBSCRIBER = {
     'a folder below a file': (FAILED, {'output_dir': 'text.mp4/out'},
                               'output_dir', 'cannot be used: Not a directory'),
     'a folder in /proc': (FAILED, {'output_dir': '/proc/out'}, 'output_dir /proc/out'),
-    'no folder': (BAD_USAGE, {'output_dir': "''"}, "parameter output_dir is '': name a folder"),
+    'no folder': (BAD_USAGE, {'output_dir': "''"}, "output_dir is '': set it to a folder"),
     'no such field in the name': (BAD_USAGE, {'file_name': 'f{sequence}.png'},
-                                  'there is no field {sequence}', '{seq}, {stamp}'),
-    'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'give max_frames, max_duration or'),
+                                  'the field {sequence} is unknown', '{seq}, {stamp}'),
+    'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'set max_frames, max_duration or'),
     'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
-                         'a ring deletes the oldest files, and a .mp4 is one file'),
+                         'ring deletes the oldest files, but a .mp4 recording'),
     'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
                                       'writer is not used; did you mean writers?'),
     **{f'a misspelt {meant}': (BAD_USAGE, {wrong: 5},
@@ -109,9 +109,9 @@ SUBSCRIBER = {
                             ('every', 'every_n'), ('max_rat', 'max_rate'), ('rings', 'ring'))},
     'files that are an error': (FAILED, {'on_exists': 'error', 'output_dir': '.',
                                          'file_name': 'text.png'},
-                                'has text.png already; name another folder'),
+                                'already contains text.png; set output_dir'),
     'unknown format': (BAD_USAGE, {'file_name': 'f{seq}.gif'},
-                       'the extension is one of .png, .jpg'),
+                       "the extension '.gif' is unknown; use one of .png, .jpg"),
     'unquoted braces': (BAD_USAGE, {'file_name': '{seq}.png'}, 'in quotes within quotes'),
     'negative timeout': (BAD_USAGE, {'timeout': -1}, 'parameter timeout is -1: give a number'),
     'nobody publishes': (FAILED, {'timeout': 0.3}, 'no frame on /video_frames within 0.3 s'),
@@ -191,12 +191,12 @@ def test_a_process_that_refuses(start: Start, files: None, name: str, case: str)
 
 
 @pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
-    ('img_publisher', ['--help'], 0, 'frames per second; 0 for the source'),
+    ('img_publisher', ['--help'], 0, 'Frame rate of the published images in Hz; 0 for the'),
     ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
-    ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
-    ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc'),
+    ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),
+    ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),
     ('img_publisher', ['--help'], 0, 'to compare'),
-    ('img_subscriber', ['--help'], 0, 'folder to write to, made when missing'),
+    ('img_subscriber', ['--help'], 0, 'Folder of the recorded files; created if'),
     ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
     ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0\n'),
     ('img_publisher', ['--source', '0'], BAD_USAGE, '; write --ros-args -p source:=0\n'),
@@ -223,9 +223,9 @@ def test_command_line(run: Run, name: str, words: list[str], status: int, text: 
     ('image_publisher', '', None), ('/**', '', None), ('/**/image_publisher', '', None),
     ('/front/image_publisher', '', None), ('img_publisher image_publisher', '', 'remark'),
     ('img_publisher', '', 'p.yaml has parameters for img_publisher, but img_publisher is the '
-     'executable and image_publisher is the node: write image_publisher: in place'),
-    ('/a/img_publisher', '', 'write /a/image_publisher: in place of /a/img_publisher:'),
-    ('camera viewer', '', 'for camera, viewer, and none for this node: write image_publisher:, '),
+     'executable and image_publisher is the node: write image_publisher: instead'),
+    ('/a/img_publisher', '', 'write /a/image_publisher: instead of /a/img_publisher:'),
+    ('camera viewer', '', 'for camera, viewer, but none for this node: write image_publisher:, '),
     ('eye', '-r __node:=eye', None), ('eye', '__node:=eye', None),
     ('img_publisher', '-r image_publisher:__name:=img_publisher', None),
     ('image_publisher', '-r __node:=eye', 'none for this node: write eye:'),
@@ -242,7 +242,7 @@ def test_sections_of_a_parameter_file(
     if outcome in (None, 'remark'):
         remarks = check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
         assert len(remarks) == (outcome == 'remark')
-        assert all('write image_publisher: in place of img_publisher:' in text for text in remarks)
+        assert all('write image_publisher: instead of img_publisher:' in text for text in remarks)
     else:
         with pytest.raises(ParameterError) as caught:
             check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
@@ -253,7 +253,7 @@ def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) ->
     (tmp_path / 'p.yaml').write_text('img_subscriber:\n  ros__parameters:\n    timeout: 0.1\n')
     ended, output = run('img_subscriber', '--ros-args', '--params-file', 'p.yaml')
     assert ended == BAD_USAGE
-    check_refusal(output, 'p.yaml', 'write image_subscriber: in place of img_subscriber:')
+    check_refusal(output, 'p.yaml', 'write image_subscriber: instead of img_subscriber:')
     with (tmp_path / 'p.yaml').open('a') as file:
         file.write('/**:\n  ros__parameters:\n    source: none.mp4\n')
     ended, output = run('img_publisher', '--ros-args', '--params-file', 'p.yaml')
@@ -301,11 +301,11 @@ def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: 
     ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
-    assert output.count('not used so far: ') == 2
+    assert output.count(' is not used yet') == 2
     if reconnect != 'never':  # it is said while the camera is waited for
-        assert output.rindex('not used so far: ') < output.index('given up after')
-    assert 'not used so far: gain; it is no parameter of the node, and there is ' in output
-    assert 'not used so far: sorce (did you mean source?); it is no parameter' in output
+        assert output.rindex(' is not used yet') < output.index('given up after')
+    assert 'gain is not used yet; it is not a parameter of the node, and no camera is' in output
+    assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
 
 
 def test_a_number_where_a_text_or_a_fraction_is_wanted_is_taken(run: Run) -> None:

@@ -34,8 +34,8 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-TABLE = (Parameter('source', '0', 'a source', fixed=True),
-         Parameter('gain', 1.0, 'a number of the node', maximum=9.0))
+TABLE = (Parameter('source', '0', 'a source'),
+         Parameter('gain', 1.0, 'a number of the node', maximum=9.0, changeable=True))
 BRIGHTNESS = Control('brightness', 1, ControlType.INTEGER, 0, 255, 1, 128)
 FLIP = Control('flip', 2, ControlType.BOOLEAN, 0, 1, 1, 0)
 GAIN = Control('gain', 3, ControlType.INTEGER, 0, 10, 1, 5)
@@ -108,7 +108,7 @@ def controlled(domain: int) -> Iterator[Callable[..., Controlled]]:
 
 def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controlled]) -> None:
     node = controlled('brightness:=100')
-    assert node.controls.wanted == (('brightness', 100),)
+    assert node.controls.requested == (('brightness', 100),)
     node.camera.values[BRIGHTNESS] = 100
     node.controls.declare(node.camera)
     assert node.shown() == (100, False, 5)
@@ -116,7 +116,7 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
     assert node.shown() == (100, True, 7)
     assert node.get_parameter('gain').value == 3.0
     assert node.camera.calls == [('flip', 1), ('gain', 7)]
-    assert dict(node.controls.wanted) == {'brightness': 100, 'flip': 1, 'gain': 7}
+    assert dict(node.controls.requested) == {'brightness': 100, 'flip': 1, 'gain': 7}
     assert 'out of range' in node.change(brightness=256)
     assert 'Wrong parameter type' in node.change(brightness=5.5)
     assert 'camera refuses flip' in node.change(brightness=13, flip=False)
@@ -132,7 +132,7 @@ def test_what_another_program_sets_is_shown_and_kept(
     node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself
     spin_until(node, lambda: node.shown() == (77, False, 9))
     assert node.camera.calls == []
-    assert dict(node.controls.wanted) == {'flip': 1, 'brightness': 77}
+    assert dict(node.controls.requested) == {'flip': 1, 'brightness': 77}
     node.camera.change(BRIGHTNESS, 999)  # out of the range that it had
     node.camera.change(FLIP, 1)
     spin_until(node, lambda: node.shown() == (77, True, 9))
@@ -158,11 +158,12 @@ def test_what_nobody_has_is_said_once(
     said = capfd.readouterr().err
     if is_there_first:
         assert said.count('unknown parameter sorce is not used; did you mean source?') == 1
-        assert said.count('unknown parameter contrast is not used; there are source, gain, ') == 1
+        assert said.count(
+            'unknown parameter contrast is not used; the parameters are source, gain, ') == 1
         assert 'brightness is' not in said
     else:
-        assert said.count('not used so far: sorce (did you mean source?); it is no ') == 1
-        assert said.count('not used so far: ') == 3
+        assert said.count('sorce is not used yet (did you mean source?); it is not a ') == 1
+        assert said.count(' is not used yet') == 3
     assert len(said.splitlines()) == (2 if is_there_first else 3)
 
 
@@ -171,8 +172,8 @@ def test_what_is_asked_for_often_is_done_once(node: Node) -> None:
     delay = Delay(node, 0.3, lambda: calls.append(1))
     for expected in ([1], [1, 1]):
         for _ in range(3):
-            delay.ask()
+            delay.request()
         assert calls == expected[1:]
         spin_until(node, partial(operator.eq, calls, expected))
-    node.create_timer(0.005, delay.ask)  # which does not put it off
+    node.create_timer(0.005, delay.request)  # which does not put it off
     spin_until(node, lambda: len(calls) > 2)

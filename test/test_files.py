@@ -186,7 +186,7 @@ def test_a_damaged_video_is_shown_as_far_as_it_goes(
         assert_equal(pixels(run.messages[:47]), expected)
         warnings = [line.partition(']: ')[2] for line in console.splitlines() if '[WARN]' in line]
         assert warnings == ([] if kind == 'spots' else [
-            f'frame left out: {kind}.mp4 is damaged: it ends after {count} of its 90 frames'])
+            f'frame dropped: {kind}.mp4 is damaged: it ends after {count} of its 90 frames'])
         assert_lines(console)
 
 
@@ -218,7 +218,7 @@ def test_a_broken_picture_is_named_and_counted(
     console = finish(node, run)
     assert [message.width for message in run.messages] == [9, 80]
     assert re.search(
-        rf': frame left out: in/{name} cannot be read: \d+ bytes {reason}\n', console)
+        rf': frame dropped: in/{name} cannot be read: \d+ bytes {reason}\n', console)
     assert re.search(r'Published 2 frames at .* Hz, 1 dropped', console)
 
 

@@ -70,7 +70,7 @@ class Received:
 
 @pytest.fixture(autouse=True)
 def _look_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_subscription, '_LOOK_SECONDS', 0.1)
+    monkeypatch.setattr(frame_subscription, '_GRAPH_POLL_SECONDS', 0.1)
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def connect(
 def are_matched(publisher: Publisher, subscription: FrameSubscription) -> bool:
     """Return whether both ends know each other, which they do not learn at the same time."""
     return (publisher.get_subscription_count() > 0
-            and subscription._reception.publisher_count() > 0)
+            and subscription._subscription.publisher_count() > 0)
 
 
 def image(number: int) -> Image:
@@ -230,7 +230,7 @@ def test_nothing_is_lost_or_doubled_when_a_best_effort_publisher_joins_and_leave
         asked = requests(node)
         camera.destroy_publisher(joins)
         spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-        spin_for(node, 3 * frame_subscription._LOOK_SECONDS)
+        spin_for(node, 3 * frame_subscription._GRAPH_POLL_SECONDS)
     finally:
         stream.end()
     assert requests(node) == asked  # who leaves is no reason to subscribe again
@@ -246,7 +246,7 @@ def test_a_reliable_publisher_after_a_best_effort_one_is_received_reliable(
     publish_until(node, leaves, image, lambda: bool(received.frames))
     camera.destroy_publisher(leaves)
     spin_until(node, lambda: not node.count_publishers(TOPIC))
-    spin_for(node, frame_subscription._LOOK_SECONDS)
+    spin_for(node, frame_subscription._GRAPH_POLL_SECONDS)
     camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.RELIABLE])
 
@@ -266,7 +266,7 @@ def test_a_latched_image_arrives_though_it_was_published_before(
 def test_what_comes_before_and_again_after_subscribing_anew_is_passed_on_once(
         node: Node, camera: Node, received: Received, subscribe: Callable[..., FrameSubscription],
         monkeypatch: pytest.MonkeyPatch, remembered: int) -> None:
-    monkeypatch.setattr(frame_subscription, '_REMEMBERED', remembered)
+    monkeypatch.setattr(frame_subscription, '_MAX_IDS', remembered)
     subscription = subscribe()
     publisher = camera.create_publisher(Image, TOPIC, LATCHED)
     wait_until(lambda: publisher.get_subscription_count() == 1)  # nothing is asked for anew yet
@@ -294,7 +294,7 @@ def test_lost_frames_are_counted_also_across_a_new_subscription(
     assert received.numbers() == [0, *range(21, 31)]
     assert subscription.lost == 20
     # As when it is asked for otherwise, without a second publisher that ends the count.
-    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
     assert len(requests(node)) == 2
     spin_until(node, lambda: publisher.get_subscription_count() == 2)
     for number in range(31, 61):
@@ -335,7 +335,7 @@ def test_the_first_frames_of_a_new_publisher_are_counted_too(
         last = 100 * restarts + 29
         spin_until(node, lambda: received.numbers()[-1:] == [last])  # noqa: B023
         camera.destroy_publisher(publisher)
-        wait_until(lambda: not subscription._reception.publisher_count())
+        wait_until(lambda: not subscription._subscription.publisher_count())
         assert len(received.frames) + subscription.lost == 30 * restarts
     assert subscription.losses.is_complete
 
@@ -352,12 +352,12 @@ def test_what_was_received_is_passed_on_or_counted_at_the_end(
         publisher.publish(image(number))
     wait_until(lambda: publisher.wait_for_all_acked(Duration()))
 
-    def is_patient() -> bool:
+    def may_continue() -> bool:
         if error and len(received.frames) == passed_on:
             raise error
         return len(received.frames) < passed_on
 
-    assert subscription.close(is_patient if passed_on < 30 else lambda: True) == 30 - passed_on
+    assert subscription.close(may_continue if passed_on < 30 else lambda: True) == 30 - passed_on
     assert received.numbers() == list(range(passed_on))
     assert subscription.lost == 0
     assert list(node.subscriptions) == []
@@ -383,7 +383,7 @@ def test_the_sum_is_exact_when_the_node_ends_after_20000_frames(
         publisher.publish(message)
     subscriber.close()
     received, lost = map(int, re.search(
-        r'Received (\d+) frames .* (\d+) lost on the way,', capfd.readouterr().err).groups())
+        r'Received (\d+) frames .* (\d+) lost in transit,', capfd.readouterr().err).groups())
     (last,) = subscriber.subscription.losses._last.values()
     assert received > 1000
     assert received + lost == last
@@ -397,8 +397,8 @@ def test_messages_that_come_late_are_no_gap(
     subscription, _publisher = connect(node, camera, subscribe)
     spin_for(node, 0.2)
     for number, lost in ((11, 0), (12, 0), (3, 0), (13, 0), (15, 1)):
-        subscription._take(
-            subscription._reception, np.frombuffer(serialize_message(image(number)), np.uint8),
+        subscription._receive(
+            subscription._subscription, np.frombuffer(serialize_message(image(number)), np.uint8),
             MessageInfo(publication_sequence_number=number, source_timestamp=number,
                         received_timestamp=number))
         assert subscription.lost == lost
@@ -410,7 +410,7 @@ def test_what_the_old_subscription_has_received_comes_first(
     subscription, publisher = connect(node, camera, subscribe)
     for number in range(5):
         publisher.publish(image(number))
-    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
     wait_until(lambda: publisher.get_subscription_count() == 2)
     for number in range(5, 9):
         publisher.publish(image(number))
@@ -425,8 +425,8 @@ def test_what_was_received_from_a_publisher_that_left_is_not_forgotten(
     for number in range(5):
         publisher.publish(image(number))
     camera.destroy_publisher(publisher)
-    wait_until(lambda: not subscription._reception.publisher_count())
-    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    wait_until(lambda: not subscription._subscription.publisher_count())
+    subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
     assert received.numbers() == list(range(5))
     assert len(list(node.subscriptions)) == 1
 
@@ -445,7 +445,7 @@ def test_what_comes_while_the_old_subscription_is_emptied_does_not_hold_it_up(
         node, TOPIC, 'raw', True, node.get_logger(), answer, pytest.fail)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     publisher.publish(image(0))
-    subscription._reception.drain()
+    subscription._subscription.drain()
     assert len(numbers) < 100
     subscription.destroy()
 
@@ -459,7 +459,7 @@ def test_another_publishers_numbers_are_not_taken_for_lost_frames(
     subscription = subscribe()
     spin_until(node, lambda: all(
         publisher.get_subscription_count() for publisher in (stays, leaves)))
-    spin_for(node, 2 * frame_subscription._LOOK_SECONDS)
+    spin_for(node, 2 * frame_subscription._GRAPH_POLL_SECONDS)
     for number in range(5):
         stays.publish(image(number))
         spin_until(node, lambda count=number: len(received.frames) > count)
@@ -479,8 +479,8 @@ def test_the_numbers_of_a_publisher_that_took_anothers_place_unseen_are_not_take
     subscription = subscribe()
     first = camera.create_publisher(Image, TOPIC, RELIABLE)
     publish_until(node, first, image, lambda: len(received.frames) > 3)
-    monkeypatch.setattr(subscription, '_follow', lambda: None)  # as when the event comes late
-    subscription._reception._subscription.event_handlers[1].callback = lambda _: None
+    monkeypatch.setattr(subscription, '_adapt_qos', lambda: None)  # as when the event comes late
+    subscription._subscription._subscription.event_handlers[1].callback = lambda _: None
     camera.destroy_publisher(first)
     second = camera.create_publisher(Image, TOPIC, RELIABLE)
     for number in range(1000, 1030):  # before anybody has discovered it, more or less
@@ -531,8 +531,8 @@ def test_frames_have_the_time_when_they_were_received_not_when_they_were_taken(
     spin_until(node, lambda: bool(received.frames))
     assert before <= received.times[0] <= after
     monkeypatch.setattr(time, 'time_ns', lambda: 5)
-    subscription._take(
-        subscription._reception, np.frombuffer(serialize_message(image(1)), np.uint8),
+    subscription._receive(
+        subscription._subscription, np.frombuffer(serialize_message(image(1)), np.uint8),
         MessageInfo())
     assert received.times[1] == 5  # of a middleware that does not tell
 
@@ -570,7 +570,7 @@ def test_of_both_kinds_raw_images_are_received_unless_told_otherwise(
         return len(received.frames) > 3
 
     spin_until(node, publish)
-    spin_for(node, 3 * frame_subscription._LOOK_SECONDS)
+    spin_for(node, 3 * frame_subscription._GRAPH_POLL_SECONDS)
     assert {type(frame) for frame in received.frames} == {kind}
 
 
@@ -582,7 +582,7 @@ def test_auto_stays_with_what_arrives_and_changes_when_its_publisher_leaves(
     publish_until(node, first, compressed, lambda: bool(received.frames))
     second = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-    spin_for(node, 4 * frame_subscription._LOOK_SECONDS)
+    spin_for(node, 4 * frame_subscription._GRAPH_POLL_SECONDS)
     assert subscription.topic_name == f'{TOPIC}/compressed'
     camera.destroy_publisher(first)
     received.frames.clear()
@@ -598,12 +598,12 @@ def test_auto_waits_a_look_for_the_raw_images_of_a_camera_whose_topics_appear_on
     subscription = subscribe()
     camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE)
     wait_until(lambda: node.count_publishers(f'{TOPIC}/compressed') == 1)
-    subscription._look()
+    subscription._poll_graph()
     assert subscription.topic_name == TOPIC
     camera.create_publisher(Image, TOPIC, RELIABLE)
     wait_until(lambda: node.count_publishers(TOPIC) == 1)
     for _ in range(3):
-        subscription._look()
+        subscription._poll_graph()
         assert subscription.topic_name == TOPIC
 
 
@@ -670,7 +670,7 @@ def test_the_reason_is_said_once_and_again_when_it_changes(
         node: Node, camera: Node, domain: int, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(silence, '_LEAST_SECONDS', 0.3)
+    monkeypatch.setattr(silence, '_MIN_SECONDS', 0.3)
     console = ''
 
     def said(text: str) -> bool:
@@ -680,19 +680,19 @@ def test_the_reason_is_said_once_and_again_when_it_changes(
 
     subscribe()
     spin_until(node, lambda: said(
-        f'No frames: no publisher on /video_frames; nobody publishes images in ROS_DOMAIN_ID '
+        f'No frames: no publisher on /video_frames; no images are published in ROS_DOMAIN_ID '
         f'{domain}; is a publisher running, with the same ROS_DOMAIN_ID?'))
     other = camera.create_publisher(Image, '/camera/image_raw', RELIABLE)
     spin_until(node, lambda: said('receive one with -r video_frames:=/camera/image_raw'))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: said('/video_frames has a publisher (node /front/camera), which'))
+    spin_until(node, lambda: said('/video_frames has a publisher (node /front/camera), but'))
     spin_for(node, 0.8)  # in which nothing is said again
     publish_until(node, publisher, image, lambda: said('Frames arrive on /video_frames'))
     console += capfd.readouterr().err
     assert console.count('No frames: ') == 3
     assert console.count('Frames arrive') == 1
     spin_until(node, lambda: said('Frames arrive') and console.count('No frames: ') == 4)
-    assert console.count('which sends nothing that arrives') == 2
+    assert console.count('but no frame arrives') == 2
     assert '--ipc=host' in console
     camera.destroy_publisher(publisher)
     spin_until(node, lambda: console.count(':=/camera/image_raw') == 2 or said('never'))
@@ -703,7 +703,7 @@ def test_a_single_latched_image_is_no_silence(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(silence, '_LEAST_SECONDS', 0.3)
+    monkeypatch.setattr(silence, '_MIN_SECONDS', 0.3)
     camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
     subscribe()
     spin_until(node, lambda: received.numbers() == [7])
@@ -716,20 +716,21 @@ def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch) -> None:
     subscription = subscribe()
     waits: list[float] = []
-    monkeypatch.setattr(subscription._silence, 'watch', lambda elapsed, _: waits.append(elapsed))
-    subscription._looked_at = time.monotonic() - 60
-    subscription._look()
-    subscription._look()
-    assert waits[0] == 2 * frame_subscription._LOOK_SECONDS
-    assert 0 <= waits[1] <= 2 * frame_subscription._LOOK_SECONDS
+    monkeypatch.setattr(
+        subscription._no_frames_warning, 'check', lambda elapsed, _: waits.append(elapsed))
+    subscription._polled_at = time.monotonic() - 60
+    subscription._poll_graph()
+    subscription._poll_graph()
+    assert waits[0] == 2 * frame_subscription._GRAPH_POLL_SECONDS
+    assert 0 <= waits[1] <= 2 * frame_subscription._GRAPH_POLL_SECONDS
 
 
 @pytest.mark.parametrize(('transport', 'published', 'sentence'), [
     ('raw', {TOPIC: String},
      '/video_frames has a publisher of type std_msgs/msg/String (node /front/camera), '
-     'not sensor_msgs/msg/Image; nobody publishes images in ROS_DOMAIN_ID'),
+     'not sensor_msgs/msg/Image; no images are published in ROS_DOMAIN_ID'),
     ('auto', {TOPIC: String, '/b': Image, '/a': CompressedImage},
-     'not sensor_msgs/msg/Image; there are images on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'not sensor_msgs/msg/Image; images are published on /a, /b in ROS_DOMAIN_ID {domain}; '
      'receive one with -r video_frames:=/a'),
     ('raw', {TOPIC: CompressedImage},
      '/video_frames has a publisher of type sensor_msgs/msg/CompressedImage '
@@ -744,14 +745,14 @@ def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
      'sensor_msgs/msg/Image on /video_frames (node /front/camera); '
      'set transport:=raw or transport:=auto'),
     ('raw', {f'/{letter}': Image for letter in 'gfedcba'},
-     'no publisher on /video_frames; there are images on /a, /b, /c, /d, /e and 2 more in '
+     'no publisher on /video_frames; images are published on /a, /b, /c, /d, /e and 2 more in '
      'ROS_DOMAIN_ID {domain}; receive one with -r video_frames:=/a'),
     ('raw', {'/a': CompressedImage, '/b': Image, '/c': String},
-     'there are images on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'images are published on /a, /b in ROS_DOMAIN_ID {domain}; '
      'receive one with -r video_frames:=/b'),
     ('raw', {'/jpeg': CompressedImage},
      'receive one with -r video_frames:=/jpeg -p transport:=auto'),
-    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; there'),
+    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; images'),
 ])
 def test_the_reason_comes_with_what_helps(
         node: Node, camera: Node, domain: int, subscribe: Callable[..., FrameSubscription],
@@ -763,7 +764,7 @@ def test_the_reason_comes_with_what_helps(
         '_NODE_NAME_UNKNOWN_' not in {
             info.node_name for topic in published
             for info in node.get_publishers_info_by_topic(topic)}))
-    assert sentence.format(domain=domain) in subscription.describe_silence()
+    assert sentence.format(domain=domain) in subscription.explain_no_frames()
 
 
 def test_a_quality_of_service_that_cannot_be_followed_is_named(
@@ -771,14 +772,14 @@ def test_a_quality_of_service_that_cannot_be_followed_is_named(
     subscription = subscribe()
     camera.create_publisher(Image, TOPIC, BEST_EFFORT)
     wait_until(lambda: node.count_publishers(TOPIC) == 1)  # which is not followed yet
-    assert 'best effort publisher and reliable subscription' in subscription.describe_silence()
+    assert 'best effort publisher and reliable subscription' in subscription.explain_no_frames()
 
 
 def test_nothing_is_left_when_it_is_destroyed(
         node: Node, subscribe: Callable[..., FrameSubscription]) -> None:
     timers = len(list(node.timers))
     subscription = subscribe()
-    subscription._subscribe_again(subscription._reception.source, BEST_EFFORT)
+    subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
     assert (len(list(node.subscriptions)), len(list(node.timers))) == (1, timers + 1)
     subscription.destroy()
     assert (len(list(node.subscriptions)), len(list(node.timers))) == (0, timers)

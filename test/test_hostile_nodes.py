@@ -171,8 +171,8 @@ def numbers(output: str) -> dict[str, int]:
     """Read the sums of a recorder's last line."""
     line = next(line for line in output.splitlines() if 'Received ' in line)
     found = {name: int(number) for number, name in re.findall(
-        r'\b([0-9]+) (frames|written|dropped|failed|lost|left out)\b', line)}
-    return {'left out': 0, **found}
+        r'\b([0-9]+) (frames|written|dropped|failed|lost|skipped)\b', line)}
+    return {'skipped': 0, **found}
 
 
 def record(start: Start, node: Node, folder: Path, message_type: type, topic: str,
@@ -200,7 +200,7 @@ def record(start: Start, node: Node, folder: Path, message_type: type, topic: st
         name for name, (_, is_written) in rows.items() if is_written], recorder.output
     assert sums['written'] == len(stamps), recorder.output
     assert sums['frames'] == sum(
-        sums[name] for name in ('written', 'dropped', 'failed', 'left out')), recorder.output
+        sums[name] for name in ('written', 'dropped', 'failed', 'skipped')), recorder.output
     assert sums['frames'] + sums['lost'] == published, recorder.output
     assert sums['failed'] == published - len(stamps), recorder.output
 

@@ -60,7 +60,7 @@ def test_a_folder_that_can_be_made_is_kept(
 
 
 @pytest.mark.parametrize(('variable', 'words'), [
-    ('', 'there is no home folder, HOME is unset'), ('HOME', 'file/.ros/log cannot be written'),
+    ('', 'there is no home directory, HOME is unset'), ('HOME', 'file/.ros/log cannot be written'),
     ('ROS_HOME', 'file/log cannot be written'), ('ROS_LOG_DIR', 'file cannot be written')])
 def test_a_folder_that_cannot_be_written_is_replaced(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str, words: str) -> None:
@@ -100,5 +100,5 @@ def test_a_node_starts_where_its_user_may_do_nothing(
     finally:
         folder.chmod(0o700)
         home.chmod(0o700)
-    assert process.output.count(f'{home}/.ros/log cannot be written: the log of ROS goes to ') == 1
+    assert process.output.count(f'{home}/.ros/log cannot be written: ROS logs are written') == 1
     assert not list(home.iterdir())

@@ -46,12 +46,12 @@ def test_publishers_are_counted_from_their_first_message(
         info = MessageInfo(publication_sequence_number=number,
                            source_timestamp=5_000_000_000 + int(now * 1e9))
         info.publisher[:] = publisher
-        losses.take(info)
+        losses.add(info)
     assert (losses.count, losses.is_complete) == (lost, is_complete)
 
 
 def test_messages_without_numbers_are_not_counted() -> None:
     losses = LostFrames()
     for _ in range(3):
-        losses.take(MessageInfo(publication_sequence_number=2**64 - 1))
+        losses.add(MessageInfo(publication_sequence_number=2**64 - 1))
     assert (losses.count, losses.is_complete) == (0, False)

@@ -21,20 +21,20 @@ import os
 from pathlib import Path
 
 import numpy as np
-from opencv_tools.recording.files import open_files
+from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
 from opencv_tools.recording.naming import FileNames, NANO
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import Format
+from opencv_tools.recording.writers import EncoderSettings
 import pytest
 from test_regular_files import KINDS
 
 FIELDS = {
     'seq': 0, 'file': 'a.png', 'stamp': {'sec': 1, 'nanosec': 0},
     'receive_time': {'sec': 1, 'nanosec': 0}, 'frame_id': 'a', 'encoding': 'bgr8',
-    'kept_as': 'bgr8', 'size': [1, 1], 'bytes': 9, 'sha256': '00', 'frames': 1}
+    'stored_encoding': 'bgr8', 'size': [1, 1], 'bytes': 9, 'sha256': '00', 'frames': 1}
 RING = Limits(max_frames=1, ring=True)
 
 
@@ -43,8 +43,8 @@ def line(**fields: object) -> bytes:
 
 
 def record(folder: Path, suffix: str = '.png', count: int = 2) -> None:
-    files = open_files(folder, FileNames(f'{{frame_id}}{{stamp}}{suffix}'), Format(suffix),
-                       'continue', RING if suffix == '.png' else Limits(), False)
+    files = open_sink(folder, FileNames(f'{{frame_id}}{{stamp}}{suffix}'), EncoderSettings(suffix),
+                      'continue', RING if suffix == '.png' else Limits(), False)
     try:
         for second in range(count):
             time_ns = (1_700_000_000 + second) * NANO

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from hypothesis import given, settings, strategies as st
-from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
+from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy
 import pytest
 
-FRAME = Labels(
+FRAME = FrameMetadata(
     1700000000_000000042, 'camera/left', '16UC1; png compressed ', '/front/video_frames')
 
 
@@ -64,7 +64,7 @@ def test_copies_are_numbered_before_the_extension() -> None:
 
 
 def test_a_frame_without_a_stamp_has_one_of_zeros() -> None:
-    unstamped = Labels(0, '', '', '')
+    unstamped = FrameMetadata(0, '', '', '')
     assert FileNames('{stamp}.png').name(0, unstamped) == '0.000000000.png'
     assert FileNames('{frame_id}.png').name(0, unstamped) == '_.png'
 
@@ -81,8 +81,8 @@ def test_templates_that_are_refused(template: str) -> None:
 @settings(deadline=None)
 @given(st.text(), st.text(), st.text())
 def test_no_message_leaves_the_folder(frame_id: str, encoding: str, topic: str) -> None:
-    labels = Labels(0, frame_id, encoding, topic)
-    name = FileNames('{frame_id}{encoding}{topic}.png').name(0, labels)
+    metadata = FrameMetadata(0, frame_id, encoding, topic)
+    name = FileNames('{frame_id}{encoding}{topic}.png').name(0, metadata)
     assert name.isascii() and name.isprintable()
     assert not set(name) & set('/\\ "\'$`;&|<>*?\n')
     assert name[0] not in '.-~'
@@ -92,7 +92,7 @@ def test_no_message_leaves_the_folder(frame_id: str, encoding: str, topic: str) 
 @pytest.mark.parametrize('frame_id', ['../../etc/passwd', '..', '/etc/cron.d/x', '.bashrc', '-rf',
                                       'a\0b', 'x' * 10_000])
 def test_hostile_frames_are_ordinary_files(frame_id: str) -> None:
-    name = FileNames('{frame_id}.png').name(0, Labels(0, frame_id, '', ''))
+    name = FileNames('{frame_id}.png').name(0, FrameMetadata(0, frame_id, '', ''))
     assert '/' not in name and '\0' not in name
     assert name[0] not in '.-'
     assert len(name) <= 68

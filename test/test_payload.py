@@ -20,7 +20,7 @@ import struct
 import zlib
 
 from opencv_tools.pictures import PictureError
-from opencv_tools.recording.payload import Payload, read_payload
+from opencv_tools.recording.payload import ImageHeader, read_image_header
 import pytest
 
 BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
@@ -48,15 +48,15 @@ def test_a_frame_of_any_kind_has_the_size(marker: int) -> None:
     data = jpeg(COMMENT, bytes([0xff, marker]) + SIZE)
     if marker in (0xc4, 0xc8, 0xcc):
         with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size'):
-            read_payload(data)
+            read_image_header(data)
     else:
-        assert read_payload(data) == Payload(('.jpg', '.jpeg'), 263, 5)
+        assert read_image_header(data) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
 
 
 @pytest.mark.parametrize('marker', [0x01, *range(0xd0, 0xd8)])
 def test_markers_without_a_length_are_passed_over(marker: int) -> None:
     data = jpeg(bytes([0xff, marker]), COMMENT, b'\xff\xc0' + SIZE)
-    assert read_payload(memoryview(data)) == Payload(('.jpg', '.jpeg'), 263, 5)
+    assert read_image_header(memoryview(data)) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
 
 
 @pytest.mark.parametrize('data', [
@@ -66,28 +66,28 @@ def test_markers_without_a_length_are_passed_over(marker: int) -> None:
     ids=['zero', 'fill', 'long', 'again', 'short', 'nothing', 'many'])
 def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
     with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size$'):
-        read_payload(data)
+        read_image_header(data)
 
 
 def test_a_size_is_found_behind_many_segments() -> None:
     data = jpeg(*[COMMENT] * 999, b'\xff\xc0' + SIZE)
-    assert read_payload(data) == Payload(('.jpg', '.jpeg'), 263, 5)
+    assert read_image_header(data) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
 
 
 @pytest.mark.parametrize('data', [
     b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
 def test_an_end_that_is_missing_is_told(data: bytes) -> None:
     with pytest.raises(PictureError, match=f'^{len(data)} bytes of .* whose end is missing$'):
-        read_payload(data)
+        read_image_header(data)
 
 
 @pytest.mark.parametrize('data', [b'', b'text', b'\xff', b'II*\0' + bytes(100)])
 def test_other_formats_are_not_looked_into(data: bytes) -> None:
-    assert read_payload(data) == Payload((), 0, 0)
+    assert read_image_header(data) == ImageHeader((), 0, 0)
 
 
 def test_a_png_tells_its_size() -> None:
-    assert read_payload(png(IHDR, (b'IDAT', b'x'))) == Payload(('.png',), 263, 5)
+    assert read_image_header(png(IHDR, (b'IDAT', b'x'))) == ImageHeader(('.png',), 263, 5)
 
 
 @pytest.mark.parametrize('data', [
@@ -98,4 +98,4 @@ def test_a_png_tells_its_size() -> None:
     ids=['nothing', 'no pixels', 'no header', 'header later', 'sum', 'rubbish', 'long'])
 def test_a_png_with_rubbish_in_it_is_refused(data: bytes) -> None:
     with pytest.raises(PictureError, match=f'^{len(data)} bytes of a PNG picture .* damaged$'):
-        read_payload(data)
+        read_image_header(data)

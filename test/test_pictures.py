@@ -26,7 +26,7 @@ from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import convert_picture, decode_picture
 from opencv_tools.recording.frames import CompressedFrame
-from opencv_tools.recording.writers import encode_frame, Format
+from opencv_tools.recording.writers import encode_frame, EncoderSettings
 import pytest
 from sensor_msgs.msg import CompressedImage
 
@@ -97,7 +97,7 @@ def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
         np.testing.assert_array_equal(
             CvBridge().compressed_imgmsg_to_cv2(message, desired), lying, strict=True)
     recorded = CompressedFrame(1, 'camera', 'jpeg', '/video_frames/compressed', 1, jpeg)
-    assert encode_frame(recorded, Format('.jpg')).data is jpeg
+    assert encode_frame(recorded, EncoderSettings('.jpg')).data is jpeg
     np.testing.assert_array_equal(recorded.decode().image, lying, strict=True)
 
 
@@ -247,14 +247,14 @@ def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str)
     bridge = CvBridge()
     image = random_image(source, 6, 8)
     message = bridge.cv2_to_imgmsg(image, taken_for)
-    for wanted in ('bgr8', 'rgb8', 'mono8', 'rgba8'):
+    for settings in ('bgr8', 'rgb8', 'mono8', 'rgba8'):
         np.testing.assert_array_equal(
-            cvtColorForDisplay(image, source, wanted), bridge.imgmsg_to_cv2(message, wanted))
+            cvtColorForDisplay(image, source, settings), bridge.imgmsg_to_cv2(message, settings))
     np.testing.assert_array_equal(
         cvtColorForDisplay(image, source, ''), bridge.imgmsg_to_cv2(message, 'bgr8'))
 
 
-@pytest.mark.parametrize(('source', 'wanted', 'options', 'reason'), [
+@pytest.mark.parametrize(('source', 'settings', 'options', 'reason'), [
     ('bgr8', 'bgr16', {}, 'does not have an output encoding that is color or mono'),
     ('bgr8', '8UC3', {}, 'does not have an output encoding that is color or mono'),
     ('bgr8', 'foo', {}, 'does not have an output encoding that is color or mono'),
@@ -264,9 +264,9 @@ def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str)
     ('8UC2', 'bgr8', {}, 'The conversion does not make sense'),
 ])
 def test_what_cannot_be_shown_is_refused(
-        source: str, wanted: str, options: dict[str, object], reason: str) -> None:
+        source: str, settings: str, options: dict[str, object], reason: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
-        cvtColorForDisplay(random_image(source, 4, 4), source, wanted, **options)
+        cvtColorForDisplay(random_image(source, 4, 4), source, settings, **options)
     assert reason in str(caught.value)
     with pytest.raises(CvBridgeError, match='encoding specified as mono16, but image has'):
         cvtColorForDisplay(np.zeros((2, 2), np.uint8), 'mono16', 'bgr8')
@@ -297,10 +297,10 @@ def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: s
     targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
     expected = [convert(image, left, target) for target in targets]
     monkeypatch.setattr('opencv_tools.pictures.convert', lambda *_: pytest.fail('not by OpenCV'))
-    for target, wanted in zip(targets, expected, strict=True):
+    for target, settings in zip(targets, expected, strict=True):
         tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
         np.testing.assert_allclose(
-            convert_picture(image, left, target), wanted, rtol=0, atol=tolerance)
+            convert_picture(image, left, target), settings, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])

@@ -142,6 +142,6 @@ def test_a_frame_that_the_format_cannot_hold_is_reported_and_fails(
     start('img_publisher', source='pattern:64x48', encoding='mono16', max_frames=1,
           wait_for_subscribers=1)
     assert subscriber.finish() == 1
-    assert 'a mono16 frame cannot be kept as .jpg; set the extension of file_name to .png' in (
+    assert 'a mono16 frame cannot be stored as .jpg; set the extension of file_name to .png' in (
         subscriber.output)
     assert not list((tmp_path / 'out').iterdir())

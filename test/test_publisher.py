@@ -26,10 +26,10 @@ import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.ros.calibration_file import read_camera_info
 from opencv_tools.ros.camera_info import Calibration
-from opencv_tools.ros.diagnostics import Condition, Diagnostics
+from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.frame_topics import FrameTopics
 from opencv_tools.ros.stamps import Stamper
-from opencv_tools.ros.transport import UNTOUCHED
+from opencv_tools.ros.transport import NOT_CONFIGURED
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
@@ -154,7 +154,7 @@ def test_camera_info_is_in_step_with_the_images(
         assert info.header == image.header
         assert (info.width, info.height) == (image.width, image.height)
         assert info.k[0] == focal_length
-    refused = 'cannot be scaled to pictures of 640x360' in publisher.output
+    refused = 'cannot be scaled to images of 640x360' in publisher.output
     assert refused == (focal_length == 0.0)
 
 
@@ -207,7 +207,7 @@ def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr('opencv_tools.ros.diagnostics.time',
                         SimpleNamespace(monotonic=lambda: now))
     messages = receive(node, DiagnosticArray, '/diagnostics')
-    condition = Condition('eye', 'bgr8 4x3', '', False, 0, 0, 0)
+    condition = SourceStatus('eye', 'bgr8 4x3', '', False, 0, 0, 0)
     diagnostics = Diagnostics(node, lambda: condition)
     spin_until(node, lambda: node.count_publishers('/diagnostics') == 1)
     for age in (0.01, 0.025, 0.02):
@@ -378,7 +378,7 @@ def test_stamps_to_the_nanosecond(
 
 def test_the_subscribers_that_are_awaited_are_given_a_moment(
         node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), UNTOUCHED, 2)
+    topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
     now = 100.0
     clock = SimpleNamespace(monotonic=lambda: now)
     assert not topics.is_there()
@@ -405,5 +405,5 @@ def test_the_subscribers_that_are_awaited_are_given_a_moment(
 def test_a_node_without_subscribers_says_so(start: Start) -> None:
     publisher = start('img_publisher', source='pattern', max_frames=5)
     assert publisher.finish() == 0, publisher.output
-    assert 'Publishing video frame 1: nobody subscribes' in publisher.output
+    assert 'Publishing video frame 1: no subscribers' in publisher.output
     assert 'Published 5 frames' in publisher.output

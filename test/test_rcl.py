@@ -238,7 +238,7 @@ class OtherImage(ctypes.Structure):
 class OtherArray(ctypes.Structure):
     """A serialized message whose numbers have changed places."""
 
-    _fields_ = tuple(rcl._SerializedMessage._fields_[index] for index in (0, 2, 1, 3))
+    _fields_ = tuple(rcl._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
 
 
 @pytest.fixture
@@ -253,8 +253,8 @@ def use_rcl_again() -> Iterator[None]:
       for library, functions in rcl._FUNCTIONS.items() for function in functions),
     ('_FUNCTIONS', {'librcl_gone.so': (), 'librcutils.so': ()}, 'librcl_gone.so'),
     ('_FUNCTIONS', {'librcl.so': (), 'librcutils_gone.so': ()}, 'librcutils_gone.so'),
-    ('_Image', OtherImage, 'sensor_msgs__msg__Image is another'),
-    ('_SerializedMessage', OtherArray, 'rmw_serialized_message_t is another'),
+    ('_Image', OtherImage, 'sensor_msgs__msg__Image has another layout'),
+    ('_RmwSerializedMessage', OtherArray, 'rmw_serialized_message_t has another layout'),
     ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
     ('ROS_DISTRO', 'kilted', 'ROS_DISTRO is kilted')])
 def test_messages_go_by_rclpy_where_rcl_is_another(

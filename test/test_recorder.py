@@ -117,9 +117,9 @@ def test_every_encoding_is_kept_exactly_or_refused(
             expected = cv2.imdecode(cv2.imencode('.jpg', expected)[1], cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(kept, expected, err_msg=name)
         is_colored = name in _COLORED_BYTES | _COLORED_WORDS
-        assert line['kept_as'] == (
+        assert line['stored_encoding'] == (
             name if not is_colored else 'bgr16' if name.endswith('16') else 'bgr8')
-    refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be kept',
+    refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be stored',
                              recorder.output))
     assert refused <= set(names) - KEPT[suffix]
     # Ten at once, and one a second.
@@ -161,7 +161,7 @@ def test_bad_messages_are_counted_and_the_next_are_written(
     assert recorder.finish() == 1, recorder.output
     assert received(recorder) == 12
     assert '6 written to' in recorder.output and ' 6 failed' in recorder.output
-    assert recorder.output.count('message left out') == 3
+    assert recorder.output.count('message not recorded') == 3
     assert [path.name for path in recorded_files(tmp_path / 'out')] == [
         'f_._.._.._tmp_evil_0.png', *(f'fcamera_{seq}.png' for seq in range(1, 6))]
     assert len(read_manifest(tmp_path / 'out')) == 6
@@ -240,7 +240,7 @@ def test_a_compressed_topic_is_recorded_byte_for_byte(
     assert len(lines) == 30
     for line in lines:
         assert (tmp_path / 'out' / line['file']).read_bytes() == bytes(sent[line['file']].data)
-        assert line['encoding'] == line['kept_as'] == sent[line['file']].format
+        assert line['encoding'] == line['stored_encoding'] == sent[line['file']].format
         assert line['size'] == [320, 240]
 
 
@@ -287,7 +287,7 @@ def test_without_pyav_all_but_videos_is_recorded(
     assert refused.finish() == 2, refused.output
     assert refused.output.count('\n') == 1
     assert refused.output.endswith(
-        "parameter file_name is 'x.mp4': a video needs PyAV, which cannot be used (No module "
+        "parameter file_name is 'x.mp4': videos need PyAV, which cannot be imported (No module "
         "named 'av'); install it with 'pip install av', on Ubuntu with "
         "'sudo apt install python3-av'\n")
     assert not (tmp_path / 'none').exists()
@@ -326,13 +326,13 @@ def test_a_frame_is_saved_on_request(
     node.destroy_timer(timer)
     began = time.monotonic()
     answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
-    assert (answer.success, answer.message) == (False, 'no frame came within 3 s')
+    assert (answer.success, answer.message) == (False, 'no frame arrived within 3 s')
     assert time.monotonic() - began > 2.5
     timer = node.create_timer(0.02, lambda: publisher.publish(
         stamped(np.zeros((4, 4), np.float32), '32FC1', 1)))
     answer = call_service(node, Trigger, 'image_subscriber/save', Trigger.Request())
     assert not answer.success
-    assert answer.message.startswith('a 32FC1 frame cannot be kept as .png')
+    assert answer.message.startswith('a 32FC1 frame cannot be stored as .png')
     recorder.interrupt()
     assert recorder.finish() == 1, recorder.output
     assert '3 written' in recorder.output and ' 1 failed' in recorder.output

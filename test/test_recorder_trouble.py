@@ -46,7 +46,7 @@ AT_ONCE = 4
 # A root to whom the permissions of files mean what they say.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
-                     r'(\d+) failed, (\d+) lost on the way')
+                     r'(\d+) failed, (\d+) lost in transit')
 # As root or not, whoever may have a mount namespace of its own.
 NAMESPACE = ('unshare', '--mount') if os.getuid() == 0 else (
     'unshare', '--mount', '--user', '--map-root-user')
@@ -244,7 +244,7 @@ def test_with_slow_writers_every_frame_is_accounted_for(
     sent = 1
     with (folder / 'manifest.jsonl').open() as manifest:
         fcntl.flock(manifest, fcntl.LOCK_EX)  # so that nobody can write
-        while 'come faster than they are written' not in recorder.output:
+        while 'arrive faster than they are written' not in recorder.output:
             send(node, publisher, *gray_frames(sent + 1, 5))
             sent += 5
             time.sleep(0.05)

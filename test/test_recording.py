@@ -38,17 +38,17 @@ import numpy as np
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import encode_picture
-from opencv_tools.recording.files import open_files
+from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.folder import Folder, RecordingError
-from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.picture_files import PictureFiles
-from opencv_tools.recording.recorder import Recorder, Standing
-from opencv_tools.recording.selection import FullError, Limits
+from opencv_tools.recording.picture_files import ImageSink
+from opencv_tools.recording.recorder import Recorder, SinkCounts
+from opencv_tools.recording.selection import LimitReached, Limits
 from opencv_tools.recording.writers import (
-    Content, encode_frame, Format, FORMATS, UnwritableError,
+    encode_frame, EncodedImage, EncoderSettings, IMAGE_FORMATS, UnwritableError,
 )
 import pytest
 from switching import switching_in
@@ -115,23 +115,23 @@ def record(
     """Record gray frames, one a second, which have their number as their colour."""
     names = FileNames(template)
     recorder = ToldRecorder(
-        open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False))
+        open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False))
     for number in range(first, first + count):
         recorder.put(gray_frame(number, number))
     recorder.close()
     return recorder
 
 
-@pytest.mark.parametrize('suffix', FORMATS)
+@pytest.mark.parametrize('suffix', IMAGE_FORMATS)
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_a_format_keeps_a_frame_exactly_or_refuses_it(
         tmp_path: Path, encoding: str, suffix: str) -> None:
     image = random_image(encoding)
     path = tmp_path / f'file{suffix}'
     try:
-        content = encode_frame(frame_of(image, encoding), Format(suffix))
+        content = encode_frame(frame_of(image, encoding), EncoderSettings(suffix))
     except UnwritableError as err:
-        assert f'a {encoding} frame cannot be kept as {suffix}' in str(err)
+        assert f'a {encoding} frame cannot be stored as {suffix}' in str(err)
         assert str(err).endswith('.npy')
         assert suffix != '.npy'
         return
@@ -157,13 +157,13 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
 def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
         encoding: str, color: int) -> None:
     image = random_image(encoding)
-    picture = encode_frame(frame_of(image, encoding), Format('.png'))
+    picture = encode_frame(frame_of(image, encoding), EncoderSettings('.png'))
     assert picture.encoding == ('bgr16' if encoding.endswith('16') else 'bgr8')
     assert (picture.width, picture.height) == (8, 10)
     np.testing.assert_array_equal(
         cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED),
         cv2.cvtColor(image, color))
-    array = encode_frame(frame_of(image, encoding), Format('.npy'))
+    array = encode_frame(frame_of(image, encoding), EncoderSettings('.npy'))
     assert (array.encoding, array.width, array.height) == (encoding, 8, 10)
     assert b''.join(array.parts())[-image.nbytes:] == image.tobytes()
 
@@ -172,12 +172,12 @@ def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
     ('bayer_rggb8', True), ('bayer_rggb16', True), ('uyvy', False), ('nv12', False)])
 def test_nothing_is_converted_when_it_must_not_be(encoding: str, is_kept: bool) -> None:
     image = random_image(encoding)
-    wanted = Format('.png', to_color=False)
+    settings = EncoderSettings('.png', to_color=False)
     if not is_kept:
         with pytest.raises(UnwritableError, match=f'a {encoding} frame cannot .* to .npy$'):
-            encode_frame(frame_of(image, encoding), wanted)
+            encode_frame(frame_of(image, encoding), settings)
         return
-    content = encode_frame(frame_of(image, encoding), wanted)
+    content = encode_frame(frame_of(image, encoding), settings)
     assert content.encoding == encoding
     np.testing.assert_array_equal(
         cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED), image)
@@ -185,7 +185,7 @@ def test_nothing_is_converted_when_it_must_not_be(encoding: str, is_kept: bool) 
 
 def test_big_endian_frames_are_kept_by_value() -> None:
     image = random_image('mono16') + 1000
-    content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), Format('.png'))
+    content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), EncoderSettings('.png'))
     kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(kept, image)
 
@@ -205,8 +205,8 @@ def test_an_array_is_written_without_another_one_in_memory(
         encoding = '8UC1' if image.dtype == np.uint8 else '64FC3'
     whole = io.BytesIO()
     np.save(whole, image)
-    files = open_files(tmp_path, FileNames('{seq}.npy'), Format('.npy'), 'continue', Limits(),
-                       sync=False)
+    files = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
+                      Limits(), sync=False)
     frame = frame_of(image, encoding)
     tracemalloc.start()
     try:
@@ -223,8 +223,8 @@ def test_an_array_is_written_without_another_one_in_memory(
 
 def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = open_files(tmp_path, FileNames('{seq}.npy'), Format('.npy'), 'continue', Limits(),
-                       sync=False)
+    files = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
+                      Limits(), sync=False)
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, 'no room')
@@ -237,11 +237,11 @@ def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
 
 
 @pytest.mark.parametrize(('kind', 'sentence'), [
-    ('file', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('link', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('loop', 'it is no folder, but a file or a link that leads to none; name another folder'),
-    ('below a loop', 'a link in it leads back to itself; name another folder'),
-    ('long', 'it is too long for the file system; name a folder with a shorter path')])
+    ('file', 'it is a file or a broken link; set output_dir to a folder'),
+    ('link', 'it is a file or a broken link; set output_dir to a folder'),
+    ('loop', 'it is a file or a broken link; set output_dir to a folder'),
+    ('below a loop', 'its path contains a loop of links; set output_dir to another folder'),
+    ('long', 'it is too long for the file system; set output_dir to a shorter path')])
 def test_a_folder_that_is_none_is_refused_with_what_helps(
         kind: str, sentence: str, tmp_path: Path) -> None:
     path = tmp_path / ('a' * 256 if kind == 'long' else 'out')
@@ -252,7 +252,8 @@ def test_a_folder_that_is_none_is_refused_with_what_helps(
     if kind == 'below a loop':
         path /= 'out'
     with pytest.raises(RecordingError) as raised:
-        open_files(path, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), sync=False)
+        open_sink(path, FileNames('{seq}.png'), EncoderSettings('.png'), 'continue', Limits(),
+                  sync=False)
     assert str(raised.value).startswith('output_dir ')
     assert str(raised.value).endswith(f' cannot be used: {sentence}')
 
@@ -261,38 +262,38 @@ def test_a_folder_that_is_none_is_refused_with_what_helps(
 def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: Path) -> None:
     console = Console()
     names = FileNames('a' * 251 + '{seq}' + suffix)
-    files = open_files(tmp_path, names, Format(suffix), 'continue', Limits(), sync=False)
+    files = open_sink(tmp_path, names, EncoderSettings(suffix), 'continue', Limits(), sync=False)
     recorder = Recorder(files, console, writers=1)
     recorder.put(gray_frame(0))
     recorder.close()
-    assert recorder.account.failed == 1
+    assert recorder.counts.failed == 1
     assert [line for line in console.lines if 'too long' in line] == [
-        f'error: a frame was not written: {"a" * 37}... is a name of 256 bytes, too long for the '
-        'file system, which takes 255 as a rule; shorten file_name']
+        f'error: a frame was not written: the file name {"a" * 37}... has 256 bytes, too long for '
+        'the file system (usually 255); shorten file_name']
 
 
 def test_what_opencv_cannot_encode_is_refused() -> None:
-    with pytest.raises(UnwritableError, match=r'^a mono8 frame was not encoded: '):
-        encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), Format('.jpg'))
+    with pytest.raises(UnwritableError, match=r'^the mono8 frame was not encoded: '):
+        encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), EncoderSettings('.jpg'))
 
 
 def test_formats_as_they_are_unless_told() -> None:
-    assert Format('.png') == Format('.png', to_color=True, jpeg_quality=95, png_compression=1,
-                                    crf=23)
+    assert EncoderSettings('.png') == EncoderSettings(
+        '.png', to_color=True, jpeg_quality=95, png_compression=1, crf=23)
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(UnwritableError, match=r'an empty frame, 0x5, cannot be kept as \.png'):
-        encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), Format('.png'))
+    with pytest.raises(UnwritableError, match=r'an empty frame \(0x5\) cannot be stored as \.png'):
+        encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), EncoderSettings('.png'))
 
 
 def test_quality_and_compression_make_smaller_files() -> None:
     image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, (200, 300, 3), np.uint8),
                              (9, 9), 0)
     frame = frame_of(image, 'bgr8')
-    jpegs = [len(encode_frame(frame, Format('.jpg', jpeg_quality=quality)).data)
+    jpegs = [len(encode_frame(frame, EncoderSettings('.jpg', jpeg_quality=quality)).data)
              for quality in (100, 95, 50, 1)]
-    pngs = [len(encode_frame(frame, Format('.png', png_compression=level)).data)
+    pngs = [len(encode_frame(frame, EncoderSettings('.png', png_compression=level)).data)
             for level in (0, 1, 9)]
     assert jpegs == sorted(jpegs, reverse=True) and len(set(jpegs)) == 4
     assert pngs == sorted(pngs, reverse=True) and len(set(pngs)) == 3
@@ -307,17 +308,17 @@ def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
     ('.jpg', 'rgb8; jpeg compressed bgr8'), ('.jpeg', 'jpeg'), ('.png', '; png compressed ')])
 def test_a_compressed_frame_is_kept_as_it_came(suffix: str, told: str) -> None:
     frame = compressed(suffix, told, random_image('bgr8'))
-    content = encode_frame(frame, Format(suffix))
+    content = encode_frame(frame, EncoderSettings(suffix))
     assert content.data is frame.data
     assert (content.encoding, content.width, content.height) == (told, 8, 10)
 
 
 def test_a_compressed_frame_is_decoded_for_another_format() -> None:
     image = random_image('bgr8')
-    content = encode_frame(compressed('.png', 'png', image), Format('.npy'))
+    content = encode_frame(compressed('.png', 'png', image), EncoderSettings('.npy'))
     assert content.encoding == 'bgr8'
     assert b''.join(content.parts())[-image.nbytes:] == image.tobytes()
-    jpeg = encode_frame(compressed('.png', 'png', image), Format('.jpg', jpeg_quality=30))
+    jpeg = encode_frame(compressed('.png', 'png', image), EncoderSettings('.jpg', jpeg_quality=30))
     assert jpeg.data.tobytes() == encode_picture(image, '.jpg', 30).tobytes()
 
 
@@ -328,7 +329,7 @@ def test_a_compressed_frame_that_is_not_whole_is_refused(suffix: str) -> None:
                  bytes(whole.data[:2]) + b'\xff' * 1000 + b'\xff\xd9'):
         broken = CompressedFrame(NANO, '', 'jpeg', '', NANO, data)
         with pytest.raises(ImageError):
-            encode_frame(broken, Format(suffix))
+            encode_frame(broken, EncoderSettings(suffix))
 
 
 def test_frames_are_numbered_in_the_order_they_came(tmp_path: Path) -> None:
@@ -337,7 +338,7 @@ def test_frames_are_numbered_in_the_order_they_came(tmp_path: Path) -> None:
     assert [path.name for path in recorded_files(folder)] == [
         f'{number:03d}.png' for number in range(50)]
     assert gray_numbers(folder) == list(range(50))
-    assert vars(recorder.account) == {'written': 50, 'dropped': 0, 'failed': 0, 'left_out': 0}
+    assert vars(recorder.counts) == {'written': 50, 'dropped': 0, 'failed': 0, 'skipped': 0}
 
 
 def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
@@ -348,7 +349,7 @@ def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
     assert lines[1] == {
         'seq': 1, 'file': '001.png', 'stamp': {'sec': 1_700_000_001, 'nanosec': 0},
         'receive_time': {'sec': 1_700_000_001, 'nanosec': 5_000_000}, 'frame_id': 'camera',
-        'encoding': 'mono8', 'kept_as': 'mono8', 'size': [20, 20], 'frames': 1}
+        'encoding': 'mono8', 'stored_encoding': 'mono8', 'size': [20, 20], 'frames': 1}
 
 
 def failing(number: int) -> Callable[..., None]:
@@ -360,20 +361,20 @@ def failing(number: int) -> Callable[..., None]:
 
 
 def picture_files(
-        path: Path, template: str, kind: type[PictureFiles] = PictureFiles) -> PictureFiles:
+        path: Path, template: str, kind: type[ImageSink] = ImageSink) -> ImageSink:
     folder = Folder(path)
     numbering = Numbering(FileNames(template), folder, 'continue')
-    return kind(folder, numbering, Format('.png'), NO_LIMITS)
+    return kind(folder, numbering, EncoderSettings('.png'), NO_LIMITS)
 
 
-class SlowFiles(PictureFiles):
+class SlowFiles(ImageSink):
     """Write nothing before it may."""
 
     def __init__(self, *args: object) -> None:
         super().__init__(*args)
         self.has_begun, self.may_write = threading.Event(), threading.Event()
 
-    def prepare(self, frame: Frame) -> object:
+    def prepare(self, frame: ReceivedFrame) -> object:
         self.has_begun.set()
         assert self.may_write.wait(DEADLINE)
         return super().prepare(frame)
@@ -396,7 +397,7 @@ def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) ->
     assert gray_numbers(tmp_path) == [0, 17, 18, 19]
     assert [path.name for path in recorded_files(tmp_path)] == [
         '000.png', '001.png', '002.png', '003.png']
-    assert vars(recorder.account) == {'written': 4, 'dropped': 16, 'failed': 0, 'left_out': 0}
+    assert vars(recorder.counts) == {'written': 4, 'dropped': 16, 'failed': 0, 'skipped': 0}
     assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
@@ -411,37 +412,37 @@ def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowF
     putting.join(DEADLINE)
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
-    assert recorder.account.dropped == 0
+    assert recorder.counts.dropped == 0
 
 
 def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
     console = Console()
     names = FileNames('{seq}.png')
-    recorder = Recorder(open_files(tmp_path, names, Format('.png'), 'continue', Limits(), False),
-                        console, writers=2)
+    sink = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', Limits(), False)
+    recorder = Recorder(sink, console, writers=2)
     for _ in range(5):
         recorder.put(frame_of(np.zeros((2, 2), np.float32), '32FC1'))
         recorder.put(gray_frame(7))
     recorder.close()
-    assert (recorder.account.written, recorder.account.failed) == (5, 5)
+    assert (recorder.counts.written, recorder.counts.failed) == (5, 5)
     assert [line['file'] for line in read_manifest(tmp_path)] == [
         f'{number}.png' for number in range(5)]
     assert console.lines == [
-        'error: a frame was not written: a 32FC1 frame cannot be kept as .png; '
+        'error: a frame was not written: a 32FC1 frame cannot be stored as .png; '
         'set the extension of file_name to .tif or .tiff or .npy']
 
 
 def test_an_error_that_nobody_expects_holds_nothing_up(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stumble(frame: RawFrame, wanted: Format) -> Content:
+    def stumble(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         if frame.image[0, 0] % 3 == 0:
             raise ZeroDivisionError('oops')
-        return encode_frame(frame, wanted)
+        return encode_frame(frame, settings)
 
     monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
     recorder = record(tmp_path, 12)
     assert gray_numbers(tmp_path) == [1, 2, 4, 5, 7, 8, 10, 11]
-    assert (recorder.account.written, recorder.account.failed) == (8, 4)
+    assert (recorder.counts.written, recorder.counts.failed) == (8, 4)
 
 
 @pytest.mark.parametrize(('error', 'reason'), [
@@ -464,9 +465,9 @@ def test_every_error_has_a_reason(
 
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     folder, console = tmp_path / 'mount' / 'out', Console()
-    recorder = Recorder(
-        open_files(folder, FileNames('{seq}.png'), Format('.png'), 'continue', Limits(), False),
-        console, writers=1)
+    sink = open_sink(folder, FileNames('{seq}.png'), EncoderSettings('.png'), 'continue', Limits(),
+                     False)
+    recorder = Recorder(sink, console, writers=1)
 
     def put_and_wait(number: int) -> None:
         done = threading.Event()
@@ -486,7 +487,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     assert gray_numbers(folder) == [3, 4]
     assert len(read_manifest(folder)) == 2
     assert console.lines[1:] == ['info: Writing again; 2 frames were not written']
-    assert (recorder.account.written, recorder.account.failed) == (3, 2)
+    assert (recorder.counts.written, recorder.counts.failed) == (3, 2)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
@@ -499,7 +500,8 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 def test_a_manifest_that_cannot_be_read(tmp_path: Path, suffix: str) -> None:
     (tmp_path / 'manifest.jsonl').mkdir()
     with pytest.raises(RecordingError, match=r'output_dir .* cannot be used: Is a directory$'):
-        open_files(tmp_path, FileNames(f'x{suffix}'), Format(suffix), 'continue', NO_LIMITS, False)
+        open_sink(tmp_path, FileNames(f'x{suffix}'), EncoderSettings(suffix), 'continue',
+                  NO_LIMITS, False)
     assert not list(tmp_path.glob('.*'))
 
 
@@ -512,7 +514,7 @@ def test_a_file_without_its_line_is_no_file(
     write = os.write
     monkeypatch.setattr(os, 'write', fill_the_disk)
     recorder = record(tmp_path, 3, first=1)
-    assert recorder.account.failed == 3
+    assert recorder.counts.failed == 3
     assert gray_numbers(tmp_path) == [0]
     assert len(read_manifest(tmp_path)) == 1
 
@@ -574,7 +576,7 @@ def test_the_latest_frame_alone_is_kept_under_one_name(tmp_path: Path) -> None:
 def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
     (tmp_path / 'other.txt').touch()
     record(tmp_path, 2, on_exists='error')
-    with pytest.raises(RecordingError, match=r'has 000\.png already; name another folder'):
+    with pytest.raises(RecordingError, match=r'already contains 000\.png; set output_dir'):
         record(tmp_path, 2, on_exists='error')
     assert len([path for path in tmp_path.iterdir() if path.name.startswith('.')]) == 0
 
@@ -582,11 +584,11 @@ def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
 def test_a_file_that_comes_from_elsewhere_is_not_touched(tmp_path: Path) -> None:
     names = FileNames('{seq}.png')
     recorder = Recorder(
-        open_files(tmp_path, names, Format('.png'), 'error', Limits(), False), Console())
+        open_sink(tmp_path, names, EncoderSettings('.png'), 'error', Limits(), False), Console())
     (tmp_path / '0.png').write_text('mine')
     recorder.put(gray_frame(1))
     recorder.close()
-    assert recorder.account.failed == 1
+    assert recorder.counts.failed == 1
     assert (tmp_path / '0.png').read_text() == 'mine'
 
 
@@ -628,14 +630,14 @@ def test_what_a_killed_recording_left_is_put_in_order(
 RECORD_UNTIL_KILLED = """
 import itertools, logging, pathlib, sys
 import numpy as np
-from opencv_tools.recording.files import open_files
+from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import Format
-files = open_files(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), Format('.png'),
-                   'continue', Limits(), False)
+from opencv_tools.recording.writers import EncoderSettings
+files = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
+                  'continue', Limits(), False)
 recorder = Recorder(files, logging, writers=2, block=True)
 for number in itertools.count():
     image = np.full((20, 20), number % 256, np.uint8)
@@ -693,7 +695,7 @@ def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits, kept: list[int]
     (tmp_path / '7.txt').write_text('not ours')
     recorder = record(tmp_path, 250, limits=limits)
     (tmp_path / '7.txt').unlink()
-    assert recorder.account.written == 250
+    assert recorder.counts.written == 250
     assert gray_numbers(tmp_path) == [246, 247, 248, 249]
     assert len(read_manifest(tmp_path)) == 4
     record(tmp_path, 2, limits=limits, first=250)  # what is there already counts
@@ -707,16 +709,17 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
     recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
-    told = [f'info: The recording is full: max_bytes is {5 * size}, and the next file has {size}']
+    told = [f'info: Recording limit reached: max_bytes is {5 * size}, the next file has {size} '
+            'bytes']
     assert recorder.console.lines == ([] if ring else told)
     assert recorder.times_full == (0 if ring else 1)
     assert gray_numbers(tmp_path / 'many') == (
         [15, 16, 17, 18, 19] if ring else [0, 1, 2, 3, 4])
     assert len(read_manifest(tmp_path / 'many')) == 5
     assert recorder.is_full is not ring
-    assert recorder.account.written == (20 if ring else 5)
-    assert recorder.account.left_out == (0 if ring else 15)
-    assert recorder.account.failed == 0
+    assert recorder.counts.written == (20 if ring else 5)
+    assert recorder.counts.skipped == (0 if ring else 15)
+    assert recorder.counts.failed == 0
 
 
 @pytest.mark.parametrize(('suffix', 'parts'), [('.png', 1), ('.npy', 2)])
@@ -731,8 +734,9 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
     monkeypatch.setattr(os, 'link', note('link', os.link))
     Folder(tmp_path).write(b'content')
     for sync in (True, False):
-        files = open_files(
-            tmp_path, FileNames(f'{{seq}}{suffix}'), Format(suffix), 'continue', Limits(), sync)
+        files = open_sink(
+            tmp_path, FileNames(f'{{seq}}{suffix}'), EncoderSettings(suffix), 'continue', Limits(),
+            sync)
         recorder = Recorder(files, Console(), writers=1)
         recorder.put(gray_frame(0))
         recorder.close()
@@ -759,7 +763,7 @@ def test_a_disk_without_hard_links_overwrites_nothing_either(
 def test_a_link_that_fails_otherwise_is_told(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, 'link', failing(errno.EIO))
-    assert record(tmp_path, 2).account.failed == 2
+    assert record(tmp_path, 2).counts.failed == 2
     assert not list(tmp_path.glob('*.png')) and not list(tmp_path.glob('.*'))
 
 
@@ -809,9 +813,9 @@ def test_lines_that_are_owed_are_added_by_the_next_recording(tmp_path: Path) -> 
     (tmp_path / 'manifest.jsonl').unlink()
     folder = Folder(tmp_path)
     for entry in entries[:2]:
-        folder.owe_line(entry)
-    folder.announce(entries[2])
-    folder.announce(replace(entries[2], frame_id=''))  # shorter than what stands there
+        folder.defer_line(entry)
+    folder.write_journal(entries[2])
+    folder.write_journal(replace(entries[2], frame_id=''))  # shorter than what stands there
     os.close(folder._journal)  # as a process that ends
     Folder(tmp_path).close()
     assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1, 2]
@@ -823,10 +827,10 @@ def test_what_a_shorter_journal_leaves_of_a_longer_one_is_not_added(tmp_path: Pa
     entries = Manifest(tmp_path).entries()
     (tmp_path / 'manifest.jsonl').unlink()
     folder = Folder(tmp_path)
-    folder.owe_line(entries[0])
-    folder.announce(entries[1])
-    folder.settle()
-    folder.announce(entries[0])
+    folder.defer_line(entries[0])
+    folder.write_journal(entries[1])
+    folder.write_deferred()
+    folder.write_journal(entries[0])
     os.close(folder._journal)
     Folder(tmp_path).close()
     assert [entry.seq for entry in Manifest(tmp_path).entries()] == [0]
@@ -839,8 +843,8 @@ def test_a_line_of_a_file_that_is_no_more_is_not_added(tmp_path: Path) -> None:
     for name in ('manifest.jsonl', '000.png'):
         (tmp_path / name).unlink()
     for entry in entries:
-        folder.owe_line(entry)
-    folder.settle()
+        folder.defer_line(entry)
+    folder.write_deferred()
     folder.close()
     assert [line['seq'] for line in read_manifest(tmp_path)] == [1]
 
@@ -870,7 +874,7 @@ def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
 
 def test_lines_of_files_that_are_no_more_are_dropped_meanwhile(tmp_path: Path) -> None:
     names = FileNames('{seq:03d}.png')
-    files = open_files(tmp_path, names, Format('.png'), 'continue', LIMITS[0], False)
+    files = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', LIMITS[0], False)
     lengths = []
     for number in range(250):
         frame = gray_frame(number)
@@ -989,14 +993,14 @@ class Numbers:
 
     def __init__(self) -> None:
         self.placed: list[int] = []
-        self.standing = Standing()
+        self.counts = SinkCounts()
 
     def prepare(self, frame: RawFrame) -> Numbers:
         return self
 
     def commit(self, frame: RawFrame, _: Numbers) -> Path:
         self.placed.append(int(frame.image[0, 0]))
-        self.standing.kept += 1
+        self.counts.kept += 1
         return Path()
 
     def discard(self) -> None:
@@ -1019,7 +1023,7 @@ def test_an_end_that_fails_is_told_once() -> None:
     recorder.put(gray_frame(0))
     recorder.close()
     recorder.close()
-    assert vars(recorder.account) == {'written': 1, 'dropped': 0, 'failed': 0, 'left_out': 0}
+    assert vars(recorder.counts) == {'written': 1, 'dropped': 0, 'failed': 0, 'skipped': 0}
     assert recorder.is_unfinished
     assert console.lines == ['error: the recording was not finished: Input/output error']
 
@@ -1029,12 +1033,12 @@ class Waiting(Numbers):
 
     def commit(self, frame: RawFrame, _: Numbers) -> Path:
         path = super().commit(frame, self)
-        self.standing.kept = len(self.placed) // 3 * 3
+        self.counts.kept = len(self.placed) // 3 * 3
         return path
 
     def close(self) -> None:
-        self.standing.lost = len(self.placed) - self.standing.kept
-        self.standing.reason = 'the disk is full'
+        self.counts.lost = len(self.placed) - self.counts.kept
+        self.counts.reason = 'the disk is full'
 
 
 def test_a_frame_counts_when_it_is_known_what_became_of_it() -> None:
@@ -1043,7 +1047,7 @@ def test_a_frame_counts_when_it_is_known_what_became_of_it() -> None:
     for number in range(5):
         recorder.put(gray_frame(number))
     recorder.close()
-    assert vars(recorder.account) == {'written': 3, 'dropped': 0, 'failed': 2, 'left_out': 0}
+    assert vars(recorder.counts) == {'written': 3, 'dropped': 0, 'failed': 2, 'skipped': 0}
     assert console.lines == ['error: a frame was not written: the disk is full']
 
 
@@ -1061,7 +1065,7 @@ class Full(Numbers):
 
     def commit(self, frame: RawFrame, _: Numbers) -> Path:
         super().commit(frame, self)
-        raise FullError('no more')
+        raise LimitReached('no more')
 
     def discard(self) -> None:
         self.discarded += 1
@@ -1075,8 +1079,8 @@ def test_what_was_prepared_before_the_end_is_left_out() -> None:
         recorder.put(gray_frame(number), outcomes.append)
     recorder.close()
     assert files.placed == [0]
-    assert outcomes == ['no more', 'the recording is full']
-    assert (recorder.account.left_out, files.discarded) == (2, 2)
+    assert outcomes == ['no more', 'the recording has reached its limits']
+    assert (recorder.counts.skipped, files.discarded) == (2, 2)
 
 
 @pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
@@ -1088,4 +1092,4 @@ def test_the_order_is_kept_wherever_threads_are_stopped() -> None:
             recorder.put(gray_frame(number))
         recorder.close()
     assert files.placed == list(range(40))
-    assert recorder.account.written == 40
+    assert recorder.counts.written == 40

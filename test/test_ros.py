@@ -31,13 +31,13 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (
-    Parameter('name', 'x', 'a text', fixed=True),
-    Parameter('kind', 'a', 'a choice', choices=('a', 'b')),
-    Parameter('rate', 1.5, 'a fraction', maximum=10.0),
-    Parameter('count', 3, 'a number', minimum=1, maximum=5),
-    Parameter('turn', 0, 'a choice of numbers', choices=(0, 90)),
-    Parameter('on', False, 'a switch'),
-    Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2),
+    Parameter('name', 'x', 'a text'),
+    Parameter('kind', 'a', 'a choice', choices=('a', 'b'), changeable=True),
+    Parameter('rate', 1.5, 'a fraction', maximum=10.0, changeable=True),
+    Parameter('count', 3, 'a number', minimum=1, maximum=5, changeable=True),
+    Parameter('turn', 0, 'a choice of numbers', choices=(0, 90), changeable=True),
+    Parameter('on', False, 'a switch', changeable=True),
+    Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2, changeable=True),
 )
 
 
@@ -240,6 +240,19 @@ def test_changes_that_go_together_are_taken_together_or_not_at_all(described: No
 def test_values_that_are_refused(index: int, value: object) -> None:
     with pytest.raises(ParameterError, match=f'parameter {TABLE[index].name} is '):
         TABLE[index].accept(value)
+
+
+@pytest.mark.parametrize(('parameter', 'value', 'span'), [
+    (Parameter('open', 1, 'a number'), 2**63 - 1, 'a whole number of at least 0'),
+    (Parameter('open', 1, 'a number', minimum=5), 2**40, 'a whole number of at least 5'),
+    (Parameter('open', 1.0, 'a number'), 1e300, 'a number of at least 0')])
+def test_a_number_without_a_maximum_has_no_upper_bound(
+        context: Context, parameter: Parameter, value: float, span: str) -> None:
+    node = declare_given(context, (parameter,), open=value)
+    assert node.get_parameter('open').value == value
+    node.destroy_node()
+    with pytest.raises(ParameterError, match=f'parameter open is -1: give {span} '):
+        parameter.accept(-1)
 
 
 def test_progress_is_said_at_most_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:

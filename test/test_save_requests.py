@@ -68,12 +68,12 @@ def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequest
 
 def test_calls_at_once_are_all_answered(
         executor: SingleThreadedExecutor, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.ros.save_requests._PATIENCE_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.ros.save_requests._TIMEOUT_SECONDS', DEADLINE)
     requests = SaveRequests(node)
     futures = call(executor, create_client(node), requests)
-    taken = requests.take()
-    assert (len(taken), requests.take()) == (CALLS, [])
-    requests.answer(taken, Path('/a/file.png'))
+    taken = requests.pop_all()
+    assert (len(taken), requests.pop_all()) == (CALLS, [])
+    requests.complete(taken, Path('/a/file.png'))
     spin_until_all(executor, futures)
     assert {(future.result().success, future.result().message)
             for future in futures} == {(True, '/a/file.png')}
@@ -81,7 +81,7 @@ def test_calls_at_once_are_all_answered(
 
 def test_calls_that_wait_are_answered_at_the_end(
         tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.ros.save_requests._PATIENCE_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.ros.save_requests._TIMEOUT_SECONDS', DEADLINE)
     rclpy.init(args=['--ros-args', '-p', 'mode:=on_request', '-p', f'output_dir:={tmp_path}'],
                domain_id=domain)
     subscriber = ImageSubscriber()
@@ -93,7 +93,7 @@ def test_calls_that_wait_are_answered_at_the_end(
     assert subscriber.close() == 0
     spin_until_all(executor, futures)
     assert {(future.result().success, future.result().message)
-            for future in futures} == {(False, 'the node ends')}
+            for future in futures} == {(False, 'the node is shutting down')}
     executor.shutdown()
     subscriber.destroy_node()
     rclpy.shutdown()

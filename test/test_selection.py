@@ -17,20 +17,20 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.recording.frames import Arrivals, ReceivedFrame
-from opencv_tools.recording.manifest import Entry
-from opencv_tools.recording.selection import Budget, FullError, Limits, Selection
+from opencv_tools.recording.frames import ArrivalClock, BaseFrame
+from opencv_tools.recording.manifest import ManifestEntry
+from opencv_tools.recording.selection import LimitReached, Limits, Retention, Selection
 import pytest
 
 NANO = 10**9
 
 
-def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
-    return ReceivedFrame(stamp_ns, 'camera', 'mono8', '/video_frames', receive_ns)
+def frame(stamp_ns: int, receive_ns: int = 0) -> BaseFrame:
+    return BaseFrame(stamp_ns, 'camera', 'mono8', '/video_frames', receive_ns)
 
 
 def wanted(selection: Selection, times: list[int]) -> list[int]:
-    return [number for number, time_ns in enumerate(times) if selection.wants(frame(time_ns))]
+    return [number for number, time_ns in enumerate(times) if selection.selects(frame(time_ns))]
 
 
 def stamps(count: int, rate: float, jitter_ms: float = 0.0, start: int = 100 * NANO) -> list[int]:
@@ -79,20 +79,20 @@ def test_frames_beside_the_grid(times: list[float], expected: list[int]) -> None
 def test_frames_without_a_stamp_have_the_time_at_which_they_came() -> None:
     selection = Selection(1, 10.0, Limits())
     taken = [number for number, time_ns in enumerate(stamps(31, 30))
-             if selection.wants(frame(0, time_ns))]
+             if selection.selects(frame(0, time_ns))]
     assert taken == list(range(0, 31, 3))
 
 
 def test_it_is_over_when_so_many_were_taken_and_none_came_back() -> None:
     selection = Selection(1, 0.0, Limits(max_frames=2))
     assert not selection.is_over
-    selection.take()
-    selection.take()
+    selection.count()
+    selection.count()
     assert selection.is_over
-    selection.put_back()
+    selection.uncount()
     assert not selection.is_over
     ring = Selection(1, 0.0, Limits(max_frames=1, ring=True))
-    ring.take()
+    ring.count()
     assert not ring.is_over
 
 
@@ -106,11 +106,11 @@ def test_a_duration_begins_with_the_first_frame() -> None:
     assert not for_ever.is_late() and not for_ever.is_late()
 
 
-def entry(name: str, size: int = 10, receive_ns: int = 0) -> Entry:
-    return Entry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
+def entry(name: str, size: int = 10, receive_ns: int = 0) -> ManifestEntry:
+    return ManifestEntry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
 
 
-def fill(budget: Budget, *entries: Entry, arrival_ns: int = 0) -> list[str]:
+def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:
     """Let files come; the names of those that had to go."""
     gone = []
     for coming in entries:
@@ -121,12 +121,12 @@ def fill(budget: Budget, *entries: Entry, arrival_ns: int = 0) -> list[str]:
 
 
 def test_a_ring_lets_as_many_go_as_it_must() -> None:
-    budget = Budget(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
+    budget = Retention(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
     assert fill(budget, entry('c')) == []
     assert fill(budget, entry('d')) == ['a']
     assert fill(budget, entry('large', 25)) == ['b', 'c', 'd']
     assert budget.count == 1
-    with pytest.raises(FullError, match='max_bytes is 30, and the next file has 31'):
+    with pytest.raises(LimitReached, match='max_bytes is 30, the next file has 31 bytes'):
         budget.make_room(entry('larger', 31), 0)
 
 
@@ -136,8 +136,8 @@ WALL = 500_000 * HOUR
 
 @pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
 def test_the_age_of_a_file_does_not_change_when_the_clock_is_set(jump: int) -> None:
-    budget = Budget(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
-                    lambda: HOUR, lambda: WALL)
+    budget = Retention(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
+                       lambda: HOUR, lambda: WALL)
     gone = [fill(budget, entry(str(number), 10, WALL + number * NANO + (number > 3) * jump),
                  arrival_ns=HOUR + number * NANO) for number in range(7)]
     assert gone == [[], [], ['earlier'], ['0'], ['1'], ['2'], ['3']]
@@ -146,16 +146,16 @@ def test_the_age_of_a_file_does_not_change_when_the_clock_is_set(jump: int) -> N
 def test_a_file_from_the_future_is_the_oldest() -> None:
     earlier = [entry('old', 10, WALL - 3 * NANO), entry('new', 10, WALL - NANO),
                entry('future', 10, WALL + HOUR), entry('older', 10, WALL - 4 * NANO)]
-    by_age = Budget(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    by_age = Retention(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
     assert fill(by_age, entry('a'), arrival_ns=HOUR) == ['future', 'older', 'old']
-    by_number = Budget(Limits(max_frames=4, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    by_number = Retention(Limits(max_frames=4, ring=True), earlier, lambda: HOUR, lambda: WALL)
     assert fill(by_number, entry('a'), entry('b'), arrival_ns=HOUR) == ['future', 'older']
 
 
 @pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
 def test_arrivals_go_on_when_the_clock_is_set(jump: int) -> None:
     monotonic, wall = [HOUR], [WALL]
-    arrivals = Arrivals(lambda: monotonic[0], lambda: wall[0])
+    arrivals = ArrivalClock(lambda: monotonic[0], lambda: wall[0])
     found = []
     for number in range(6):
         received = wall[0] + 8
@@ -167,14 +167,14 @@ def test_arrivals_go_on_when_the_clock_is_set(jump: int) -> None:
 
 
 def test_a_file_that_is_replaced_takes_no_room_twice() -> None:
-    budget = Budget(Limits(max_bytes=30, max_frames=3, ring=True), [])
+    budget = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
     assert fill(budget, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
     assert fill(budget, entry('d')) == ['c']
 
 
 def test_without_a_ring_nothing_goes_and_frames_are_not_counted_here() -> None:
-    budget = Budget(Limits(max_frames=1, max_bytes=25), [])
+    budget = Retention(Limits(max_frames=1, max_bytes=25), [])
     assert fill(budget, entry('a'), entry('b')) == []
-    with pytest.raises(FullError):
+    with pytest.raises(LimitReached):
         budget.make_room(entry('c'), 0)
     assert fill(budget, entry('small', 5)) == []

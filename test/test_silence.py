@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from opencv_tools.ros import silence
-from opencv_tools.ros.silence import Silence
+from opencv_tools.ros.silence import NoFramesWarning
 import pytest
 
 
@@ -29,7 +29,7 @@ class Desk:
         self.reason = 'nobody publishes'
         self.lines: list[tuple[float, str]] = []
         monkeypatch.setattr(silence.time, 'monotonic', lambda: 100.0 + self.now)
-        self.silence = Silence(self, lambda: self.reason)
+        self.silence = NoFramesWarning(self, lambda: self.reason)
 
     def info(self, message: str) -> None:
         self.lines.append((self.now, message))
@@ -40,10 +40,10 @@ class Desk:
         """Look every half second."""
         for _ in range(round(seconds * 2)):
             self.now += 0.5
-            self.silence.watch(0.5, is_expected)
+            self.silence.check(0.5, is_expected)
 
     def frame(self) -> None:
-        self.silence.end('/camera')
+        self.silence.frame_received('/camera')
 
 
 @pytest.fixture
@@ -79,10 +79,10 @@ def test_period_of_other_publishers_is_forgotten(desk: Desk) -> None:
     desk.frame()
     desk.pass_by(2)
     desk.frame()
-    desk.silence.begin()
+    desk.silence.reset()
     desk.pass_by(5.5)
     assert desk.lines == []
-    desk.silence.forget()
+    desk.silence.reset_period()
     desk.pass_by(3)
     assert desk.lines == [(10.5, 'No frames: nobody publishes')]
 

@@ -42,7 +42,7 @@ import signal
 import numpy as np
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.ros.rcl import publish_image
-from opencv_tools.ros.transport import transport_for_frames
+from opencv_tools.ros.transport import configured_fastdds
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -63,7 +63,7 @@ def publish_small_until_signal(width):
 signals = {signal.SIGUSR1, signal.SIGTERM}
 signal.pthread_sigmask(signal.SIG_BLOCK, signals)
 rclpy.init()
-with transport_for_frames(24_883_200):
+with configured_fastdds(24_883_200):
     node = Node('sender')
 publisher = node.create_publisher(
     Image, 'video_frames', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))

@@ -32,7 +32,7 @@ import numpy as np
 from opencv_tools.ros import other_users, shared_memory, transport
 from opencv_tools.ros.frame_size import expected_frame_bytes
 from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments
-from opencv_tools.ros.transport import Transport, transport_for_frames, UNTOUCHED
+from opencv_tools.ros.transport import configured_fastdds, FastDdsSetup, NOT_CONFIGURED
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -55,14 +55,14 @@ with open(sys.argv[1]) as file:
 COUNT_PAGE_FAULTS = """
 import resource
 import numpy as np
-from opencv_tools.ros.transport import transport_for_frames
+from opencv_tools.ros.transport import configured_fastdds
 
 def use_two_frames():
     frames = [np.empty(6_000_000, np.uint8) for _ in range(2)]
     for frame in frames:
         frame.fill(1)
 
-with transport_for_frames(0):
+with configured_fastdds(0):
     use_two_frames()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 for _ in range(20):
@@ -104,7 +104,7 @@ def make_segment(folder: Path, number: int) -> Path:
 
 # What is set up
 
-@pytest.mark.parametrize(('room', 'frame_bytes', 'segment'), [
+@pytest.mark.parametrize(('available', 'frame_bytes', 'segment'), [
     (2048 * MB, VGA, 16 * MB), (2048 * MB, FULL_HD, 8 * FULL_HD), (2048 * MB, UHD_4K, 8 * UHD_4K),
     (2048 * MB, 2 * UHD_4K, 256 * MB), (2048 * MB, UHD_8K, 3 * UHD_8K),
     (2048 * MB, 0, MB // 2),
@@ -112,27 +112,28 @@ def make_segment(folder: Path, number: int) -> Path:
     (8 * MB, VGA, 4 * MB), (8 * MB, FULL_HD, None), (8 * MB, 0, MB // 2),
     (0, VGA, None), (0, 0, None)])
 def test_the_segment_holds_several_frames_as_far_as_there_is_room(
-        monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int,
+        monkeypatch: pytest.MonkeyPatch, available: int, frame_bytes: int,
         segment: int | None) -> None:
-    monkeypatch.setattr(transport, 'free_bytes', lambda: room)
-    with transport_for_frames(frame_bytes) as made:
+    monkeypatch.setattr(transport, 'free_bytes', lambda: available)
+    with configured_fastdds(frame_bytes) as made:
         path = Path(os.environ[PROFILE])
         assert profile_in_force('segment_size') == segment
         assert profile_in_force('nanosec') == 100_000_000
-    assert (made.segment, made.room) == (segment or 0, room)
+    assert (made.segment, made.free_bytes) == (segment or 0, available)
     assert PROFILE not in os.environ
     assert not path.exists()
 
 
-@pytest.mark.parametrize(('room', 'frame_bytes', 'pieces'), [
+@pytest.mark.parametrize(('available', 'frame_bytes', 'fragments'), [
     (2048 * MB, VGA, 512), (2048 * MB, FULL_HD, 766), (2048 * MB, UHD_4K, 3063),
     (2048 * MB, UHD_8K, 8192), (2048 * MB, 0, 4096), (8 * MB, 0, 4096), (MB, 0, 3276),
     (MB // 2, 0, None), (0, UHD_4K, None)])
 def test_the_pieces_of_the_frames_in_the_segment_may_wait_for_a_reader(
-        monkeypatch: pytest.MonkeyPatch, room: int, frame_bytes: int, pieces: int | None) -> None:
-    monkeypatch.setattr(transport, 'free_bytes', lambda: room)
-    with transport_for_frames(frame_bytes):
-        assert profile_in_force('port_queue_capacity') == pieces
+        monkeypatch: pytest.MonkeyPatch, available: int, frame_bytes: int,
+        fragments: int | None) -> None:
+    monkeypatch.setattr(transport, 'free_bytes', lambda: available)
+    with configured_fastdds(frame_bytes):
+        assert profile_in_force('port_queue_capacity') == fragments
 
 
 @pytest.mark.parametrize(('variable', 'value', 'buffer'), [
@@ -144,7 +145,7 @@ def test_what_comes_over_udp_has_room_where_the_middleware_adds_no_udp_of_its_ow
         frame_bytes: int) -> None:
     monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
     monkeypatch.setenv(variable, value)
-    with transport_for_frames(frame_bytes):
+    with configured_fastdds(frame_bytes):
         assert profile_in_force('receiveBufferSize') == buffer
         assert profile_in_force('sendBufferSize') is None
 
@@ -155,7 +156,7 @@ def test_a_shared_memory_that_cannot_be_written_to_is_said_first(
     publisher = start('img_publisher', source='pattern', max_frames=1, within=(
         *mount_namespace, 'sh', '-c', 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$0" "$@"'))
     assert publisher.finish() == 0, publisher.output
-    assert '/dev/shm cannot be written to, so that frames go over UDP' in \
+    assert '/dev/shm is not writable: frames are sent over UDP' in \
         publisher.output.splitlines()[0]
 
 
@@ -165,7 +166,7 @@ def test_a_shared_memory_that_cannot_be_written_to_is_no_error(
     nowhere = tmp_path / 'nowhere'
     monkeypatch.setattr(transport, 'SHARED_MEMORY', nowhere)
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path if is_writable else nowhere))
-    with transport_for_frames(VGA):
+    with configured_fastdds(VGA):
         assert profile_in_force('nanosec') == (100_000_000 if is_writable else None)
     assert PROFILE not in os.environ
     assert list(tmp_path.iterdir()) == []
@@ -173,7 +174,7 @@ def test_a_shared_memory_that_cannot_be_written_to_is_no_error(
 
 def test_the_profile_goes_away_when_making_the_node_fails() -> None:
     paths = []
-    with pytest.raises(ValueError, match='no node'), transport_for_frames(VGA):
+    with pytest.raises(ValueError, match='no node'), configured_fastdds(VGA):
         paths.append(Path(os.environ[PROFILE]))
         raise ValueError('no node')
     assert PROFILE not in os.environ
@@ -181,26 +182,26 @@ def test_the_profile_goes_away_when_making_the_node_fails() -> None:
 
 
 @pytest.mark.parametrize(('made', 'frame_bytes', 'words'), [
-    (Transport('', 0, 8 * MB), FULL_HD, (
-        '/dev/shm had 8 MB free', 'frames of 5.93 MB', 'give it 94.9 MB', '--shm-size=95m',
+    (FastDdsSetup('', 0, 8 * MB), FULL_HD, (
+        '/dev/shm had 8 MB free', 'frames of 5.93 MB', 'increase it to 94.9 MB', '--shm-size=95m',
         '--ipc=host')),
-    (Transport('', 32 * MB, 64 * MB), UHD_4K, (
+    (FastDdsSetup('', 32 * MB, 64 * MB), UHD_4K, (
         '/dev/shm had 64 MB free', 'frames of 23.7 MB', '--shm-size=380m')),
-    (Transport('', 16 * MB, 2048 * MB), FULL_HD, (
-        '16 MB that was reserved at the start', 'frames of 5.93 MB',
-        'start the node with the size that it publishes'))])
+    (FastDdsSetup('', 16 * MB, 2048 * MB), FULL_HD, (
+        '16 MB reserved at startup', 'frames of 5.93 MB',
+        'start the node with the frame size that it publishes'))])
 def test_frames_that_do_not_fit_are_told_with_what_helps(
-        made: Transport, frame_bytes: int, words: tuple[str, ...]) -> None:
-    sentence = made.misfit(frame_bytes)
+        made: FastDdsSetup, frame_bytes: int, words: tuple[str, ...]) -> None:
+    sentence = made.size_warning(frame_bytes)
     assert [word for word in words if word not in sentence] == []
 
 
 @pytest.mark.parametrize('made', [
-    Transport('', 3 * FULL_HD, 8 * MB), Transport('', 256 * MB, 2048 * MB), Transport('left'),
-    UNTOUCHED])
+    FastDdsSetup('', 3 * FULL_HD, 8 * MB), FastDdsSetup('', 256 * MB, 2048 * MB),
+    FastDdsSetup('left'), NOT_CONFIGURED])
 def test_nothing_is_told_of_frames_that_fit_or_where_the_user_has_chosen(
-        made: Transport) -> None:
-    assert made.misfit(FULL_HD) == ''
+        made: FastDdsSetup) -> None:
+    assert made.size_warning(FULL_HD) == ''
 
 
 @pytest.mark.process
@@ -232,9 +233,9 @@ def test_what_the_user_configured_is_left_alone(
     monkeypatch.setenv(variable, value)
     segment = make_segment(folder, 1)
     before = dict(os.environ)
-    with transport_for_frames(UHD_4K) as made:
+    with configured_fastdds(UHD_4K) as made:
         assert dict(os.environ) == before
-    assert made == Transport(f'Fast DDS and malloc are left as they are: {reason}')
+    assert made == FastDdsSetup(f'Fast DDS and malloc are not configured: {reason}')
     assert segment.exists()
 
 
@@ -242,16 +243,16 @@ def test_what_the_user_configured_is_left_alone(
     'DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml'])
 def test_a_profile_in_the_folder_is_left_alone(tmp_path: Path, name: str) -> None:
     (tmp_path / name).touch()
-    with transport_for_frames(UHD_4K) as made:
+    with configured_fastdds(UHD_4K) as made:
         assert PROFILE not in os.environ
-    assert made == Transport(f'Fast DDS and malloc are left as they are: there is {name}')
+    assert made == FastDdsSetup(f'Fast DDS and malloc are not configured: {name} exists')
 
 
-@pytest.mark.parametrize(('choice', 'remark', 'is_large'), [
+@pytest.mark.parametrize(('choice', 'summary', 'is_large'), [
     ('', '16 MB of shared memory', True),
-    ('default', 'left as they are: OPENCV_TOOLS_TRANSPORT is default', False)])
+    ('default', 'not configured: OPENCV_TOOLS_TRANSPORT is default', False)])
 def test_the_publisher_says_once_what_was_set_up(
-        start: Start, monkeypatch: pytest.MonkeyPatch, choice: str, remark: str,
+        start: Start, monkeypatch: pytest.MonkeyPatch, choice: str, summary: str,
         is_large: bool) -> None:
     monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', choice)
     publisher = start('img_publisher', '--ros-args', '--log-level', 'img_publisher:=debug', '--',
@@ -262,7 +263,7 @@ def test_the_publisher_says_once_what_was_set_up(
     assert publisher.finish() == 0, publisher.output
     lines = [line for line in publisher.output.splitlines() if '[DEBUG]' in line]
     assert len(lines) == 1, lines
-    assert remark in lines[0]
+    assert summary in lines[0]
     assert (max(sizes) > 16 * MB) is is_large
     assert is_large or max(sizes) < LARGEST_OF_FAST_DDS
 
@@ -270,8 +271,8 @@ def test_the_publisher_says_once_what_was_set_up(
 # Other users
 
 @pytest.mark.parametrize(('discovery', 'sentence', 'frames'), [
-    ('SUBNET', 'frames go over UDP and may come late; run all nodes as one user', 3),
-    ('LOCALHOST', 'no frame goes between those nodes and this one while', 0)])
+    ('SUBNET', 'frames are sent over UDP and may be late; run all nodes as one user', 3),
+    ('LOCALHOST', 'those nodes and this one exchange no frames', 0)])
 def test_frames_go_from_user_to_user_over_udp_or_it_is_said(
         start: Start, mount_namespace: tuple[str, ...], monkeypatch: pytest.MonkeyPatch,
         tmp_path: Path, discovery: str, sentence: str, frames: int) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from threading import Barrier, Thread
 import time
 
-from opencv_tools.recording.trouble import Throttle, Troubles
+from opencv_tools.recording.trouble import FailureLog, Throttle
 import pytest
 from switching import switching_in
 
@@ -59,37 +59,37 @@ def letters(number: int) -> str:
 
 def test_reasons_are_told_once_however_many_there_are(clock: Time) -> None:
     console = Console()
-    troubles = Troubles(console)
+    failure_log = FailureLog(console)
     for number in range(300):
         clock.now += 1
         for _ in range(3):
-            troubles.failed(f'reason {letters(number)}')
+            failure_log.bad_frame(f'reason {letters(number)}')
     assert console.lines == [f'reason {letters(number)}' for number in range(300)]
-    troubles.failed('reason aa')  # the first, long ago
+    failure_log.bad_frame('reason aa')  # the first, long ago
     assert console.lines[-1] == 'reason aa'
 
 
 def test_other_numbers_are_no_other_reason(clock: Time) -> None:
     console = Console()
-    troubles = Troubles(console)
+    failure_log = FailureLog(console)
     for number in range(30):
         clock.now += 1
-        troubles.failed(f'{number}x{number} image with step {2 * number}')
-        troubles.outage(f'{number} bytes of {10 * number} were written')
+        failure_log.bad_frame(f'{number}x{number} image with step {2 * number}')
+        failure_log.write_failed(f'{number} bytes of {10 * number} were written')
     assert console.lines == ['0x0 image with step 0', '0 bytes of 0 were written']
 
 
-@pytest.mark.parametrize('name', ['failed', 'outage'])
+@pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
 def test_no_more_than_a_line_a_second_is_told_for_long(name: str, clock: Time) -> None:
     console = Console()
-    troubles = Troubles(console)
+    failure_log = FailureLog(console)
     for number in range(600):
         clock.now += 1 / 60
-        getattr(troubles, name)(f'reason {letters(number)}')
+        getattr(failure_log, name)(f'reason {letters(number)}')
     assert 18 <= len(console.lines) <= 20  # ten at once, and ten seconds
     counted = sum(int(line.split()[-2]) for line in console.lines if line.endswith(' more)'))
     clock.now += 60
-    getattr(troubles, name)('the last reason')
+    getattr(failure_log, name)('the last reason')
     last = console.lines[-1]
     assert last.startswith('the last reason (and ')
     assert counted + int(last.split()[-2]) + len(console.lines) == 600 + 1
@@ -97,22 +97,22 @@ def test_no_more_than_a_line_a_second_is_told_for_long(name: str, clock: Time) -
 
 def test_an_end_that_may_not_be_told_now_is_told_with_a_later_frame(clock: Time) -> None:
     console = Console()
-    troubles = Troubles(console)
+    failure_log = FailureLog(console)
     for _ in range(20):
-        troubles.outage('full')
-        troubles.written()
+        failure_log.write_failed('full')
+        failure_log.write_succeeded()
     assert len(console.lines) == 10
     assert sum(line.startswith('Writing again') for line in console.lines) == 5
     clock.now += 1
-    troubles.written()
+    failure_log.write_succeeded()
     assert console.lines[-1].startswith('Writing again; 15 frames were not written')
-    troubles.written()
+    failure_log.write_succeeded()
     assert len(console.lines) == 11
 
 
 def test_what_a_library_says_becomes_a_sentence_with_a_remedy() -> None:
     console = Console()
-    Troubles(console).failed(
+    FailureLog(console).bad_frame(
         'a frame was not written: a 65535x1 frame cannot be encoded as .mp4: [Errno 542398533] '
         'Generic error in an external library: \'avcodec_open2("libx264", {"crf": "23"})\' '
         'returned 542398533; last error log: [libx264] \x1b[31m')
@@ -123,38 +123,38 @@ def test_what_a_library_says_becomes_a_sentence_with_a_remedy() -> None:
 
 def test_what_is_told_is_printable_and_no_longer_than_needed() -> None:
     console = Console()
-    troubles = Troubles(console)
-    troubles.failed('\x1b[2J' + 'a' * 10**6)
-    troubles.outage('\x1b[2J' + 'b' * 10**6)
+    failure_log = FailureLog(console)
+    failure_log.bad_frame('\x1b[2J' + 'a' * 10**6)
+    failure_log.write_failed('\x1b[2J' + 'b' * 10**6)
     assert all(line.isprintable() and len(line) <= 400 for line in console.lines)
     assert len(console.lines) == 2
 
 
 def test_an_outage_is_told_when_it_begins_changes_and_ends() -> None:
     console = Console()
-    troubles = Troubles(console)
-    troubles.written()
+    failure_log = FailureLog(console)
+    failure_log.write_succeeded()
     for reason in ('full', 'full', 'gone', 'full'):
-        troubles.outage(reason)
-    troubles.written()
-    troubles.written()
-    troubles.outage('full')
-    troubles.written()
+        failure_log.write_failed(reason)
+    failure_log.write_succeeded()
+    failure_log.write_succeeded()
+    failure_log.write_failed('full')
+    failure_log.write_succeeded()
     assert console.lines == ['full', 'gone', 'full', 'Writing again; 4 frames were not written',
                              'full', 'Writing again; 1 frames were not written']
 
 
-@pytest.mark.parametrize('name', ['failed', 'outage'])
+@pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
 def test_threads_with_one_trouble_tell_it_once(name: str) -> None:
     console = Console()
-    troubles = Troubles(console)
+    failure_log = FailureLog(console)
     together = Barrier(8)
 
     def meet() -> None:
         together.wait()
-        getattr(troubles, name)('no space')
+        getattr(failure_log, name)('no space')
 
-    with switching_in(getattr(Troubles, name)):
+    with switching_in(getattr(FailureLog, name)):
         threads = [Thread(target=meet) for _ in range(8)]
         for thread in threads:
             thread.start()

@@ -154,7 +154,7 @@ def test_models_that_nobody_can_turn_are_told_once(
         assert message == CameraInfo(width=size[0], height=size[1])
     assert len(warnings) == 1
     assert warnings[0] == (
-        f'a calibration with {len(d)} numbers of distortion model {model!r} can be neither '
+        f'a calibration with {len(d)} coefficients of distortion model {model!r} can be neither '
         'flipped nor rotated: set flip to none and rotate to 0; '
         'camera_info is published uncalibrated')
     assert calibration.message(Header(), WIDTH, HEIGHT).k[0] == 500.5
@@ -167,7 +167,7 @@ def test_a_skew_is_mirrored_and_not_rotated() -> None:
     info = make_info(k=k)
     assert turn_camera_info(info, turned_axes('vertical', 0)).k[1] == -2.5
     assert turn_camera_info(info, turned_axes('none', 180)).k[1] == 2.5
-    with pytest.raises(CameraInfoError, match='no rectangles cannot be rotated'):
+    with pytest.raises(CameraInfoError, match='skewed pixel axes cannot be rotated'):
         turn_camera_info(info, turned_axes('none', 90))
     k[3] = 1.0
     assert turn_camera_info(make_info(k=k), turned_axes('none', 0)) == make_info(k=k)

@@ -109,7 +109,7 @@ def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_writte
     for message in messages:
         publisher.publish(message)
     assert subscriber.finish() == 1
-    assert 'message left out: Unrecognized image encoding []' in subscriber.output
+    assert 'message not recorded: Unrecognized image encoding []' in subscriber.output
     assert ': 2 written to' in subscriber.output and '6 failed' in subscriber.output
     assert 'Received 8 frames' in subscriber.output
     expected = np.frombuffer(good.data, np.uint8).reshape(4, 6, 3)

@@ -32,8 +32,8 @@ import cv2
 import numpy as np
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.recording.killed_video import count_frames
-from opencv_tools.recording.video import check_video, FORMATS, VideoWriter
-from opencv_tools.recording.video_picture import video_picture, VideoError
+from opencv_tools.recording.video import check_video, VIDEO_FORMATS, VideoWriter
+from opencv_tools.recording.video_picture import to_video_frame, VideoError
 import pytest
 
 START_NS = 1_700_000_000_123_456_789
@@ -41,7 +41,7 @@ BLOCK = 8
 BITS = 16
 TOLERANCE_MS = {'.mp4': 0.02, '.mkv': 0.51, '.avi': 1.7}
 
-every_format = pytest.mark.parametrize('suffix', FORMATS)
+every_format = pytest.mark.parametrize('suffix', VIDEO_FORMATS)
 
 
 def draw(number: int, height: int = 2 * BLOCK) -> np.ndarray:
@@ -60,7 +60,7 @@ def read(image: np.ndarray) -> int:
 
 def record(path: Path, frames: dict[int, int], crf: int = 23) -> VideoWriter:
     """Write a video of numbers, each at its time."""
-    pictures = {number: video_picture(draw(number), 'mono8', path.suffix) for number in frames}
+    pictures = {number: to_video_frame(draw(number), 'mono8', path.suffix) for number in frames}
     writer = VideoWriter(path, next(iter(pictures.values())), START_NS, crf)
     for number, time_ns in frames.items():
         writer.write(pictures[number], time_ns)
@@ -142,7 +142,7 @@ def test_a_key_frame_comes_each_second_and_the_comment_tells_the_start(
 @pytest.mark.parametrize('crf', [18, 40])
 def test_crf_is_the_quality(tmp_path: Path, crf: int) -> None:
     path = tmp_path / 'video.mkv'
-    picture = video_picture(draw(0, 128), 'mono8', '.mkv')
+    picture = to_video_frame(draw(0, 128), 'mono8', '.mkv')
     writer = VideoWriter(path, picture, 0, crf)
     writer.write(picture, 0)
     writer.close()
@@ -165,7 +165,7 @@ def test_colors_are_true(
     for color, begin, end in zip(COLORS.values(), edges, edges[1:]):
         image[:, begin:end] = color
     path = tmp_path / f'video{suffix}'
-    picture = video_picture(image[..., ::-1] if encoding == 'rgb8' else image, encoding, suffix)
+    picture = to_video_frame(image[..., ::-1] if encoding == 'rgb8' else image, encoding, suffix)
     writer = VideoWriter(path, picture, 0, 12)
     writer.write(picture, 0)
     writer.close()
@@ -184,7 +184,7 @@ def test_colors_are_true(
 def test_gray_stays_gray(tmp_path: Path, suffix: str) -> None:
     ramp = np.repeat(np.arange(256, dtype=np.uint8), 16).reshape(64, 64).repeat(2, axis=1)
     path = tmp_path / f'video{suffix}'
-    picture = video_picture(ramp, 'mono8', suffix)
+    picture = to_video_frame(ramp, 'mono8', suffix)
     writer = VideoWriter(path, picture, 0, 0)
     writer.write(picture, 0)
     writer.close()
@@ -194,7 +194,7 @@ def test_gray_stays_gray(tmp_path: Path, suffix: str) -> None:
 
 def planes(image: np.ndarray, encoding: str) -> list[np.ndarray]:
     """Give Y, Cb and Cr of a frame as the encoder gets them."""
-    frame = video_picture(image, encoding, '.mkv').frame
+    frame = to_video_frame(image, encoding, '.mkv').frame
     return [np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, :plane.width]
             for plane in frame.planes]
 
@@ -227,7 +227,7 @@ def test_colors_are_those_of_the_standard(color: str, size: tuple[int, int]) -> 
 def test_no_size_is_cropped_or_padded(
         tmp_path: Path, size: tuple[int, int], suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
-    picture = video_picture(np.full((*size, 3), (30, 80, 140), np.uint8), 'bgr8', suffix)
+    picture = to_video_frame(np.full((*size, 3), (30, 80, 140), np.uint8), 'bgr8', suffix)
     writer = VideoWriter(path, picture, 0)
     for number in range(3):
         writer.write(picture, number * 10 ** 8)
@@ -238,7 +238,7 @@ def test_no_size_is_cropped_or_padded(
 
 
 def test_a_size_that_the_encoder_refuses(tmp_path: Path) -> None:
-    picture = video_picture(np.zeros((2, 40000), np.uint8), 'mono8', '.mp4')
+    picture = to_video_frame(np.zeros((2, 40000), np.uint8), 'mono8', '.mp4')
     with pytest.raises(VideoError, match=r'a 40000x2 frame cannot be encoded as \.mp4: '):
         VideoWriter(tmp_path / 'video.mp4', picture, 0)
     assert not list(tmp_path.iterdir())
@@ -257,11 +257,11 @@ def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
     shape = (encoding.rows(8), 6, encoding.channels)[:2 + (encoding.channels > 1)]
     image = np.full(shape, 100, encoding.dtype)
     if name in TAKEN or (to_color and name in CONVERTED):
-        assert video_picture(image, name, '.mkv', to_color).form == (6, 8, 'yuv420p')
+        assert to_video_frame(image, name, '.mkv', to_color).stream_format == (6, 8, 'yuv420p')
     else:
         with pytest.raises(VideoError) as caught:
-            video_picture(image, name, '.mkv', to_color)
-        assert str(caught.value) == f'a {name} frame cannot be kept as .mkv'
+            to_video_frame(image, name, '.mkv', to_color)
+        assert str(caught.value) == f'a {name} frame cannot be stored as .mkv'
 
 
 @pytest.mark.parametrize(('name', 'image', 'color'), [
@@ -274,7 +274,7 @@ def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
 def test_raw_colors_are_converted(
         tmp_path: Path, name: str, image: np.ndarray, color: tuple[int, int, int]) -> None:
     path = tmp_path / 'video.mp4'
-    picture = video_picture(image, name, '.mp4', to_color=True)
+    picture = to_video_frame(image, name, '.mp4', to_color=True)
     writer = VideoWriter(path, picture, 0, 12)
     writer.write(picture, 0)
     writer.close()
@@ -284,8 +284,8 @@ def test_raw_colors_are_converted(
 
 
 def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(VideoError, match=r'an empty frame, 0x5, cannot be kept as \.mp4$'):
-        video_picture(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.mp4')
+    with pytest.raises(VideoError, match=r'an empty frame \(0x5\) cannot be stored as \.mp4$'):
+        to_video_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.mp4')
 
 
 @pytest.mark.parametrize('size', [(20, 30), (21, 31)])
@@ -294,8 +294,8 @@ def test_a_view_is_read_and_not_changed(size: tuple[int, int]) -> None:
     large.flags.writeable = False
     view = large[::-2, 2:2 + size[1], 2::-1]
     before = large.copy()
-    picture = video_picture(view, 'bgr8', '.mkv')
-    other = video_picture(view.copy(), 'bgr8', '.mkv')
+    picture = to_video_frame(view, 'bgr8', '.mkv')
+    other = to_video_frame(view.copy(), 'bgr8', '.mkv')
     kept = [picture.frame.to_ndarray(format='rgb24') for picture in (picture, other)]
     np.testing.assert_array_equal(*kept)
     np.testing.assert_array_equal(large, before)
@@ -303,11 +303,11 @@ def test_a_view_is_read_and_not_changed(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize(('suffix', 'longest'), [('.mp4', 3600), ('.mkv', 3600), ('.avi', 199)])
 def test_what_fits_into_one_file(tmp_path: Path, suffix: str, longest: int) -> None:
-    first = video_picture(np.zeros((16, 16), np.uint8), 'mono8', suffix)
+    first = to_video_frame(np.zeros((16, 16), np.uint8), 'mono8', suffix)
     writer = VideoWriter(tmp_path / f'video{suffix}', first, START_NS)
     writer.write(first, START_NS)
-    color = video_picture(np.zeros((16, 16, 3), np.uint8), 'bgr8', suffix)
-    wider = video_picture(np.zeros((16, 18), np.uint8), 'mono8', suffix)
+    color = to_video_frame(np.zeros((16, 16, 3), np.uint8), 'bgr8', suffix)
+    wider = to_video_frame(np.zeros((16, 18), np.uint8), 'mono8', suffix)
     second = 10 ** 9
     assert writer.fits(color, START_NS + second)
     assert not writer.fits(wider, START_NS + second)
@@ -323,13 +323,13 @@ def test_a_file_that_exists_is_not_touched(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     path.write_text('kept')
     with pytest.raises(FileExistsError):
-        VideoWriter(path, video_picture(draw(0), 'mono8', suffix), 0)
+        VideoWriter(path, to_video_frame(draw(0), 'mono8', suffix), 0)
     assert path.read_text() == 'kept'
 
 
 @every_format
 def test_a_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
-    writer = VideoWriter(tmp_path / f'video{suffix}', video_picture(draw(0), 'mono8', suffix), 0)
+    writer = VideoWriter(tmp_path / f'video{suffix}', to_video_frame(draw(0), 'mono8', suffix), 0)
     writer.close()
     writer.close()
     assert not list(tmp_path.iterdir())
@@ -337,7 +337,7 @@ def test_a_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
 
 @every_format
 def test_a_file_that_is_forgotten_is_ended(tmp_path: Path, suffix: str) -> None:
-    picture = video_picture(draw(7), 'mono8', suffix)
+    picture = to_video_frame(draw(7), 'mono8', suffix)
     writer = VideoWriter(tmp_path / f'video{suffix}', picture, 0)
     writer.write(picture, 0)
     del writer
@@ -348,7 +348,7 @@ def test_a_file_that_is_forgotten_is_ended(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize('size', [100_000, 250_001])
 def test_a_full_disk(tmp_path: Path, size: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
-    pictures = [video_picture(draw(number, 64), 'mono8', suffix) for number in range(300)]
+    pictures = [to_video_frame(draw(number, 64), 'mono8', suffix) for number in range(300)]
     with disk_of(size):
         writer = VideoWriter(path, pictures[0], 0)
         with pytest.raises(OSError) as caught:
@@ -371,7 +371,7 @@ def test_a_full_disk(tmp_path: Path, size: int, suffix: str) -> None:
 @every_format
 def test_a_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
-    pictures = [video_picture(draw(number), 'mono8', suffix) for number in range(25)]
+    pictures = [to_video_frame(draw(number), 'mono8', suffix) for number in range(25)]
     writer = VideoWriter(path, pictures[0], 0)
     for number, picture in enumerate(pictures):
         writer.write(picture, number * 50_000_000)
@@ -390,7 +390,7 @@ def test_a_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
 def test_an_end_that_fits_in_part_keeps_what_it_counts(
         tmp_path: Path, room: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
-    pictures = [video_picture(draw(number), 'mono8', suffix) for number in range(25)]
+    pictures = [to_video_frame(draw(number), 'mono8', suffix) for number in range(25)]
     writer = VideoWriter(path, pictures[0], 0)
     for number, picture in enumerate(pictures):
         writer.write(picture, number * 50_000_000)
@@ -403,7 +403,7 @@ def test_an_end_that_fits_in_part_keeps_what_it_counts(
 @pytest.mark.parametrize('height', [16, 128])
 def test_what_is_flushed_is_whole_in_the_file(tmp_path: Path, height: int, suffix: str) -> None:
     path, copy = tmp_path / f'video{suffix}', tmp_path / f'copy{suffix}'
-    pictures = [video_picture(draw(number, height), 'mono8', suffix) for number in range(45)]
+    pictures = [to_video_frame(draw(number, height), 'mono8', suffix) for number in range(45)]
     writer = VideoWriter(path, pictures[0], 0)
     flushed = []
     for number, picture in enumerate(pictures):
@@ -421,13 +421,13 @@ def test_what_is_flushed_is_whole_in_the_file(tmp_path: Path, height: int, suffi
 @pytest.mark.parametrize('height', [16, 128])
 def test_no_file_is_larger_than_it_may_be(tmp_path: Path, height: int, suffix: str) -> None:
     for max_bytes in (1, 1000, 6000, 20_001, 60_000, 10**6):
-        pictures = [video_picture(draw(number, height), 'mono8', suffix) for number in range(60)]
+        pictures = [to_video_frame(draw(number, height), 'mono8', suffix) for number in range(60)]
         path = tmp_path / f'{max_bytes}{suffix}'
         writer = VideoWriter(path, pictures[0], 0, max_bytes=max_bytes)
         is_taken = [writer.write(picture, number * 50_000_000)
                     for number, picture in enumerate(pictures)]
         writer.close()
-        assert writer.frames == sum(is_taken) == writer.flushed + writer.left_out
+        assert writer.frames == sum(is_taken) == writer.flushed + writer.skipped
         assert is_taken == sorted(is_taken, reverse=True)
         size = path.stat().st_size if path.exists() else 0
         assert size <= max_bytes
@@ -466,7 +466,7 @@ def test_what_may_be_something_else_is_not_called_empty(
 
 
 def test_a_failure_does_not_keep_the_encoder(tmp_path: Path) -> None:
-    picture = video_picture(draw(0), 'mono8', '.mkv')
+    picture = to_video_frame(draw(0), 'mono8', '.mkv')
     writer = VideoWriter(tmp_path / 'video.mkv', picture, 0)
     with disk_of(writer.bytes_written + 10), suppress(OSError):
         for number in range(100):
@@ -480,7 +480,7 @@ def test_a_failure_does_not_keep_the_encoder(tmp_path: Path) -> None:
 
 @every_format
 def test_a_disk_that_is_full_at_the_beginning(tmp_path: Path, suffix: str) -> None:
-    picture = video_picture(draw(0), 'mono8', suffix)
+    picture = to_video_frame(draw(0), 'mono8', suffix)
     with disk_of(10), pytest.raises(OSError) as caught:
         VideoWriter(tmp_path / f'video{suffix}', picture, 0)
     assert caught.value.errno == errno.EFBIG
@@ -492,11 +492,11 @@ import itertools, pathlib, sys, time
 sys.path.insert(0, sys.argv[2])
 from test_video import draw
 from opencv_tools.recording.video import VideoWriter
-from opencv_tools.recording.video_picture import video_picture
+from opencv_tools.recording.video_picture import to_video_frame
 path = pathlib.Path(sys.argv[1])
 writer = None
 for number in itertools.count():
-    picture = video_picture(draw(number, 64), 'mono8', path.suffix)
+    picture = to_video_frame(draw(number, 64), 'mono8', path.suffix)
     writer = writer or VideoWriter(path, picture, 0)
     writer.write(picture, number * 50_000_000)
     print(number, flush=True)

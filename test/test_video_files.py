@@ -32,15 +32,15 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.files import check_format, open_files
+from opencv_tools.recording.files import check_format, open_sink
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.recorder import Files, Recorder
-from opencv_tools.recording.selection import FullError, Limits
+from opencv_tools.recording.recorder import Recorder, Sink
+from opencv_tools.recording.selection import LimitReached, Limits
 from opencv_tools.recording.video_picture import VideoError
-from opencv_tools.recording.writers import Format, UnwritableError
+from opencv_tools.recording.writers import EncoderSettings, UnwritableError
 import pytest
 from stepped_clock import SteppedClock
 from test_recording import Console
@@ -53,10 +53,10 @@ SMALL, WIDE = (16, 16), (16, 32)
 def open_videos(
     folder: Path, name: str = 'clip.mkv', on_exists: str = 'continue', limits: Limits = NO_LIMITS,
     monotonic: Callable[[], float] = time.monotonic,
-) -> Files[Any]:
+) -> Sink[Any]:
     names = FileNames(name)
-    return open_files(folder, names, Format(names.suffix), on_exists, limits, sync=False,
-                      monotonic=monotonic)
+    return open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False,
+                     monotonic=monotonic)
 
 
 def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
@@ -64,11 +64,11 @@ def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
     return RawFrame(NANO + number * NANO // 20, 'camera', 'mono8', '/video_frames', 7, image)
 
 
-def put(videos: Files[Any], frame: RawFrame) -> str:
+def put(videos: Sink[Any], frame: RawFrame) -> str:
     return videos.commit(frame, videos.prepare(frame)).name
 
 
-def put_all(videos: Files[Any], numbers: Iterable[int], error: str = '') -> int:
+def put_all(videos: Sink[Any], numbers: Iterable[int], error: str = '') -> int:
     """Put frames; the number of those that were not taken, which an error must say."""
     failed = 0
     for number in numbers:
@@ -125,16 +125,16 @@ def test_a_second_recording(
 def test_videos_take_no_more_bytes_than_they_may(tmp_path: Path, name: str) -> None:
     videos = open_videos(tmp_path, name, limits=Limits(max_bytes=30_000))
     taken = 0
-    with pytest.raises(FullError, match=r'^max_bytes is 30000$'):
+    with pytest.raises(LimitReached, match=r'^max_bytes is 30000$'):
         for taken in range(1000):
             put(videos, noise(taken, SMALL if taken < 60 else WIDE))
-    with pytest.raises(FullError):
+    with pytest.raises(LimitReached):
         put(videos, noise(1000, SMALL))
     videos.close()
     found = lines(tmp_path)
-    standing = videos.standing
-    assert standing.kept + standing.left_out == taken and standing.left_out < 2
-    assert sum(line[2] for line in found) == standing.kept and len(found) == 2
+    counts = videos.counts
+    assert counts.kept + counts.skipped == taken and counts.skipped < 2
+    assert sum(line[2] for line in found) == counts.kept and len(found) == 2
     size = sum(path.stat().st_size for path in recorded_files(tmp_path))
     assert 30_000 - 1500 < size <= 30_000  # a packet and what stands beside it
 
@@ -145,7 +145,7 @@ def test_no_video_is_begun_that_has_no_room(tmp_path: Path, more: int, count: in
     videos.close()
     size = (tmp_path / 'one' / 'clip.mkv').stat().st_size
     videos = open_videos(tmp_path / 'two', limits=Limits(max_bytes=size + 200 + more))
-    with pytest.raises(FullError):
+    with pytest.raises(LimitReached):
         for number, image_size in enumerate((SMALL, WIDE, (32, 32), (16, 64), (64, 16))):
             put(videos, noise(number, image_size))
     videos.close()
@@ -170,14 +170,14 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
 RECORD_AND_DIE = """
 import os, pathlib, sys
 import numpy as np
-from opencv_tools.recording.files import open_files
+from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import Format
+from opencv_tools.recording.writers import EncoderSettings
 names = FileNames(sys.argv[2])
-videos = open_files(pathlib.Path(sys.argv[1]), names, Format(names.suffix), 'continue', Limits(),
-                    False)
+videos = open_sink(pathlib.Path(sys.argv[1]), names, EncoderSettings(names.suffix), 'continue',
+                   Limits(), False)
 for number in range(int(sys.argv[3])):
     image = np.full((16, 16), number, np.uint8)
     frame = RawFrame(10**9 + number * 10**9 // 20, 'camera', 'mono8', '', 7, image)
@@ -213,20 +213,20 @@ def test_a_full_disk_ends_the_file_and_another_begins_when_there_is_room(
     with disk_of(20_000):
         failed = put_all(videos, range(150), too_large)
     assert first.stat().st_size <= 20_000
-    assert videos.standing.kept == play(first) > 1
-    assert videos.standing.kept + videos.standing.lost + failed == 150
+    assert videos.counts.kept == play(first) > 1
+    assert videos.counts.kept + videos.counts.lost + failed == 150
     with disk_of(100):  # where the line has no room, either
         for number in range(150, 250, 25):
             assert put_all(videos, range(number, number + 25), too_large) >= 24
             assert recorded_files(tmp_path) == [first]
             clock.step_to(clock.now + 2)
-    assert videos.standing.kept == play(first)
+    assert videos.counts.kept == play(first)
     put_all(videos, range(250, 300))
     videos.close()
     assert play(second) == 50
     assert lines(tmp_path) == [(first.name, 0, play(first), [16, 16]),
                                (second.name, lines(tmp_path)[1][1], 50, [16, 16])]
-    assert videos.standing.kept == play(first) + 50
+    assert videos.counts.kept == play(first) + 50
     assert not list(tmp_path.glob('.*'))
 
 
@@ -258,10 +258,10 @@ def test_every_frame_is_accounted_for_on_a_full_disk(tmp_path: Path, suffix: str
             recorder.put(noise(number))
             clock.step_to(clock.now + 0.05)
         recorder.close()
-    account = recorder.account
-    assert account.written + account.failed == 200
+    counts = recorder.counts
+    assert counts.written + counts.failed == 200
     files = recorded_files(tmp_path)
-    assert account.written == sum(map(play, files)) == sum(line[2] for line in lines(tmp_path))
+    assert counts.written == sum(map(play, files)) == sum(line[2] for line in lines(tmp_path))
     assert all(play(path) for path in files) and len(files) < 10
     assert console.lines[0] == f'error: a frame was not written: {os.strerror(errno.EFBIG)}'
 
@@ -323,12 +323,12 @@ def test_a_video_that_is_gone_is_noticed_and_another_begins(
             assert done.wait(DEADLINE)
 
     put_and_wait(range(30))
-    assert recorder.account.written > 0
+    assert recorder.counts.written > 0
     action(folder)
     clock.step_to(clock.now + 1)
     put_and_wait(range(30, 60))
     recorder.close()
-    assert (recorder.account.written, recorder.account.failed) == (30, 30)
+    assert (recorder.counts.written, recorder.counts.failed) == (30, 30)
     assert console.lines == [
         'error: a frame was not written: clip.mkv was removed or moved while it was written',
         'info: Writing again; 30 frames were not written']
@@ -345,11 +345,11 @@ def test_a_video_that_is_gone_at_the_end_has_no_line(
     for number in range(30):
         recorder.put(noise(number))
     wait = time.monotonic() + DEADLINE
-    while not videos.standing.kept and time.monotonic() < wait:
+    while not videos.counts.kept and time.monotonic() < wait:
         time.sleep(0.01)
     action(folder)
     recorder.close()
-    assert (recorder.account.written, recorder.account.failed) == (0, 30)
+    assert (recorder.counts.written, recorder.counts.failed) == (0, 30)
     assert not (folder / 'manifest.jsonl').exists()
     assert action is not replace_file or (folder / 'clip.mkv').read_text() == 'mine'
 
@@ -360,8 +360,8 @@ def test_two_that_overwrite_one_another_say_what_is_there(tmp_path: Path) -> Non
     put_all(second, range(20))
     first.close()
     second.close()
-    assert (first.standing.kept, first.standing.lost) == (0, 30)
-    assert second.standing.kept == play(tmp_path / 'clip.mkv') == 20
+    assert (first.counts.kept, first.counts.lost) == (0, 30)
+    assert second.counts.kept == play(tmp_path / 'clip.mkv') == 20
     assert lines(tmp_path) == [('clip.mkv', 0, 20, [16, 16])]
 
 
@@ -406,23 +406,23 @@ def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path
     assert lines(tmp_path) == [('clip.mkv', 0, 1, [16, 16])]
 
 
-@pytest.mark.parametrize(('encoding', 'dtype', 'able'), [
+@pytest.mark.parametrize(('encoding', 'dtype', 'suffixes'), [
     ('mono16', 'uint16', '.png or .tif or .tiff or .npy'),
     ('32FC1', 'float32', '.tif or .tiff or .npy'), ('bayer_rggb16', 'uint16', '.npy'),
     ('16SC1', 'int16', '.npy')])
 def test_a_frame_that_is_refused_is_told_where_it_fits(
-        tmp_path: Path, encoding: str, dtype: str, able: str) -> None:
+        tmp_path: Path, encoding: str, dtype: str, suffixes: str) -> None:
     videos = open_videos(tmp_path)
     frame = RawFrame(1, '', encoding, '', 1, np.zeros((4, 4), dtype))
     with pytest.raises(UnwritableError) as caught:
         videos.prepare(frame)
-    assert str(caught.value) == (f'a {encoding} frame cannot be kept as .mkv; '
-                                 f'set the extension of file_name to {able}')
+    assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
+                                 f'set the extension of file_name to {suffixes}')
     videos.close()
 
 
 def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^a ring deletes the oldest .* a \.mp4 is one file'):
+    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
         open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
     assert not (tmp_path / 'out').exists()
 
@@ -440,5 +440,5 @@ def test_without_pyav_videos_alone_are_refused(
     assert not (tmp_path / 'out').exists()
     check_format('.png')
     open_videos(tmp_path / 'out', 'x.png').close()
-    with pytest.raises(ValueError, match=r'^the extension is one of \.png, .*\.npy, \.mp4, '):
+    with pytest.raises(ValueError, match=r"^the extension '\.gif' .* \.png, .*\.npy, \.mp4, "):
         check_format('.gif')

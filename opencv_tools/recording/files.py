@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What frames are written to: a file each, or a video."""
+"""Creation of the sink of a recording: image files or videos."""
 
 from __future__ import annotations
 
@@ -26,60 +26,59 @@ from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.picture_files import PictureFiles
-from opencv_tools.recording.recorder import Files
+from opencv_tools.recording.picture_files import ImageSink
+from opencv_tools.recording.recorder import Sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.video import check_video, FORMATS as VIDEO_FORMATS
-from opencv_tools.recording.video_files import VideoFiles
+from opencv_tools.recording.video import check_video, VIDEO_FORMATS
+from opencv_tools.recording.video_files import VideoSink
 from opencv_tools.recording.video_picture import VideoError
-from opencv_tools.recording.writers import Format, FORMATS as PICTURE_FORMATS
+from opencv_tools.recording.writers import EncoderSettings, IMAGE_FORMATS
 
 
-# What helps against errors of a folder whose own words name no cure.
+# Remedies for errors of the output folder, where the text of the system error names none.
 _REMEDIES = {
-    errno.EEXIST: 'it is no folder, but a file or a link that leads to none; name another folder',
-    errno.ELOOP: 'a link in it leads back to itself; name another folder',
-    errno.ENAMETOOLONG: 'it is too long for the file system; name a folder with a shorter path',
+    errno.EEXIST: 'it is a file or a broken link; set output_dir to a folder',
+    errno.ELOOP: 'its path contains a loop of links; set output_dir to another folder',
+    errno.ENAMETOOLONG: 'it is too long for the file system; set output_dir to a shorter path',
 }
 
 
 def check_format(suffix: str) -> None:
     """
-    Refuse a format that is not known, or that cannot be written on this machine.
+    Check that files of a format can be written on this machine.
 
     :param suffix: file name extension with its dot, in lower case.
-    :raises ValueError: nothing here writes such files, or what writes videos is not installed.
+    :raises ValueError: the extension is unknown, or the video encoder is not installed.
     """
-    known = (*PICTURE_FORMATS, *VIDEO_FORMATS)
+    known = (*IMAGE_FORMATS, *VIDEO_FORMATS)
     if suffix not in known:
-        raise ValueError(f'the extension is one of {", ".join(known)}')
+        raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
     if suffix in VIDEO_FORMATS:
         check_video()
 
 
-def open_files(
-    path: Path, names: FileNames, wanted: Format, on_exists: str, limits: Limits, sync: bool,
-    monotonic: Callable[[], float] = time.monotonic,
-) -> Files[Any]:
+def open_sink(
+    path: Path, names: FileNames, settings: EncoderSettings, on_exists: str, limits: Limits,
+    sync: bool, monotonic: Callable[[], float] = time.monotonic,
+) -> Sink[Any]:
     """
-    Make ready what frames are written to.
+    Create the sink that frames are written to.
 
-    :param path: the folder, which is made when it is missing.
-    :param names: names of the files.
-    :param wanted: what frames become.
-    :param on_exists: what is done about files that are there already.
-    :param limits: how much is recorded.
-    :param sync: have each file on the disk before it gets its name.
-    :param monotonic: returns seconds of a clock that only goes on, by which a video that cannot
-        be written is tried again.
-    :returns: files for a recorder.
-    :raises RecordingError: the folder cannot be written to, files that are there are in the way,
-        or videos cannot be written here.
+    :param path: output folder, created if it does not exist.
+    :param names: template of the file names.
+    :param settings: format and encoder settings of the files.
+    :param on_exists: handling of existing files, one of ``ON_EXISTS``.
+    :param limits: limits of the recording.
+    :param sync: whether each file is flushed to disk before it gets its final name.
+    :param monotonic: monotonic clock in seconds, for the retries of a video.
+    :returns: the sink, for a recorder.
+    :raises RecordingError: the folder cannot be used, existing files are in the way, or videos
+        cannot be encoded on this machine.
     """
-    is_video = wanted.suffix in VIDEO_FORMATS
+    is_video = settings.suffix in VIDEO_FORMATS
     if is_video and limits.ring:
-        raise RecordingError(f'a ring deletes the oldest files, and a {wanted.suffix} is one file '
-                             'of many frames; set the extension of file_name to .png or .jpg')
+        raise RecordingError(f'ring deletes the oldest files, but a {settings.suffix} recording '
+                             'is one file; set the extension of file_name to .png or .jpg')
     try:
         if is_video:
             check_video()
@@ -89,8 +88,8 @@ def open_files(
     try:
         numbering = Numbering(names, folder, on_exists)
         if is_video:
-            return VideoFiles(folder, numbering, wanted, limits, monotonic)
-        return PictureFiles(folder, numbering, wanted, limits, sync)
+            return VideoSink(folder, numbering, settings, limits, monotonic)
+        return ImageSink(folder, numbering, settings, limits, sync)
     except OSError as err:
         folder.close()
         raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
@@ -101,9 +100,9 @@ def open_files(
 
 def _open_folder(path: Path, sync: bool) -> Folder:
     """
-    Open a folder.
+    Open the output folder.
 
-    :raises RecordingError: it cannot be used; the message says what helps.
+    :raises RecordingError: the folder cannot be used; the message includes the remedy.
     """
     try:
         return Folder(path, sync)

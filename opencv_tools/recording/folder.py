@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The folder of a recording: files in it are whole or not there, and have a line each."""
+"""Output folder of a recording: atomic files, each with its line in the manifest."""
 
 from __future__ import annotations
 
@@ -30,50 +30,50 @@ from threading import Lock
 from typing import Any
 
 from opencv_tools.recording.killed_video import count_frames
-from opencv_tools.recording.manifest import Entry, is_file, Manifest, parse_line
+from opencv_tools.recording.manifest import is_same_file, Manifest, ManifestEntry, parse_line
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
-# Every run has a journal, and temporary files with its name before theirs.
+# Each recording has a journal. The names of its temporary files begin with the same prefix.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
 _OWN = re.compile(r'\.recording-[0-9a-z]+-')
 _LINE = 1 << 24
 
-# Lines that the manifest could not take, at most. A file begins only where there is room for it,
-# so that there are few.
-_MOST_OWED = 100
+# Maximum number of manifest lines that wait because the disk is full. Few lines wait, because a
+# new file begins only if the disk has room for it.
+_MAX_DEFERRED = 100
 
-# What file systems say that have no hard links, or no more for this file.
+# Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
 
 
 class RecordingError(Exception):
-    """A folder that cannot be recorded to; the message says why."""
+    """An output folder cannot be used; the message includes the reason."""
 
 
 class Folder:
     """
-    Write files under temporary names, and give them theirs with their line in the manifest.
+    Write files under temporary names, then rename them and add their lines to the manifest.
 
-    A journal, locked as long as this lives, holds the line of the file that gets its name next,
-    behind those that the manifest could not take. So whoever finds an abandoned one knows which
-    temporary files nobody will finish, and which files were left without their line.
+    The journal is locked while this object is open. It holds the lines that the manifest could
+    not take, and the line of the file that is renamed next. The next recording reads an unlocked
+    journal, removes the temporary files and completes the manifest.
     """
 
     def __init__(self, path: Path, sync: bool = False) -> None:
         """
-        Make the folder when it is missing, and clean up behind recordings that were killed.
+        Create the folder if needed and remove leftovers of killed recordings.
 
-        :param path: where the files go.
-        :param sync: have each file on the disk, not only in memory, before it gets its name.
-        :raises RecordingError: the folder cannot be made or written to.
+        :param path: output folder.
+        :param sync: whether each file is flushed to disk before it gets its final name.
+        :raises RecordingError: the folder cannot be created or written to.
         """
         self.path = path
         self.manifest = Manifest(path)
         self._sync = sync
         self._journal = -1
-        self._owed: list[Entry] = []
+        self._deferred: list[ManifestEntry] = []
         self._numbers = itertools.count()
-        self._making = Lock()
+        self._lock = Lock()
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._open_journal()
@@ -84,7 +84,7 @@ class Folder:
 
     def names(self) -> list[str]:
         """
-        Name the files there are, without those that are hidden.
+        Return the names of all files that are not hidden.
 
         :raises OSError: the folder cannot be read.
         """
@@ -92,31 +92,32 @@ class Folder:
 
     def write(self, data: Any) -> Path:
         """
-        Write a file under a temporary name; more than one thread may.
+        Write a temporary file; thread-safe.
 
-        :param data: a buffer of its content.
-        :returns: where it is.
-        :raises OSError: it cannot be written; then nothing is left of it.
+        :param data: buffer with the content.
+        :returns: path of the temporary file.
+        :raises OSError: the file cannot be written; the incomplete file is removed.
         """
         try:
             return self._write(data)
         except FileNotFoundError:
-            self.make_again()
+            self.recreate()
             return self._write(data)
 
-    def publish(self, temporary: Path, entry: Entry, replace: bool) -> Path:
+    def publish(self, temporary: Path, entry: ManifestEntry, replace: bool) -> Path:
         """
-        Give a file its name, and its line in the manifest; one thread at a time may.
+        Rename a temporary file and add its line to the manifest; one thread at a time.
 
-        :param temporary: what ``write`` gave.
-        :param entry: what the file is called, and its line.
-        :param replace: whether it may take the place of another file.
-        :returns: where it is now.
-        :raises FileExistsError: there is such a file already, and it is not to be replaced.
-        :raises OSError: it cannot be renamed, or has no line; then it is not there.
+        :param temporary: path returned by ``write``.
+        :param entry: manifest entry with the final name.
+        :param replace: whether an existing file of this name is replaced.
+        :returns: final path.
+        :raises FileExistsError: a file of this name exists, and ``replace`` is False.
+        :raises OSError: the file cannot be renamed, or the manifest cannot be written; no file
+            of this name is left.
         """
         target = self.path / entry.name
-        self.announce(entry)
+        self.write_journal(entry)
         if replace:
             temporary.replace(target)
         else:
@@ -128,59 +129,59 @@ class Folder:
             raise
         return target
 
-    def make_again(self) -> None:
+    def recreate(self) -> None:
         """
-        Make the folder again if it was removed, but not what it was in: that may be a mount.
+        Create the folder again if it was removed, but not its parent, which may be a mount point.
 
-        :raises OSError: it cannot be made.
+        :raises OSError: the folder cannot be created.
         """
-        with self._making:
+        with self._lock:
             self.path.mkdir(exist_ok=True)
             if not self._journal_path.exists():
                 os.close(self._journal)
                 self._open_journal()
 
-    def announce(self, entry: Entry) -> None:
+    def write_journal(self, entry: ManifestEntry) -> None:
         """
-        Tell the journal of a file that gets its name now.
+        Write the entry of the next file to the journal.
 
-        :param entry: its line, without a digest when its content is yet to come.
-        :raises OSError: the journal cannot be written to.
+        :param entry: manifest entry, without a digest if the content is not written yet.
+        :raises OSError: the journal cannot be written.
         """
-        self._write_journal(*self._owed, entry)
+        self._overwrite_journal(*self._deferred, entry)
 
-    def owe_line(self, entry: Entry) -> None:
+    def defer_line(self, entry: ManifestEntry) -> None:
         """
-        Keep the line of a file, which it gets with ``settle``.
+        Keep an entry in memory until ``write_deferred`` writes it to the manifest.
 
-        :param entry: the line.
+        :param entry: manifest entry of a finished file.
         """
-        self._owed = [*self._owed, entry][-_MOST_OWED:]
+        self._deferred = [*self._deferred, entry][-_MAX_DEFERRED:]
 
-    def settle(self) -> None:
+    def write_deferred(self) -> None:
         """
-        Add the lines that are owed; those of files that are no more are dropped.
+        Write the kept entries to the manifest; skip those whose file was removed.
 
-        :raises OSError: the manifest cannot be written to; what is left is owed on.
+        :raises OSError: the manifest cannot be written; the remaining entries are kept.
         """
-        while self._owed:
-            if (self.path / self._owed[0].name).exists():
-                self.manifest.append(self._owed[0])
-            self._owed = self._owed[1:]
+        while self._deferred:
+            if (self.path / self._deferred[0].name).exists():
+                self.manifest.append(self._deferred[0])
+            self._deferred = self._deferred[1:]
 
     def close(self) -> None:
-        """Leave the folder as others expect it: without a journal, unless it owes a line."""
+        """Remove the journal, unless it holds an entry that the manifest does not have."""
         if self._journal >= 0:
-            with suppress(OSError):  # of a disk that is gone; the next recording removes it
-                if self._owed:
-                    self._write_journal(*self._owed)
+            with suppress(OSError):  # the disk is gone; the next recording removes the journal
+                if self._deferred:
+                    self._overwrite_journal(*self._deferred)
                 else:
                     self._journal_path.unlink(missing_ok=True)
             os.close(self._journal)
             self._journal = -1
 
-    def _write_journal(self, *entries: Entry) -> None:
-        """Write lines over those that are there; an empty one is their end."""
+    def _overwrite_journal(self, *entries: ManifestEntry) -> None:
+        """Overwrite the journal with entries; an empty line marks the end."""
         os.pwrite(self._journal, b''.join(entry.line() for entry in entries) + b'\n', 0)
 
     def _write(self, data: Any) -> Path:
@@ -202,12 +203,12 @@ class Folder:
             self._journal = os.open(
                 self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             _try_lock(self._journal)
-            if is_file(self._journal, self._journal_path):
+            if is_same_file(self._journal, self._journal_path):
                 return
-            os.close(self._journal)  # one that cleaned up was quicker than the lock
+            os.close(self._journal)  # another recording removed the journal before the lock
 
     def _recover(self) -> None:
-        """Remove what recordings left that were killed, and add the line that one may lack."""
+        """Remove leftovers of killed recordings and add their missing lines to the manifest."""
         hidden = [path.name for path in self.path.glob(f'{_PREFIX}*')]
         for name in hidden:
             prefix = name.removesuffix(_JOURNAL)
@@ -216,7 +217,7 @@ class Folder:
             try:
                 journal = open_regular(self.path / name, os.O_RDWR, follow=False)
             except FileNotFoundError:
-                continue  # another one that begins has cleaned up
+                continue  # another recording removed it
             try:
                 if _try_lock(journal):
                     self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
@@ -225,18 +226,18 @@ class Folder:
                 os.close(journal)
 
     def _complete(self, journal: bytes) -> None:
-        """Add the last lines of a recording that was killed before it could, if it was."""
+        """Write the entries of the journal of a killed recording to the manifest."""
         for line in journal.split(b'\n'):
             try:
                 entry = parse_line(line)
             except ValueError:
-                return  # behind the last of them, or killed before it gave a file its name
+                return  # the end of the entries, or a recording that was killed before the first
             with suppress(FileNotFoundError, RefusedFileError):
                 self._complete_file(entry)
 
-    def _complete_file(self, entry: Entry) -> None:
+    def _complete_file(self, entry: ManifestEntry) -> None:
         found = entry.measured(self.path)
-        # The name may be that of another recording's file, even with the same frame in it.
+        # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(
                 (line.name, line.sha256) == (entry.name, found.sha256)
                 for line in self.manifest.entries()):
@@ -259,9 +260,9 @@ def _write_all(file: int, data: Any) -> None:
 
 def _move(source: Path, target: Path) -> None:
     """
-    Rename a file, but never over another one.
+    Rename a file without replacing another one.
 
-    :raises FileExistsError: there is one.
+    :raises FileExistsError: the target exists.
     """
     try:
         os.link(source, target)
@@ -276,11 +277,11 @@ def _move(source: Path, target: Path) -> None:
 
 
 def _try_lock(file: int) -> bool:
-    """Lock a file, unless a process that lives has it."""
+    """Lock a file without waiting; return whether it was locked."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        return False  # locked, or on a file system where nobody can tell
+        return False  # locked by another process, or the file system has no locks
     return True
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The queue between the thread that receives frames and those that write them."""
+"""Bounded queue between the thread that receives frames and the threads that write them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ T = TypeVar('T')
 
 
 class FrameQueue(Generic[T]):
-    """A queue that, when it is full, lets the oldest go or has who puts wait."""
+    """A bounded queue that drops its oldest item or blocks ``put`` when it is full."""
 
     def __init__(self, size: int, block: bool) -> None:
         """
-        Make it empty.
+        Create an empty queue.
 
-        :param size: how many wait in it at most.
-        :param block: wait for room, instead of making some.
+        :param size: maximum number of items.
+        :param block: whether ``put`` waits for room; otherwise it drops the oldest item.
         """
         self._size = size
         self._block = block
@@ -44,7 +44,7 @@ class FrameQueue(Generic[T]):
         """
         Add an item.
 
-        :returns: the one that was dropped to make room, or None.
+        :returns: the item that was dropped, or None.
         """
         dropped = None
         with self._changed:
@@ -59,23 +59,23 @@ class FrameQueue(Generic[T]):
 
     def get(self) -> tuple[int, T] | None:
         """
-        Wait for an item and take it.
+        Remove the oldest item, after a wait if the queue is empty.
 
-        :returns: its place in the order of all that were taken, from 0, and the item; None when
-            the queue is closed and empty.
+        :returns: sequence number among all removed items, from 0, and the item; None if the queue
+            is closed and empty.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._closed)
             if not self._waiting:
                 return None
-            place = self._taken
+            sequence = self._taken
             self._taken += 1
             item = self._waiting.popleft()
             self._changed.notify_all()
-            return place, item
+            return sequence, item
 
     def close(self) -> None:
-        """Let those that take end, once the queue is empty."""
+        """Close the queue; ``get`` returns the remaining items, then None."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is recorded: frames as they come, raw or compressed."""
+"""Received frames, raw or compressed."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from numpy.typing import NDArray
 from opencv_tools.image.compressed import stored_encoding
 from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.pictures import decode_picture
-from opencv_tools.recording.naming import Labels
+from opencv_tools.recording.naming import FrameMetadata
 
 
 @dataclass(frozen=True)
-class ReceivedFrame(Labels):
+class BaseFrame(FrameMetadata):
     """
-    What frames of both kinds have.
+    The fields that raw and compressed frames share.
 
-    :param receive_ns: when the message came, in nanoseconds of the system's clock.
-    :param arrival_ns: the same in nanoseconds of a clock that nobody sets, CLOCK_MONOTONIC.
+    :param receive_ns: time of reception in nanoseconds of the system clock.
+    :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC, which is never set.
     """
 
     receive_ns: int
@@ -42,33 +42,33 @@ class ReceivedFrame(Labels):
 
     @property
     def time_ns(self) -> int:
-        """Give the time of the frame in nanoseconds: its stamp, or when it came without one."""
+        """Time of the frame in nanoseconds: its stamp, or the time of reception if it has none."""
         return self.stamp_ns or self.receive_ns
 
 
 @dataclass(frozen=True)
-class RawFrame(ReceivedFrame):
+class RawFrame(BaseFrame):
     """
     A frame as pixels.
 
-    :param image: (h, w) or (h, w, c) array of the frame's encoding, that nobody writes to any
-        more; chroma in rows of its own stands below the luma.
+    :param image: immutable (h, w) or (h, w, c) array in the encoding of the frame; planar chroma
+        follows below the rows of luma.
     """
 
     image: NDArray[Any]
 
     def decode(self) -> RawFrame:
-        """Give the frame as pixels."""
+        """Return the frame itself."""
         return self
 
 
 @dataclass(frozen=True)
-class CompressedFrame(ReceivedFrame):
+class CompressedFrame(BaseFrame):
     """
-    A frame as the content of a picture file; its encoding is the format of the message.
+    A frame as a compressed image; its encoding is the format string of the message.
 
-    :param data: a buffer of bytes that nobody writes to any more.
-    :param max_pixels: more than so many are not decoded.
+    :param data: immutable buffer with the compressed image.
+    :param max_pixels: maximum number of pixels to decode.
     """
 
     data: Any
@@ -76,9 +76,9 @@ class CompressedFrame(ReceivedFrame):
 
     def decode(self) -> RawFrame:
         """
-        Give the frame as pixels.
+        Return the decoded frame.
 
-        :raises ImageError: the data are no picture that can be read.
+        :raises ImageError: the data cannot be decoded.
         """
         image = decode_picture(self.data, max_pixels=self.max_pixels)
         encoding = stored_encoding(image, self.encoding)
@@ -86,18 +86,18 @@ class CompressedFrame(ReceivedFrame):
                         image, arrival_ns=self.arrival_ns)
 
 
-class Arrivals:
-    """Convert times of the system's clock, which may be set at any moment, to arrivals."""
+class ArrivalClock:
+    """Convert times of the system clock, which may be set at any moment, to CLOCK_MONOTONIC."""
 
     def __init__(
         self, monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
         """
-        Begin now.
+        Create a converter.
 
-        :param monotonic: returns nanoseconds of a clock that only goes on.
-        :param wall: returns nanoseconds of the system's clock.
+        :param monotonic: monotonic clock in nanoseconds.
+        :param wall: system clock in nanoseconds.
         """
         self._monotonic = monotonic
         self._wall = wall
@@ -105,14 +105,15 @@ class Arrivals:
 
     def arrival_ns(self, receive_ns: int) -> int:
         """
-        Return when a message came, by the monotonic clock; never before the last one, nor later.
+        Return the arrival time of a message; it never decreases and is never in the future.
 
-        :param receive_ns: nanoseconds of the system's clock, a moment ago.
+        :param receive_ns: time of reception in nanoseconds of the system clock.
+        :returns: nanoseconds of the monotonic clock.
         """
         now = self._monotonic()
         self._last = max(self._last, now - max(0, self._wall() - receive_ns))
         return self._last
 
 
-#: What is recorded.
-Frame = RawFrame | CompressedFrame
+#: A frame of either kind.
+ReceivedFrame = RawFrame | CompressedFrame

@@ -12,30 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames of a video whose recording was killed before it could count them."""
+"""Frames of a video whose recording was killed before it counted them."""
 
 from __future__ import annotations
 
 import errno
 from pathlib import Path
 
-from opencv_tools.recording.video import FORMATS
+from opencv_tools.recording.video import VIDEO_FORMATS
 
-# A file of so many bytes may be no more than the header that FFmpeg wrote; an MP4 that was cut off
-# in the header of a fragment cannot be opened either, but has frames that can be rescued.
+# A file up to this size may be only the header that FFmpeg wrote. A larger MP4 that ends inside
+# the header of a fragment cannot be opened either, but its frames can be rescued.
 _HEADER_BYTES = 8192
 
 
 def count_frames(path: Path) -> int | None:
     """
-    Count the frames that are whole in a video.
+    Count the complete frames of a video.
 
-    :param path: of the video, which may end at any byte, and can be read.
-    :returns: the number; None where that cannot be told, and 0 only where nothing of value is in
-        the file: the header of a video.
+    :param path: path of a readable video, which may be truncated anywhere.
+    :returns: number of frames; 0 if the file is only a header; None if the number is unknown.
     :raises OSError: the file cannot be read.
     """
-    if path.suffix.lower() not in FORMATS:
+    if path.suffix.lower() not in VIDEO_FORMATS:
         return None
     try:
         import av
@@ -47,8 +46,8 @@ def count_frames(path: Path) -> int | None:
             for packet in container.demux(video=0):
                 count += bool(packet.size) and not packet.is_corrupt
     except (av.error.InvalidDataError, EOFError, IndexError):
-        pass  # cut off; an IndexError is for want of a stream
+        pass  # truncated; IndexError means that there is no stream
     except av.error.FFmpegError as err:
-        is_read = err.errno == errno.EIO  # cut off, for Matroska; the file itself was read before
+        is_read = err.errno == errno.EIO  # Matroska reports a truncated file by EIO
     is_empty = is_read and path.stat().st_size <= _HEADER_BYTES
     return count or (0 if is_empty else None)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The account of a recording: ``manifest.jsonl``, a line of JSON for each file."""
+"""The manifest of a recording: ``manifest.jsonl``, one line of JSON for each file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.frames import BaseFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
@@ -37,28 +37,28 @@ _BLOCK = 4096
 _CHUNK = 1 << 20
 _TAIL = 1 << 20
 _LINE = 1 << 24
-# The lines of four days at 30 frames a second.
-_LARGEST = 1 << 32
+# Enough for four days at 30 frames a second.
+_MAX_BYTES = 1 << 32
 _MAX_NUMBER = 2**63 - 1
 
 
 @dataclass(frozen=True)
-class Entry:
+class ManifestEntry:
     """
-    One file.
+    The manifest entry of one file.
 
     :param seq: number of the file.
-    :param name: of the file.
-    :param stamp_ns: stamp of its frame, the first one of a video.
-    :param receive_ns: when the frame came, in nanoseconds of the system's clock.
-    :param frame_id: its coordinate frame.
-    :param encoding: of the message, or its format where it was compressed.
-    :param kept_as: encoding of what is in the file.
-    :param width: in pixels, 0 where nobody looked.
-    :param height: in pixels, 0 where nobody looked.
-    :param size: bytes of the file.
-    :param sha256: of its content, in hexadecimal digits.
-    :param frames: how many frames are in it; 0 of a video that was cut off and cannot be read.
+    :param name: name of the file.
+    :param stamp_ns: stamp of the frame in nanoseconds; for a video, of its first frame.
+    :param receive_ns: time of reception of the frame, in nanoseconds of the system clock.
+    :param frame_id: coordinate frame of the frame.
+    :param encoding: encoding of the message, or format string of a compressed message.
+    :param stored_encoding: encoding of the file.
+    :param width: width in pixels; 0 if unknown.
+    :param height: height in pixels; 0 if unknown.
+    :param size: size of the file in bytes.
+    :param sha256: SHA-256 digest of the file, in hexadecimal digits.
+    :param frames: number of frames in the file; 0 for a truncated video that cannot be read.
     """
 
     seq: int
@@ -67,7 +67,7 @@ class Entry:
     receive_ns: int
     frame_id: str
     encoding: str
-    kept_as: str
+    stored_encoding: str
     width: int
     height: int
     size: int
@@ -75,19 +75,21 @@ class Entry:
     frames: int
 
     def line(self) -> bytes:
-        """Write the entry as it stands in the manifest."""
+        """Return the line of the entry in the manifest."""
         fields = {
             'seq': self.seq, 'file': self.name, 'stamp': _time(self.stamp_ns),
             'receive_time': _time(self.receive_ns), 'frame_id': self.frame_id,
-            'encoding': self.encoding, 'kept_as': self.kept_as, 'size': [self.width, self.height],
+            'encoding': self.encoding, 'stored_encoding': self.stored_encoding,
+            'size': [self.width, self.height],
             'bytes': self.size, 'sha256': self.sha256, 'frames': self.frames}
         return json.dumps(fields).encode() + b'\n'
 
-    def measured(self, folder: Path) -> Entry:
+    def measured(self, folder: Path) -> ManifestEntry:
         """
-        Return the entry with the size and the digest that its file has.
+        Return the entry with the size and the digest of its file.
 
-        :raises OSError: there is no such regular file, or it cannot be read.
+        :param folder: folder of the file.
+        :raises OSError: the file is missing, not a regular file, or cannot be read.
         """
         digest, size = hashlib.sha256(), 0
         with os.fdopen(open_regular(folder / self.name, follow=False), 'rb') as file:
@@ -98,47 +100,48 @@ class Entry:
 
 
 def file_entry(
-    seq: int, name: str, frame: ReceivedFrame, kept_as: str, picture_size: tuple[int, int],
+    seq: int, name: str, frame: BaseFrame, stored_encoding: str, picture_size: tuple[int, int],
     size: int = 0, sha256: str = '', frames: int = 0,
-) -> Entry:
-    """Make the entry of a file of a frame, or of a video that begins with it."""
-    return Entry(seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
-                 kept_as, *picture_size, size, sha256, frames)
+) -> ManifestEntry:
+    """Return the entry of an image file, or of a video by its first frame."""
+    return ManifestEntry(
+        seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
+        stored_encoding, *picture_size, size, sha256, frames)
 
 
-def parse_line(line: bytes) -> Entry:
+def parse_line(line: bytes) -> ManifestEntry:
     """
     Read a line of a manifest.
 
-    :raises ValueError: it is not one, or its file is not in the folder of the manifest.
+    :raises ValueError: the line is not a manifest entry, or names a file in another folder.
     """
     try:
         fields = json.loads(line)
         width, height = map(_count, fields['size'])
-        return Entry(
+        return ManifestEntry(
             _count(fields['seq']), _file_name(fields['file']), _nanoseconds(fields['stamp']),
             _nanoseconds(fields['receive_time']), str(fields['frame_id']),
-            str(fields['encoding']), str(fields['kept_as']), width, height,
+            str(fields['encoding']), str(fields['stored_encoding']), width, height,
             _count(fields['bytes']), str(fields['sha256']), _count(fields['frames']))
     except (LookupError, OverflowError, RecursionError, TypeError, UnicodeError) as err:
-        raise ValueError(f'{line[:80]!r} is no line of a manifest') from err
+        raise ValueError(f'{line[:80]!r} is not a line of a manifest') from err
 
 
 class Manifest:
-    """The manifest of a folder, which several recordings may write to at once."""
+    """The manifest of a folder; several recordings may write to it at the same time."""
 
     def __init__(self, folder: Path) -> None:
-        """Name the file; it is made with its first line."""
+        """Store the path; the file is created with its first line."""
         self._path = folder / FILE_NAME
 
-    def append(self, entry: Entry) -> None:
+    def append(self, entry: ManifestEntry) -> None:
         """
-        Add a line, whole or not at all.
+        Write a line atomically at the end of the manifest.
 
-        :raises OSError: it cannot be written.
+        :raises OSError: the manifest cannot be written.
         """
         with self._locked() as file:
-            end = _mend(file)
+            end = _truncate_partial_line(file)
             line = entry.line()
             try:
                 if os.write(file, line) < len(line):
@@ -147,11 +150,11 @@ class Manifest:
                 os.ftruncate(file, end)
                 raise
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[ManifestEntry]:
         """
-        Read all lines; what is none, and was not written here, is passed over.
+        Read all entries; skip lines that are not manifest entries.
 
-        :raises OSError: it cannot be read, or is no regular file.
+        :raises OSError: the manifest cannot be read, or is not a regular file.
         """
         try:
             with self._opened() as file:
@@ -159,11 +162,11 @@ class Manifest:
         except FileNotFoundError:
             return []
 
-    def tail(self) -> list[Entry]:
+    def tail(self) -> list[ManifestEntry]:
         """
-        Read the last lines, as many as tell the highest numbers.
+        Read the last entries, which include the highest numbers.
 
-        :raises OSError: they cannot be read.
+        :raises OSError: the manifest cannot be read.
         """
         try:
             with self._opened() as file:
@@ -173,19 +176,19 @@ class Manifest:
             return []
 
     def compact(
-        self, is_wanted: Callable[[Entry], bool], write: Callable[[bytes], Path],
+        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[bytes], Path],
     ) -> None:
         """
-        Drop the lines that a later one of the same file replaces, and those not wanted.
+        Remove lines that a later line of the same file replaces, and unwanted lines.
 
-        :param is_wanted: tells whether a line is to stay.
-        :param write: writes a file under a temporary name in the folder, and tells which.
-        :raises OSError: it cannot be written anew.
+        :param is_kept: returns whether to keep an entry.
+        :param write: writes a temporary file in the folder and returns its path.
+        :raises OSError: the manifest cannot be rewritten.
         """
         with self._locked() as file:
             with os.fdopen(os.dup(file), 'rb') as reading:
                 last = {entry.name: entry for entry in _parse(reading)}
-                lines = [entry.line() for entry in last.values() if is_wanted(entry)]
+                lines = [entry.line() for entry in last.values() if is_kept(entry)]
                 reading.seek(0)
                 is_same = all(reading.read(len(line)) == line for line in lines)
                 is_same = is_same and not reading.read(1)
@@ -193,17 +196,17 @@ class Manifest:
                 write(b''.join(lines)).replace(self._path)
 
     def _opened(self) -> BinaryIO:
-        return os.fdopen(_checked(open_regular(self._path, follow=False), self._path), 'rb')
+        return os.fdopen(_checked_size(open_regular(self._path, follow=False), self._path), 'rb')
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
-        """Open the file for this process alone."""
+        """Open the manifest with an exclusive lock."""
         while True:
-            file = _checked(open_regular(
+            file = _checked_size(open_regular(
                 self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, follow=False), self._path)
             try:
                 _lock(file)
-                if is_file(file, self._path):
+                if is_same_file(file, self._path):
                     yield file
                     return
             finally:
@@ -211,7 +214,7 @@ class Manifest:
 
 
 def _time(nanoseconds: int) -> dict[str, int]:
-    """Write a time as ROS does, for a number of JSON may lose its last digits."""
+    """Return a time as seconds and nanoseconds; a JSON number may lose the last digits."""
     sec, nanosec = divmod(nanoseconds, NANO)
     return {'sec': sec, 'nanosec': nanosec}
 
@@ -223,42 +226,42 @@ def _nanoseconds(time: dict[str, int]) -> int:
 def _number(value: Any) -> int:
     number = int(value)
     if abs(number) > _MAX_NUMBER:
-        raise ValueError(f'{number:.3e} is larger than any number of a manifest')
+        raise ValueError(f'{number:.3e} is out of range for a manifest')
     return number
 
 
 def _count(value: Any) -> int:
     number = _number(value)
     if number < 0:
-        raise ValueError(f'{number} is no number of a manifest')
+        raise ValueError(f'{number} is negative')
     return number
 
 
 def _file_name(value: Any) -> str:
     """
-    Check that a text names a file of a folder itself, not of another one.
+    Check that a value is a file name without a folder.
 
-    :raises ValueError: it does not, or no file has such a name.
+    :raises ValueError: it is not a file name.
     """
     if not isinstance(value, str) or value in ('', '.', '..') or {'/', '\0'} & set(value):
-        raise ValueError(f'{value!r:.80} is no name of a file in a folder')
+        raise ValueError(f'{value!r:.80} is not a file name')
     os.fsencode(value)
     return value
 
 
-def _checked(file: int, path: Path) -> int:
+def _checked_size(file: int, path: Path) -> int:
     """
-    Check that a manifest is not too large to be read.
+    Check that a manifest is small enough to be read.
 
-    :raises RefusedFileError: it is; the file is then closed.
+    :raises RefusedFileError: the manifest is too large; the file is closed.
     """
-    if os.fstat(file).st_size > _LARGEST:
+    if os.fstat(file).st_size > _MAX_BYTES:
         os.close(file)
-        raise RefusedFileError(path, f'{path.name} is larger than {_LARGEST} bytes', errno.EFBIG)
+        raise RefusedFileError(path, f'{path.name} is larger than {_MAX_BYTES} bytes', errno.EFBIG)
     return file
 
 
-def _parse(file: BinaryIO) -> Iterator[Entry]:
+def _parse(file: BinaryIO) -> Iterator[ManifestEntry]:
     while line := file.readline(_LINE):
         try:
             yield parse_line(line)
@@ -266,8 +269,8 @@ def _parse(file: BinaryIO) -> Iterator[Entry]:
             continue
 
 
-def _mend(file: int) -> int:
-    """Cut off a last line whose end a killed process did not write; where the next one goes."""
+def _truncate_partial_line(file: int) -> int:
+    """Truncate an incomplete last line and return the offset for the next one."""
     end = size = os.fstat(file).st_size
     while end and os.pread(file, 1, end - 1) != b'\n':
         begin = max(0, end - _BLOCK)
@@ -278,13 +281,13 @@ def _mend(file: int) -> int:
 
 
 def _lock(file: int) -> None:
-    """Wait for other processes; where files cannot be locked there is nobody to wait for."""
+    """Wait for an exclusive lock; do nothing on a file system without locks."""
     with suppress(OSError):
         fcntl.flock(file, fcntl.LOCK_EX)
 
 
-def is_file(file: int, path: Path) -> bool:
-    """Tell whether an open file is still the one at a path."""
+def is_same_file(file: int, path: Path) -> bool:
+    """Return whether an open file is still the file at a path."""
     try:
         return os.path.samestat(os.fstat(file), path.lstat())
     except FileNotFoundError:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The next name of a recording: numbers go on, and no file is overwritten unless asked."""
+"""Numbers and names of new files; existing files are not overwritten unless requested."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from typing import TypeVar
 
 from opencv_tools.image.text import printable
 from opencv_tools.recording.folder import Folder, RecordingError
-from opencv_tools.recording.naming import FileNames, Labels, numbered_copy
+from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy
 
 T = TypeVar('T')
 
-_SHOWN = 40  # characters of a name that is too long
+_SHOWN = 40  # characters of a long name in an error message
 
-#: What is done about files that are there already.
+#: Handling of files that exist already.
 ON_EXISTS = ('continue', 'error', 'overwrite')
 
 
 class Numbering:
-    """Find names that are free."""
+    """Find the next free file name."""
 
     def __init__(self, names: FileNames, folder: Folder, on_exists: str) -> None:
         """
-        Begin behind the files that are there, or at 0 when they are to be overwritten.
+        Find the number after the existing files, or 0 if they may be overwritten.
 
-        :param names: the template.
-        :param folder: where the files are.
+        :param names: template of the file names.
+        :param folder: folder of the files.
         :param on_exists: one of ``ON_EXISTS``.
-        :raises RecordingError: there are such files, and that is an error.
+        :raises RecordingError: matching files exist, and ``on_exists`` is ``error``.
         """
         self.replaces = on_exists == 'overwrite'
         self._names = names
@@ -53,26 +53,26 @@ class Numbering:
         taken = [name for name in folder.names() if names.matches(name)]
         if taken and self._only_free:
             raise RecordingError(
-                f'output_dir {folder.path} has {printable(min(taken))} already; '
-                'name another folder, or set on_exists to continue or overwrite')
+                f'output_dir {folder.path} already contains {printable(min(taken))}; '
+                'set output_dir to another folder, or on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
 
     def matches(self, name: str) -> bool:
-        """Tell whether a name may be one of the recording's."""
+        """Return whether a name may belong to this recording."""
         return self._names.matches(name)
 
-    def claim(self, labels: Labels, make: Callable[[int, str], T]) -> T:
+    def claim(self, metadata: FrameMetadata, make: Callable[[int, str], T]) -> T:
         """
-        Have a file made under the next name that is free.
+        Create a file under the next free name.
 
-        :param labels: what names can tell of its frame.
-        :param make: makes the file of a number and a name.
-        :returns: what it returns.
-        :raises FileExistsError: the name is taken, and that is an error.
-        :raises OSError: the file cannot be made; its number is not used.
+        :param metadata: metadata of the frame, for the name.
+        :param make: creates the file of a number and a name; called until a name is free.
+        :returns: the result of ``make``.
+        :raises FileExistsError: the name exists, and ``on_exists`` is ``error``.
+        :raises OSError: the file cannot be created; its number is not used.
         """
-        for seq, name in self._candidates(labels):
+        for seq, name in self._candidates(metadata):
             try:
                 made = make(seq, name)
             except FileExistsError:
@@ -81,23 +81,23 @@ class Numbering:
                 if err.errno != errno.ENAMETOOLONG:
                     raise
                 raise OSError(
-                    err.errno, f'{printable(name, _SHOWN)} is a name of {len(os.fsencode(name))} '
-                    'bytes, too long for the file system, which takes 255 as a rule; '
+                    err.errno, f'the file name {printable(name, _SHOWN)} has '
+                    f'{len(os.fsencode(name))} bytes, too long for the file system (usually 255); '
                     'shorten file_name') from err
             self._seq += 1
             return made
-        raise FileExistsError(errno.EEXIST, f'{name} is there already')
+        raise FileExistsError(errno.EEXIST, f'{name} exists already')
 
-    def _candidates(self, labels: Labels) -> Iterator[tuple[int, str]]:
-        """Give a number and a name, and others as long as they turn out to be taken."""
-        name = self._names.name(self._seq, labels)
+    def _candidates(self, metadata: FrameMetadata) -> Iterator[tuple[int, str]]:
+        """Yield numbers and names to try until one is free."""
+        name = self._names.name(self._seq, metadata)
         if self._only_free:
             yield self._seq, name
         elif self._names.is_numbered:
             while True:
                 yield self._seq, name
                 self._seq += 1
-                name = self._names.name(self._seq, labels)
+                name = self._names.name(self._seq, metadata)
         else:
             first = self._copy[1] if self._copy[0] == name else 0
             for copy in itertools.count(first):

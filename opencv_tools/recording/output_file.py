@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A file that FFmpeg writes to, of which what is whole stays when the disk is full."""
+"""Output file for FFmpeg that keeps its complete part when the disk is full."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
 
-from opencv_tools.recording.manifest import is_file
+from opencv_tools.recording.manifest import is_same_file
 
 
 class OutputFile:
     """
-    A new file as FFmpeg writes to it.
+    A new file that FFmpeg writes to.
 
-    An error is kept here; FFmpeg does not hear of it, for it would make another one of it.
+    Write errors are stored here instead of raised, because FFmpeg would replace them by its own.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,28 +37,29 @@ class OutputFile:
         self.seek, self.tell = self.raw.seek, self.raw.tell
 
     def write(self, data: bytes) -> int:
-        """Write all of it, or nothing after an error."""
+        """Write all data; ignore data after an error."""
         rest = memoryview(data)
         try:
             while rest and self.error is None:
-                rest = rest[self.raw.write(rest):]  # a disk that fills up takes a part
+                rest = rest[self.raw.write(rest):]  # a disk that fills up takes only a part
                 self.size = max(self.size, self.raw.tell())
         except OSError as err:
-            self.error = err.with_traceback(None)  # which would keep the encoder alive
+            self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
         return len(data)
 
-    def is_named(self) -> bool:
-        """Return whether the file is still the one at its path, as far as that can be told."""
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
         try:
-            return is_file(self.raw.fileno(), self._path)
-        except OSError:  # of a folder that may not be read just now
+            return is_same_file(self.raw.fileno(), self._path)
+        except OSError:  # the folder cannot be read now
             return True
 
     def check(self, whole: int) -> None:
         """
-        Raise the error that was met, if any.
+        Raise the stored write error, if any.
 
-        :param whole: size of what is surely whole; what stands behind it is cut off then.
+        :param whole: size of the complete part in bytes; after an error the rest is truncated.
+        :raises OSError: a write failed.
         """
         if self.error is not None:
             with suppress(OSError):

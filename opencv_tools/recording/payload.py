@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The content of compressed frames, as far as it tells itself without being decoded."""
+"""Format and size of compressed frames, read from their headers without decoding."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from opencv_tools.image.picture_size import PNG_BEGINS
 from opencv_tools.pictures import check_whole, PictureError
 
 _PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
-_CHUNK_BYTES = 12  # beside its content
+_CHUNK_BYTES = 12  # length, type and checksum of a chunk
 
 
 @dataclass(frozen=True)
-class Payload:
+class ImageHeader:
     """
-    What a picture says of itself.
+    Format and size of a compressed image.
 
-    :param suffixes: extensions of such files; empty for a format that is not looked into.
-    :param width: pixels a row.
-    :param height: rows.
+    :param suffixes: file name extensions of the format; empty for an unknown format.
+    :param width: width in pixels.
+    :param height: height in pixels.
     """
 
     suffixes: tuple[str, ...]
@@ -44,33 +44,34 @@ class Payload:
     height: int = 0
 
 
-def read_payload(data: Any) -> Payload:
+def read_image_header(data: Any) -> ImageHeader:
     """
-    Look into the content of a picture file.
+    Read the header of a compressed image and check that the image is complete.
 
-    :param data: a buffer with its bytes.
-    :returns: the format and the size, where it is PNG or JPEG.
-    :raises PictureError: it is one of these, but not a whole one: the sums of a PNG say so, or
-        the markers of a JPEG, whose pixels are not decoded.
+    A PNG is checked by its checksums. A JPEG is checked by its markers, without decoding.
+
+    :param data: buffer with the compressed image.
+    :returns: format and size of a PNG or JPEG.
+    :raises PictureError: the PNG or JPEG is damaged or incomplete.
     """
     content = bytes(data)
     if content.startswith(PNG_BEGINS):
-        return Payload(('.png',), *_check_png(content))
+        return ImageHeader(('.png',), *_check_png(content))
     if content.startswith(JPEG_BEGINS):
         check_whole(content)
-        return Payload(('.jpg', '.jpeg'), *jpeg_size(content))
-    return Payload(())
+        return ImageHeader(('.jpg', '.jpeg'), *jpeg_size(content))
+    return ImageHeader(())
 
 
 def _check_png(png: bytes) -> tuple[int, int]:
     """
-    Check that each chunk of a PNG is whole.
+    Check the chunks of a PNG.
 
     :returns: width and height.
-    :raises PictureError: one is not, or those are missing that every PNG has.
+    :raises PictureError: a chunk is damaged, or a required chunk is missing.
     """
     if not png.endswith(_PNG_ENDS):
-        raise PictureError(f'{len(png)} bytes of a picture whose end is missing')
+        raise PictureError(f'{len(png)} bytes of a PNG picture whose end is missing')
     view = memoryview(png)
     position, kinds = len(PNG_BEGINS), set()
     try:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames as files of their own."""
+"""Recording of frames as image files."""
 
 from __future__ import annotations
 
@@ -24,78 +24,78 @@ from pathlib import Path
 from typing import BinaryIO
 
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import Frame
-from opencv_tools.recording.manifest import Entry, file_entry
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.recorder import Standing
-from opencv_tools.recording.selection import Budget, Limits
-from opencv_tools.recording.writers import Content, encode_frame, Format
+from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.selection import Limits, Retention
+from opencv_tools.recording.writers import encode_frame, EncodedImage, EncoderSettings
 
-# Lines of files that are no more are dropped when there are so many, and more than of others.
-_MANY_LINES = 100
+# The manifest is compacted when so many lines, and more than half of them, have no file.
+_MIN_STALE_LINES = 100
 
 
 @dataclass(frozen=True)
-class PreparedPicture:
+class PreparedImage:
     """
-    A file that only lacks its name.
+    A temporary file that is ready to be renamed.
 
-    :param temporary: where it is.
-    :param content: what is in it, without the data.
-    :param size: bytes of it.
-    :param sha256: of its content, in hexadecimal digits.
+    :param temporary: path of the temporary file.
+    :param content: content of the file, without its data.
+    :param size: size of the file in bytes.
+    :param sha256: SHA-256 digest of the file, in hexadecimal digits.
     """
 
     temporary: Path
-    content: Content
+    content: EncodedImage
     size: int
     sha256: str
 
     def discard(self) -> None:
-        """Remove the file, which gets no name."""
+        """Remove the temporary file."""
         with suppress(OSError):  # the next recording removes it
             self.temporary.unlink(missing_ok=True)
 
 
-class PictureFiles:
-    """Write each frame to a file."""
+class ImageSink:
+    """Write each frame to an image file."""
 
     def __init__(
-        self, folder: Folder, numbering: Numbering, wanted: Format, limits: Limits,
+        self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
         sync: bool = False,
     ) -> None:
         """
-        Take account of the files that are there.
+        Read the manifest of the existing files.
 
-        :param folder: where the files go, which is left when this is closed.
-        :param numbering: finds their names.
-        :param wanted: what frames become.
-        :param limits: how much is kept.
-        :param sync: have each file on the disk before it gets its name, as the folder has.
-        :raises OSError: the account of earlier files cannot be read.
+        :param folder: output folder, closed together with this sink.
+        :param numbering: source of the file names.
+        :param settings: format and encoder settings of the files.
+        :param limits: limits of the recording.
+        :param sync: whether each file is flushed to disk before it gets its final name.
+        :raises OSError: the manifest cannot be read.
         """
-        self.standing = Standing()
+        self.counts = SinkCounts()
         self._folder = folder
         self._numbering = numbering
-        self._wanted = wanted
+        self._settings = settings
         self._sync = sync
-        self._loses_files = limits.ring or numbering.replaces
+        self._removes_files = limits.ring or numbering.replaces
         self._stale_lines = 0
         self._compact()
         earlier = folder.manifest.entries() if limits.ring else []
-        self._budget = Budget(limits, [
+        self._retention = Retention(limits, [
             entry for entry in earlier if numbering.matches(entry.name)])
 
-    def prepare(self, frame: Frame) -> PreparedPicture:
+    def prepare(self, frame: ReceivedFrame) -> PreparedImage:
         """
-        Write a frame under a temporary name; more than one thread may.
+        Encode a frame and write it to a temporary file; thread-safe.
 
-        :param frame: the frame.
-        :returns: the file.
+        :param frame: frame to write.
+        :returns: the temporary file.
         :raises ImageError: the format cannot hold the frame.
-        :raises OSError: it cannot be written.
+        :raises OSError: the file cannot be written.
         """
-        content = encode_frame(frame, self._wanted)
+        content = encode_frame(frame, self._settings)
         parts = content.parts()
         data = next(parts)
         digest, size = hashlib.sha256(data), data.nbytes
@@ -112,50 +112,50 @@ class PictureFiles:
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
-        return PreparedPicture(
+        return PreparedImage(
             temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
 
-    def commit(self, frame: Frame, picture: PreparedPicture) -> Path:
+    def commit(self, frame: ReceivedFrame, image: PreparedImage) -> Path:
         """
-        Give a file its name; one thread at a time may, in the order of the frames.
+        Rename a temporary file; one thread at a time, in the order of the frames.
 
-        :param frame: what is in the file.
-        :param picture: the file.
-        :returns: where it is now.
-        :raises FullError: the recording is as large as it may get.
-        :raises OSError: it cannot be given its name, or not be accounted for.
+        :param frame: frame in the file.
+        :param image: temporary file of the frame.
+        :returns: final path.
+        :raises LimitReached: the recording has reached its limits.
+        :raises OSError: the file cannot be renamed or added to the manifest.
         """
-        content = picture.content
+        content = image.content
         path = self._numbering.claim(frame, lambda seq, name: self._publish(
-            picture.temporary, file_entry(
+            image.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                picture.size, picture.sha256, frames=1), frame.arrival_ns))
-        self.standing.kept += 1
-        if self._stale_lines > max(_MANY_LINES, self._budget.count):
+                image.size, image.sha256, frames=1), frame.arrival_ns))
+        self.counts.kept += 1
+        if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
             self._compact()
         return path
 
     def close(self) -> None:
-        """Drop the lines of files that are no more, and leave the folder."""
+        """Remove the lines of deleted files from the manifest, and close the folder."""
         try:
             if self._stale_lines:
                 self._compact()
         finally:
             self._folder.close()
 
-    def _publish(self, temporary: Path, entry: Entry, arrival_ns: int) -> Path:
-        gone = self._budget.make_room(entry, arrival_ns)
+    def _publish(self, temporary: Path, entry: ManifestEntry, arrival_ns: int) -> Path:
+        gone = self._retention.make_room(entry, arrival_ns)
         for name in gone:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
         self._stale_lines += len(gone) or self._numbering.replaces
-        self._budget.add(entry, gone, arrival_ns)
+        self._retention.add(entry, gone, arrival_ns)
         return path
 
     def _compact(self) -> None:
-        """Leave lines of our files only where a ring did not delete them, and one a file."""
+        """Remove the lines of deleted and replaced files from the manifest."""
         self._stale_lines = 0
-        if self._loses_files:
+        if self._removes_files:
             self._folder.manifest.compact(
                 lambda entry: not self._numbering.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)
@@ -164,4 +164,4 @@ class PictureFiles:
 def _write_all(file: BinaryIO, part: memoryview) -> None:
     rest = part
     while rest:
-        rest = rest[file.write(rest):]  # a disk that fills up takes a part
+        rest = rest[file.write(rest):]  # a disk that fills up takes only a part

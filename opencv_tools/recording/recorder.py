@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames to files: a queue, a few threads that write, and an order that they keep."""
+"""Recorder of frames: a queue, threads that encode, and commits in the order of the frames."""
 
 from __future__ import annotations
 
@@ -25,76 +25,76 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.frame_queue import FrameQueue
-from opencv_tools.recording.frames import Frame
-from opencv_tools.recording.selection import FullError
-from opencv_tools.recording.trouble import Log, Throttle, Troubles
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.selection import LimitReached
+from opencv_tools.recording.trouble import FailureLog, Log, Throttle
 
 QUEUE_SIZE = 64  # frames
 
-# Told where a frame is, or why it is nowhere.
+# Called with the path of a written frame, or with the reason why it was not written.
 OnDone = Callable[[Path | str], object]
 
 
 class Prepared(Protocol):
-    """What remains to be put in its place."""
+    """A prepared frame that is not committed yet."""
 
     def discard(self) -> None:
-        """Let go of it."""
+        """Release the prepared frame."""
 
 
 P = TypeVar('P', bound=Prepared)
 
 
 @dataclass
-class Standing:
+class SinkCounts:
     """
-    What became of the frames that were put in their place.
+    Counts of the frames that were committed to a sink.
 
-    :param kept: frames that are whole in files; fewer when a file is lost.
-    :param lost: frames that were taken and are in no file.
-    :param left_out: frames that were taken and were too much for the limits.
-    :param reason: why frames were lost the last time.
+    :param kept: frames that are complete in files; decreases when a file is lost.
+    :param lost: frames that were accepted but are in no file.
+    :param skipped: frames that were accepted but exceeded the limits.
+    :param reason: reason for the latest loss.
     """
 
     kept: int = 0
     lost: int = 0
-    left_out: int = 0
+    skipped: int = 0
     reason: str = ''
 
 
-class Files(Protocol[P]):
+class Sink(Protocol[P]):
     """
-    What frames are written to.
+    Destination of recorded frames.
 
-    A frame that was put in its place may wait in memory. It has its part in ``standing`` when it
-    is known what became of it: at the latest when the files are closed.
+    A committed frame may wait in memory. ``counts`` includes it when it is written or lost, at the
+    latest in ``close``.
     """
 
-    standing: Standing
+    counts: SinkCounts
 
-    def prepare(self, frame: Frame) -> P:
-        """Do what takes time; more than one thread may."""
+    def prepare(self, frame: ReceivedFrame) -> P:
+        """Encode a frame; thread-safe."""
 
-    def commit(self, frame: Frame, prepared: P) -> Path:
-        """Put a frame in its place, one after another in their order; where it is."""
+    def commit(self, frame: ReceivedFrame, prepared: P) -> Path:
+        """Write a prepared frame and return its path; called in the order of the frames."""
 
     def close(self) -> None:
-        """Finish."""
+        """Finish all files."""
 
 
 @dataclass
-class Account:
-    """What became of the frames that were handed over; those that wait are not in it."""
+class FrameCounts:
+    """Counts of the frames that were put into a recorder; frames in the queue are not counted."""
 
     written: int = 0
     dropped: int = 0
     failed: int = 0
-    left_out: int = 0
+    skipped: int = 0
 
 
 @dataclass(frozen=True)
 class _Job:
-    frame: Frame
+    frame: ReceivedFrame
     on_done: OnDone | None
 
     def done(self, outcome: Path | str) -> None:
@@ -103,143 +103,146 @@ class _Job:
 
 
 class Recorder(Generic[P]):
-    """Write each frame beside the thread that hands it over, and in the order they came."""
+    """Write frames in worker threads, preserving their order."""
 
     def __init__(
-        self, files: Files[P], log: Log, queue_size: int = QUEUE_SIZE, writers: int = 0,
+        self, sink: Sink[P], log: Log, queue_size: int = QUEUE_SIZE, writers: int = 0,
         block: bool = False, on_full: Callable[[], object] = lambda: None,
     ) -> None:
         """
-        Start the threads.
+        Start the worker threads.
 
-        :param files: what frames are written to.
-        :param log: where trouble is told.
-        :param queue_size: frames that may wait to be written.
-        :param writers: threads that write; 0 for as many as there are processors.
-        :param block: when the queue is full, have ``put`` wait, instead of dropping the oldest.
-        :param on_full: told, on any thread, that the files are as large as they may get.
+        :param sink: destination of the frames.
+        :param log: log for failures.
+        :param queue_size: maximum number of frames that wait to be written.
+        :param writers: number of worker threads; 0 for one per processor.
+        :param block: whether ``put`` waits when the queue is full; otherwise the oldest frame is
+            dropped.
+        :param on_full: called on any thread when the recording reaches its limits.
         """
-        self.account = Account()
+        self.counts = FrameCounts()
         self.is_full = False
-        self.is_unfinished = False  # though no frame may have failed
-        self._seen = Standing()
-        self._files = files
+        self.is_unfinished = False  # closing the files failed, although no frame may have
+        self._seen = SinkCounts()
+        self._sink = sink
         self._log = log
         self._on_full = on_full
         self._queue: FrameQueue[_Job] = FrameQueue(queue_size, block)
         self._queue_size = queue_size
-        self._troubles = Troubles(log)
+        self._failure_log = FailureLog(log)
         self._drop_warnings = Throttle()
         self._ordering = Lock()
         self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
-        self._next_place = 0
+        self._next_sequence = 0
         self._threads = [Thread(target=self._write_all, name=f'writer-{index}', daemon=True)
                          for index in range(writers or len(os.sched_getaffinity(0)))]
         for thread in self._threads:
             thread.start()
 
-    def put(self, frame: Frame, on_done: OnDone | None = None) -> bool:
+    def put(self, frame: ReceivedFrame, on_done: OnDone | None = None) -> bool:
         """
-        Hand a frame over to be written.
+        Put a frame into the queue.
 
-        :param frame: the frame, which nobody changes any more.
-        :param on_done: told, on any thread, where it was written or why it was not.
-        :returns: False when another one, the oldest that waits, was dropped for it.
+        :param frame: immutable frame.
+        :param on_done: called on any thread with the path of the frame, or the reason why it was
+            not written.
+        :returns: False if the oldest frame of the queue was dropped.
         """
         dropped = self._queue.put(_Job(frame, on_done))
         if not dropped:
             return True
-        self.account.dropped += 1
+        self.counts.dropped += 1
         if self._drop_warnings.passes():
             self._log.warning(
-                f'{self.account.dropped} frames dropped: they come faster than they are written, '
-                f'and {self._queue_size} wait already; write .jpg, take every_n, or raise '
-                'queue_size')
-        dropped.done('it was dropped, as the queue is full')
+                f'{self.counts.dropped} frames dropped: they arrive faster than they are '
+                f'written, and the queue of {self._queue_size} is full; write .jpg, set every_n, '
+                'or raise queue_size')
+        dropped.done('the frame was dropped because the queue is full')
         return False
 
     def close(self) -> None:
-        """Write what waits in the queue, end the threads and finish the files."""
+        """Write the queued frames, stop the threads and finish the files."""
         self._queue.close()
         for thread in self._threads:
             thread.join()
         if self._threads:
             self._threads.clear()
             try:
-                self._files.close()
+                self._sink.close()
             except (OSError, ImageError) as err:
                 self.is_unfinished = True
-                self._log.error(f'the recording was not finished: {reason_of(err)}')
+                self._log.error(f'the recording was not finished: {error_text(err)}')
             finally:
-                self._settle()
+                self._update_counts()
 
     def _write_all(self) -> None:
         while (taken := self._queue.get()) is not None:
-            place, job = taken
+            sequence, job = taken
             prepared = self._prepare(job.frame)
             with self._ordering:
-                self._out_of_order[place] = job, prepared
-                while self._next_place in self._out_of_order:
-                    self._finish(*self._out_of_order.pop(self._next_place))
-                    self._next_place += 1
+                self._out_of_order[sequence] = job, prepared
+                while self._next_sequence in self._out_of_order:
+                    self._finish(*self._out_of_order.pop(self._next_sequence))
+                    self._next_sequence += 1
 
-    def _prepare(self, frame: Frame) -> P | Exception:
-        """Do what needs no order; what failed is told in its turn."""
+    def _prepare(self, frame: ReceivedFrame) -> P | Exception:
+        """Prepare a frame on any thread; return an error, which is reported in order."""
         if self.is_full:
-            return FullError('the recording is full')
+            return LimitReached('the recording has reached its limits')
         try:
-            return self._files.prepare(frame)
-        except Exception as err:  # noqa: B902 - the frames behind it wait for its turn
+            return self._sink.prepare(frame)
+        except Exception as err:  # noqa: B902 - later frames wait for the turn of this one
             return err
 
     def _finish(self, job: _Job, prepared: P | Exception) -> None:
-        """Put a frame in its place, and take account of it."""
+        """Commit a frame and count the outcome."""
         try:
             path = self._commit(job.frame, prepared)
-        except FullError as err:
-            self.account.left_out += 1
+        except LimitReached as err:
+            self.counts.skipped += 1
             self._end(err)
             job.done(str(err))
         except Exception as err:  # noqa: B902 - as above
-            self.account.failed += 1
-            tell = self._troubles.outage if isinstance(err, OSError) else self._troubles.failed
-            tell(f'a frame was not written: {reason_of(err)}')
-            job.done(reason_of(err))
+            self.counts.failed += 1
+            log = (self._failure_log.write_failed if isinstance(err, OSError)
+                   else self._failure_log.bad_frame)
+            log(f'a frame was not written: {error_text(err)}')
+            job.done(error_text(err))
         else:
             job.done(path)
         finally:
-            self._settle()
+            self._update_counts()
 
-    def _settle(self) -> None:
-        """Count what became of the frames that were put in their place."""
-        standing, seen, account = replace(self._files.standing), self._seen, self.account
-        self._seen = standing
-        for _ in range(standing.lost - seen.lost):
-            self._troubles.outage(f'a frame was not written: {standing.reason}')
-        if standing.kept > seen.kept:
-            self._troubles.written()
-        account.written += standing.kept - seen.kept
-        account.failed += standing.lost - seen.lost
-        account.left_out += standing.left_out - seen.left_out
+    def _update_counts(self) -> None:
+        """Count the outcome of committed frames and log losses."""
+        now, seen, counts = replace(self._sink.counts), self._seen, self.counts
+        self._seen = now
+        for _ in range(now.lost - seen.lost):
+            self._failure_log.write_failed(f'a frame was not written: {now.reason}')
+        if now.kept > seen.kept:
+            self._failure_log.write_succeeded()
+        counts.written += now.kept - seen.kept
+        counts.failed += now.lost - seen.lost
+        counts.skipped += now.skipped - seen.skipped
 
-    def _commit(self, frame: Frame, prepared: P | Exception) -> Path:
+    def _commit(self, frame: ReceivedFrame, prepared: P | Exception) -> Path:
         if isinstance(prepared, Exception):
             raise prepared
         try:
             if self.is_full:
-                raise FullError('the recording is full')
-            return self._files.commit(frame, prepared)
+                raise LimitReached('the recording has reached its limits')
+            return self._sink.commit(frame, prepared)
         except Exception:  # noqa: B902 - it is raised again
             prepared.discard()
             raise
 
-    def _end(self, err: FullError) -> None:
+    def _end(self, err: LimitReached) -> None:
         if not self.is_full:
             self.is_full = True
-            self._log.info(f'The recording is full: {err}')
+            self._log.info(f'Recording limit reached: {err}')
             self._on_full()
 
 
-def reason_of(err: Exception) -> str:
-    """Say what failed, without the name of a file that is another for every frame."""
+def error_text(err: Exception) -> str:
+    """Return the text of an error, without a file name that differs for every frame."""
     return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which of the frames that come are recorded, and for how long."""
+"""Selection of the frames to record, and limits of a recording."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
-from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.recording.manifest import Entry
+from opencv_tools.recording.frames import BaseFrame
+from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import NANO
 
-# Frames that come a little early by this much of the period are not early: stamps tremble.
-_SLACK = 0.25
+# Jitter tolerance: a frame this fraction of a period early still counts as on time.
+_JITTER_TOLERANCE = 0.25
+
+# Arrival time in nanoseconds of files whose age is unknown.
+_UNKNOWN_AGE_NS = -1 << 62
 
 
-_LONG_AGO = -1 << 62  # nanoseconds
-
-
-class FullError(Exception):
-    """A recording that is as large as it may get."""
+class LimitReached(Exception):
+    """A recording has reached its limits."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """
-    How much is recorded; 0 where there is no limit.
+    Limits of a recording; 0 means no limit.
 
-    :param max_frames: frames.
-    :param max_seconds: seconds from the first frame on.
-    :param max_bytes: bytes of all files.
-    :param ring: go on, but keep only the newest that are within the limits.
+    :param max_frames: number of frames.
+    :param max_seconds: duration in seconds, from the first frame.
+    :param max_bytes: size of all files in bytes.
+    :param ring: whether the oldest files are deleted at the limits, instead of ending.
     """
 
     max_frames: int = 0
@@ -53,24 +53,24 @@ class Limits:
 
     @property
     def max_ns(self) -> int:
-        """Give the seconds as nanoseconds."""
+        """Maximum duration in nanoseconds; 0 for no limit."""
         return int(self.max_seconds * NANO)
 
 
 class Selection:
-    """Choose frames by their number and their time."""
+    """Select frames by their number and their time."""
 
     def __init__(
         self, every_n: int, max_rate: float, limits: Limits,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """
-        Wait for the first frame, which is wanted.
+        Create a selection; the first frame is always selected.
 
-        :param every_n: take the first of so many frames.
-        :param max_rate: frames per second to take at most, by their stamps; 0 for all.
-        :param limits: when to end, unless they are those of a ring.
-        :param monotonic: returns seconds of a clock that only goes on.
+        :param every_n: select the first of every n frames.
+        :param max_rate: maximum rate of the selected frames in Hz, by their stamps; 0 for all.
+        :param limits: limits at which the selection ends, unless ``ring`` is set.
+        :param monotonic: monotonic clock in seconds.
         """
         self._every_n = every_n
         self._period_ns = int(NANO / max_rate) if max_rate else 0
@@ -83,98 +83,98 @@ class Selection:
 
     @property
     def has_begun(self) -> bool:
-        """Tell whether a frame has come."""
+        """Return whether a frame has arrived."""
         return self._began_at is not None
 
     @property
     def max_seconds(self) -> float:
-        """Give the seconds after which it is over; 0.0 for never."""
+        """Maximum duration in seconds; 0.0 for no limit."""
         return self._limits.max_seconds
 
     @property
     def is_over(self) -> bool:
-        """Tell whether so many frames were taken as are wanted."""
+        """Return whether the maximum number of frames was counted."""
         return 0 < self._limits.max_frames <= self._taken
 
-    def wants(self, frame: ReceivedFrame) -> bool:
-        """Tell whether a frame that came is to be recorded."""
+    def selects(self, frame: BaseFrame) -> bool:
+        """Return whether a received frame is to be recorded."""
         self._seen += 1
         return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)
 
-    def take(self) -> None:
-        """Count a frame that is recorded."""
+    def count(self) -> None:
+        """Count a recorded frame."""
         self._taken += 1
 
     def is_late(self) -> bool:
-        """Tell whether a frame comes after the time that is recorded, which the first begins."""
+        """Return whether the maximum duration since the first call has passed."""
         now = self._monotonic()
         if self._began_at is None:
             self._began_at = now
         return 0 < self._limits.max_seconds <= now - self._began_at
 
-    def put_back(self) -> None:
-        """Let another frame take the place of one that was dropped."""
+    def uncount(self) -> None:
+        """Undo the count of a frame that was dropped."""
         self._taken -= 1
 
     def _is_due(self, time_ns: int) -> bool:
-        """Keep to a grid of times, so that rates which do not divide keep their mean."""
+        """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
         period = self._period_ns
         early = self._due_ns - time_ns
-        if period * _SLACK < early <= 2 * period:
+        if period * _JITTER_TOLERANCE < early <= 2 * period:
             return False
-        is_on_grid = -period <= early <= period * _SLACK
+        is_on_grid = -period <= early <= period * _JITTER_TOLERANCE
         self._due_ns = (self._due_ns if is_on_grid else time_ns) + period
         return True
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _KeptFile:
     name: str
     size: int
     arrival_ns: int
 
 
-class Budget:
+class Retention:
     """Keep the files of a recording within its limits."""
 
     def __init__(
-        self, limits: Limits, entries: list[Entry],
+        self, limits: Limits, entries: list[ManifestEntry],
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
         """
-        Begin with the files there are, in the order of their age.
+        Sort the existing files by their age.
 
-        :param limits: of the recording.
-        :param entries: files of earlier recordings, which a ring counts and replaces. Those of a
-            time that is yet to come are the oldest: nobody knows when the clock was wrong.
-        :param monotonic: returns nanoseconds of the clock of arrivals, which only goes on.
-        :param wall: returns nanoseconds of the system's clock, by which earlier files have an age.
+        :param limits: limits of the recording.
+        :param entries: files of earlier recordings, which a ring counts and deletes. Files with a
+            time in the future count as the oldest, because their age is unknown.
+        :param monotonic: monotonic clock of the arrivals, in nanoseconds.
+        :param wall: system clock in nanoseconds, for the age of existing files.
         """
         self._limits = limits
-        self._kept: dict[str, _Kept] = {}
+        self._kept: dict[str, _KeptFile] = {}
         now, offset = wall(), wall() - monotonic()
         earlier = {entry.name: entry for entry in entries} if limits.ring else {}
         for entry in sorted(earlier.values(), key=lambda entry: (
                 entry.receive_ns <= now, entry.receive_ns)):
             is_past = entry.receive_ns <= now
-            self._kept[entry.name] = _Kept(
-                entry.name, entry.size, entry.receive_ns - offset if is_past else _LONG_AGO)
+            self._kept[entry.name] = _KeptFile(
+                entry.name, entry.size, entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
         self._bytes = sum(kept.size for kept in self._kept.values())
 
     @property
     def count(self) -> int:
-        """Count the files that a ring keeps."""
+        """Count of files in the ring."""
         return len(self._kept)
 
-    def make_room(self, entry: Entry, arrival_ns: int) -> list[str]:
+    def make_room(self, entry: ManifestEntry, arrival_ns: int) -> list[str]:
         """
-        Find out what has to go before a file may come.
+        Select the files to delete before a new file is written.
 
-        :param entry: the file.
-        :param arrival_ns: when its frame came, by a clock that only goes on.
-        :returns: names of the files to delete, the oldest first.
-        :raises FullError: nothing can go, and the file is too much.
+        :param entry: manifest entry of the new file.
+        :param arrival_ns: arrival time of its frame, in nanoseconds of the monotonic clock.
+        :returns: names of the files to delete, oldest first.
+        :raises LimitReached: the new file exceeds the limits, and no file can be deleted.
         """
         limits = self._limits
         replaced = self._kept.get(entry.name)
@@ -190,17 +190,18 @@ class Budget:
                 gone.append(other.name)
                 size -= other.size
         if self._is_too_large(size):
-            raise FullError(f'max_bytes is {limits.max_bytes}, and the next file has {entry.size}')
+            raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
+                               'bytes')
         return gone
 
-    def add(self, entry: Entry, gone: list[str], arrival_ns: int) -> None:
-        """Take note of a file that came, and of those that went for it."""
+    def add(self, entry: ManifestEntry, gone: list[str], arrival_ns: int) -> None:
+        """Count a new file, and remove the deleted files from the counts."""
         for name in (*gone, entry.name):
             other = self._kept.pop(name, None)
             self._bytes -= other.size if other else 0
         self._bytes += entry.size
         if self._limits.ring:
-            self._kept[entry.name] = _Kept(entry.name, entry.size, arrival_ns)
+            self._kept[entry.name] = _KeptFile(entry.name, entry.size, arrival_ns)
 
     def _is_too_large(self, size: int) -> bool:
         return 0 < self._limits.max_bytes < size

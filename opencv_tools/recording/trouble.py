@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What goes wrong with a recording, said once each and not for every frame."""
+"""Log of recording failures that repeats no line for every frame."""
 
 from __future__ import annotations
 
@@ -24,58 +24,57 @@ from typing import Protocol
 
 from opencv_tools.image.text import printable
 
-_MAX_REASONS = 20  # that are remembered
+_MAX_REASONS = 20  # reasons in memory
 _MAX_REASON = 400  # characters
-# Lines that may follow each other at once, and how many a second may follow for ever.
+# Number of lines without a delay, and lines per second after them.
 _BURST = 10
 _LINES_A_SECOND = 1.0
-# What FFmpeg's errors look like: '[Errno 542398533] Generic error: 'detail'; last error log: ...'.
+# FFmpeg's errors have the form '[Errno 542398533] Generic error: 'detail'; last error log: ...'.
 _LIBRARY_ERROR = re.compile(r"\[Errno -?[0-9]+\] ([^:'\"]+)(?:: '.*)?", re.DOTALL)
 _FFMPEG_ERROR = re.compile(r'\[Errno -?[0-9]{5,}\]')
-# A number or a size; bgr8 and 32FC1 are names.
+# A number or a size, but not a name such as bgr8 or 32FC1.
 _NUMBER = re.compile(r'\b[0-9]+(?:x[0-9]+)?\b')
-_NOT_LOGGED = '-'  # the outage of frames whose reason was left out
+_NOT_LOGGED = '-'  # an outage whose reason was not logged
 _FFMPEG_REMEDY = '; set the extension of file_name to .png or .npy, which hold any size'
 
 
 class Log(Protocol):
-    """Where a node says how it goes."""
+    """Logging methods of a node."""
 
     def info(self, message: str) -> object:
-        """Say what is as it should be."""
+        """Log normal progress."""
 
     def warning(self, message: str) -> object:
-        """Say what may not be wanted."""
+        """Log a possible problem."""
 
     def error(self, message: str) -> object:
-        """Say what failed."""
+        """Log a failure."""
 
 
-class Troubles:
+class FailureLog:
     """
-    Log what failed when it begins and when it is over; more than one thread may call.
+    Log the first of similar failures and the end of an outage; thread-safe.
 
-    Reasons that differ in their numbers only are one. However many there are, a few lines may
-    follow each other at once, and one a second. The next line counts those that were left out.
+    Reasons that differ only in numbers are the same reason. The rate of lines is limited: ten
+    lines may follow each other at once, then one per second. The next line counts skipped lines.
     """
 
     def __init__(self, log: Log) -> None:
-        """Expect no trouble."""
+        """Create a log without failures."""
         self._log = log
         self._lock = Lock()
         self._reasons: OrderedDict[str, None] = OrderedDict()
         self._outage = ''
-        self._failed_since = 0
-        self._left_out = 0
+        self._failed_count = 0
+        self._skipped = 0
         self._allowed = float(_BURST)
         self._allowed_at = time.monotonic()
 
-    def failed(self, reason: str) -> None:
+    def bad_frame(self, reason: str) -> None:
         """
-        Count a frame that nothing can be made of.
+        Log a frame that cannot be read or encoded.
 
-        :param reason: why; it is logged once, for the next such frame is no better, and again when
-            many other reasons came in between.
+        :param reason: reason of the failure; logged once, and again after many other reasons.
         """
         key = _cause(reason)
         with self._lock:
@@ -90,58 +89,58 @@ class Troubles:
         if line:
             self._log.error(line)
 
-    def outage(self, reason: str) -> None:
+    def write_failed(self, reason: str) -> None:
         """
-        Count a frame that could not be written.
+        Log a frame that could not be written.
 
-        :param reason: why; it is logged again when it changes, or when it comes back.
+        :param reason: reason of the failure; it is logged again when it changes or recurs.
         """
         key = _cause(reason)
         line = ''
         with self._lock:
-            self._failed_since += 1
+            self._failed_count += 1
             if key != self._outage:
                 line = self._line(reason)
-                # One that was left out is new when it comes again.
+                # A reason that was not logged is new when it recurs.
                 self._outage = key if line else self._outage or _NOT_LOGGED
         if line:
             self._log.error(line)
 
-    def written(self) -> None:
-        """Log that a frame was written: what kept others from it is over."""
+    def write_succeeded(self) -> None:
+        """Log the end of an outage, if there was one."""
         if not self._outage:
             return
         with self._lock:
             if not self._outage:
                 return
-            count, self._failed_since, self._outage = self._failed_since, 0, ''
+            count, self._failed_count, self._outage = self._failed_count, 0, ''
             line = self._line(f'Writing again; {count} frames were not written')
-            if not line:  # the next frame tells
-                self._failed_since, self._outage = count, _NOT_LOGGED
-                self._left_out -= 1
+            if not line:  # the next written frame logs it
+                self._failed_count, self._outage = count, _NOT_LOGGED
+                self._skipped -= 1
         if line:
             self._log.info(line)
 
     def _line(self, reason: str) -> str:
-        """Return a line to log, '' when there were too many; the caller has the lock."""
+        """Return a line to log, '' if there were too many; the caller holds the lock."""
         now = time.monotonic()
         self._allowed = min(
             float(_BURST), self._allowed + (now - self._allowed_at) * _LINES_A_SECOND)
         self._allowed_at = now
         if self._allowed < 1:
-            self._left_out += 1
+            self._skipped += 1
             return ''
         self._allowed -= 1
-        left_out, self._left_out = self._left_out, 0
-        return plain_reason(reason) + (f' (and {left_out} more)' if left_out else '')
+        skipped, self._skipped = self._skipped, 0
+        return plain_reason(reason) + (f' (and {skipped} more)' if skipped else '')
 
 
 def plain_reason(reason: str) -> str:
     """
-    Write a reason in one printable line, without what only programmers of a library understand.
+    Return a reason as one printable line without internal details of a library.
 
-    :param reason: a sentence that may end in an error of FFmpeg.
-    :returns: the sentence with the words of the error, and what helps.
+    :param reason: sentence that may end with an error of FFmpeg.
+    :returns: the sentence with the text of the error, and a remedy for errors of FFmpeg.
     """
     plain = _LIBRARY_ERROR.sub(lambda found: found[1].strip(), reason)
     if _FFMPEG_ERROR.search(reason):
@@ -150,20 +149,24 @@ def plain_reason(reason: str) -> str:
 
 
 def _cause(reason: str) -> str:
-    """Return what reasons have in common that differ in their numbers."""
+    """Return the part that reasons which differ only in numbers share."""
     return _NUMBER.sub('0', reason[:_MAX_REASON])
 
 
 class Throttle:
-    """Let something be said at most once a second."""
+    """Limit an action to once per period."""
 
     def __init__(self, seconds: float = 1.0) -> None:
-        """Let the first pass."""
+        """
+        Allow the first action.
+
+        :param seconds: period in seconds.
+        """
         self._seconds = seconds
         self._passed_at = float('-inf')
 
     def passes(self) -> bool:
-        """Tell whether it may be said now, and count on it that it is."""
+        """Return whether the action may happen now; if so, a new period begins."""
         now = time.monotonic()
         if now - self._passed_at < self._seconds:
             return False

@@ -15,12 +15,13 @@
 """
 Video files: H.264 in MP4, Matroska or AVI, with the true time of each frame.
 
-A file that is cut off at any moment plays, but for about its last second: frames wait in memory
-until FFmpeg writes them together. The first frame is written with the third. MP4 holds times to
-11 us, Matroska to 1 ms. AVI knows a constant rate only: it gets 300 frames a second, most of them
-empty, which holds times to 2 ms and takes 26 MB an hour. OpenCV reads the true times from it, but
-300 for the rate, counts the empty frames, and cannot seek; FFmpeg shows each frame when its next
-one is due.
+A file that is truncated at any moment still plays, except for about its last second. Frames wait
+in memory until FFmpeg writes several of them together. The first frame is written with the third.
+
+MP4 stores times with a resolution of 11 us, Matroska of 1 ms. AVI has only a constant rate. An
+AVI file gets 300 frames a second, most of them empty. The resolution is 2 ms, and the empty frames
+take 26 MB an hour. OpenCV reads the true times from it, but a rate of 300. OpenCV counts the empty
+frames and cannot seek. FFmpeg shows each frame when the next one is due.
 """
 
 from __future__ import annotations
@@ -35,92 +36,94 @@ from typing import Any
 
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.output_file import OutputFile
-from opencv_tools.recording.video_picture import VideoError, VideoPicture
+from opencv_tools.recording.video_picture import VideoError, VideoFrame
 
-# PyAV is imported where it is used: it takes a while, and most recordings are no videos.
+# PyAV is imported in functions, because the import is slow and most recordings are image files.
 
 
 @dataclass(frozen=True)
-class _Format:
-    name: str  # FFmpeg's
-    ticks: int  # steps of its time in a second
-    longest: int  # seconds it can wait for a frame
-    # What FFmpeg writes beside the packets, in bytes at most:
+class _ContainerFormat:
+    name: str  # name of the format in FFmpeg
+    ticks: int  # resolution of times, in ticks per second
+    longest: int  # longest gap between two frames, in seconds
+    # Upper bounds of the bytes that FFmpeg writes in addition to the packets:
     beside: int  # for each packet
-    ending: int  # at the end of the file, and for what is written together
+    ending: int  # at the end of the file, and for each group of packets
     per_key: int  # for each key frame, at the end of the file
-    per_tick: int = 0  # at the end, for each tick, in a format that has a packet for each
-    lag: int = 1  # packets, from the last one, that are not in what was written with it
+    per_tick: int = 0  # for each tick, at the end of a file with a packet for each tick
+    lag: int = 1  # number of latest packets that a write does not include
     options: dict[str, str] = field(default_factory=dict)
 
 
-_FORMATS = {
-    # A fragment begins with each key frame and needs nothing that comes after it.
-    '.mp4': _Format('mp4', 90000, 3600, 16, 200, 24, options={
-                    'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
-    '.mkv': _Format('matroska', 1000, 3600, 16, 100, 48, options={'cluster_time_limit': '500'}),
-    # 300 is a multiple of the usual rates. FFmpeg puts at most 60000 empty frames in a row.
-    '.avi': _Format('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
+_CONTAINER_FORMATS = {
+    # A fragment begins at each key frame and does not depend on later data.
+    '.mp4': _ContainerFormat('mp4', 90000, 3600, 16, 200, 24, options={
+        'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
+    '.mkv': _ContainerFormat('matroska', 1000, 3600, 16, 100, 48, options={
+        'cluster_time_limit': '500'}),
+    # 300 is a multiple of common rates. FFmpeg writes at most 60000 empty frames in a row.
+    '.avi': _ContainerFormat('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
 }
 
-#: File name extensions of the formats.
-FORMATS = tuple(_FORMATS)
+#: File name extensions of the video formats.
+VIDEO_FORMATS = tuple(_CONTAINER_FORMATS)
 
-# Recordings run beside other work: superfast takes 12 ms of a core for a frame of 1920x1080,
-# veryfast 22 ms for 0.9 of the size, ultrafast 9 ms for 1.8 of it. One frame waits in the encoder.
+# Recordings run beside other work. superfast takes 12 ms of a core for a frame of 1920x1080;
+# veryfast takes 22 ms for 0.9 of the size, ultrafast 9 ms for 1.8 of the size. With zerolatency
+# only one frame waits in the encoder.
 _OPTIONS = {
     'preset': 'superfast', 'tune': 'zerolatency', 'x264-params': 'force-cfr=0', 'forced-idr': '1',
     'threads': str(min(4, os.cpu_count() or 1)), 'colorspace': 'smpte170m', 'color_range': 'tv',
 }
-_NOMINAL_RATE = 30  # frames a second, for the players of formats that must tell one
+_NOMINAL_RATE = 30  # frames per second, for players of formats that must name a rate
 _KEY_SECONDS = 1
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 _CLOCK_JUMP_NS = NANO
-_BUFFER_SIZE = 2 ** 20  # bytes: a second of video at once, so that a kill seldom comes in between
+_BUFFER_SIZE = 2 ** 20  # bytes; about a second of video, so that a kill rarely hits a write
 
 
 def check_video() -> None:
     """
-    Refuse a machine that cannot make videos.
+    Check that videos can be encoded on this machine.
 
-    :raises VideoError: PyAV or its H.264 encoder is missing; the message says how to get it.
+    :raises VideoError: PyAV or its H.264 encoder is missing; the message includes the remedy.
     """
     try:
         from av.codec.codec import Codec
         Codec('libx264', 'w')
     except ImportError as err:
-        raise VideoError(f'a video needs PyAV, which cannot be used ({err}); install it with '
+        raise VideoError(f'videos need PyAV, which cannot be imported ({err}); install it with '
                          "'pip install av', on Ubuntu with 'sudo apt install python3-av'"
                          ) from err
     except ValueError as err:
-        raise VideoError('a video needs libx264, which the installed PyAV comes without; '
-                         "get one that has it with 'pip install --force-reinstall av'") from err
+        raise VideoError('videos need libx264, which the installed PyAV does not include; '
+                         "reinstall it with 'pip install --force-reinstall av'") from err
 
 
 class VideoWriter:
-    """One video file; one thread at a time may write to it."""
+    """One video file; used by one thread at a time."""
 
     def __init__(
-        self, path: Path, picture: VideoPicture, time_ns: int, crf: int = 23, max_bytes: int = 0,
+        self, path: Path, video_frame: VideoFrame, time_ns: int, crf: int = 23, max_bytes: int = 0,
     ) -> None:
         """
-        Make the file.
+        Create the file.
 
-        :param path: where; its extension is the format, one of ``FORMATS``.
-        :param picture: one that has the form of those to come; it is not written.
-        :param time_ns: when the file begins; its comment says so.
-        :param crf: quality of x264, from 0, the best, to 51.
-        :param max_bytes: size of the file at most; 0 for no limit.
-        :raises FileExistsError: there is such a file, which is left alone.
-        :raises OSError: it cannot be written to.
-        :raises VideoError: the encoder cannot take pictures of that size.
+        :param path: path of the file; its extension, one of ``VIDEO_FORMATS``, selects the format.
+        :param video_frame: frame with the size and pixel format of the video; it is not written.
+        :param time_ns: start time of the video in nanoseconds, stored in the comment of the file.
+        :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
+        :param max_bytes: maximum size of the file in bytes; 0 for no limit.
+        :raises FileExistsError: the file exists; it is not changed.
+        :raises OSError: the file cannot be written.
+        :raises VideoError: the encoder does not support the size.
         """
-        self.frames = 0  # that it took
-        self.flushed = 0  # of these, that are whole in the file
-        self.is_full = False  # the next frame would be too much
+        self.frames = 0  # frames that were accepted
+        self.flushed = 0  # accepted frames that are complete in the file
+        self.is_full = False  # the next frame would exceed max_bytes
         self._path = path
-        self._form = picture.form
-        self._format = _FORMATS[path.suffix.lower()]
+        self._stream_format = video_frame.stream_format
+        self._format = _CONTAINER_FORMATS[path.suffix.lower()]
         self._start_ns = self._last_ns = time_ns
         self._last, self._next_key = -1, 0  # ticks
         self._packets = self._keys = 0
@@ -143,51 +146,53 @@ class VideoWriter:
         return self._file.size
 
     @property
-    def left_out(self) -> int:
-        """Frames that it took, but that are too much for the file."""
+    def skipped(self) -> int:
+        """Count of accepted frames that exceed the maximum size."""
         return self.frames - self._packets if self.is_full else 0
 
     @property
     def bytes_waiting(self) -> int:
-        """Bytes of frames that are not in the file yet, at most."""
+        """Upper bound of the bytes of frames that are not in the file yet."""
         return self._waiting
 
-    def is_named(self) -> bool:
-        """Return whether the file was neither removed nor moved."""
-        return self._file.is_named()
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path."""
+        return self._file.is_at_path()
 
-    def fits(self, picture: VideoPicture, time_ns: int) -> bool:
+    def fits(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
-        Tell whether the file can go on with a picture.
+        Return whether a frame can continue the video.
 
-        :param picture: it must have the form of the others.
-        :param time_ns: its time. More than a second back the clock was set; ahead, an hour can be
-            waited for, of AVI 199 s.
+        :param video_frame: frame, which must have the size and pixel format of the video.
+        :param time_ns: time of the frame in nanoseconds. More than a second before the previous
+            frame means that the clock was set. The longest gap is an hour, in AVI 199 s.
         """
         step = time_ns - self._last_ns
-        return (picture.form == self._form
+        return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
-    def write(self, picture: VideoPicture, time_ns: int) -> bool:
+    def write(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
-        Add a picture to the file, where it may wait in memory for those that come.
+        Encode a frame, which may wait in memory for later frames.
 
-        :param picture: one that ``fits``.
-        :param time_ns: its time; one that is not later than the last is put right behind it.
-        :returns: False where the file would grow larger than it may; then it can only be closed.
-        :raises OSError: the file cannot be written to, and only be closed any more.
-        :raises VideoError: the encoder did not take it.
+        :param video_frame: frame for which ``fits`` returned True.
+        :param time_ns: time of the frame in nanoseconds; one tick after the previous frame if it
+            is not later.
+        :returns: False if the frame would exceed the maximum size; the file can then only be
+            closed.
+        :raises OSError: the file cannot be written; it can then only be closed.
+        :raises VideoError: the encoder refused the frame.
         """
         self._file.check(self._whole)
         ticks = self._format.ticks
         since = ((time_ns - self._start_ns) * ticks + NANO // 2) // NANO
         pts = max(since, self._last + 1)
-        # The first frame is written when the second one is a key frame: a short video has it.
+        # The second frame is a key frame, so that the first one is written in a short video too.
         is_key = pts >= self._next_key or self.frames == 1
         self.is_full = self.is_full or not self._has_room(0, pts)
         if self.is_full:
             return False
-        frame = picture.frame
+        frame = video_frame.frame
         frame.pts, frame.time_base = pts, Fraction(1, ticks)
         frame.pict_type = _KEY_FRAME if is_key else 0
         self._call(self._encode, frame)
@@ -201,12 +206,12 @@ class VideoWriter:
 
     def close(self) -> None:
         """
-        End the file; one that no frame was written to is removed.
+        Finish the file; remove it if it has no frame.
 
-        After an error of ``write`` it ends quietly. In any case, what is in the file plays.
+        After an error of ``write`` no error is raised. The frames in the file always play.
 
         :raises OSError: the last frames were not written.
-        :raises VideoError: FFmpeg did not end the file.
+        :raises VideoError: FFmpeg did not finish the file.
         """
         if self._container is None:
             return
@@ -219,7 +224,7 @@ class VideoWriter:
             self._release()
 
     def __del__(self) -> None:
-        """End a file that was forgotten; PyAV up to 12 would crash on it."""
+        """Finish a file that was not closed; PyAV up to 12 would crash."""
         with suppress(Exception):
             self.close()
 
@@ -233,12 +238,12 @@ class VideoWriter:
         self._stream = self._container.add_stream(
             'libx264', rate=_NOMINAL_RATE, options={**_OPTIONS, 'crf': str(crf)})
         context = self._stream.codec_context
-        context.width, context.height, context.pix_fmt = self._form
+        context.width, context.height, context.pix_fmt = self._stream_format
         context.time_base = Fraction(1, self._format.ticks)
         self._container.start_encoding()
 
     def _encode(self, frame: Any) -> None:
-        """Add what the encoder makes; it keeps a frame until it knows how long that one lasts."""
+        """Write the packets of the encoder, which holds a frame until it knows its duration."""
         for packet in self._stream.encode(frame):
             steps = packet.pts - self._last_packet if self._format.per_tick else 1
             added = packet.size + self._format.beside * steps
@@ -261,13 +266,13 @@ class VideoWriter:
             self._max_bytes)
 
     def _call(self, step: Callable[..., None], *arguments: Any) -> None:
-        """Let FFmpeg do a step, and give its errors as ours."""
+        """Call FFmpeg and convert its errors."""
         import av
         try:
             step(*arguments)
         except av.error.FFmpegError as err:
             self._file.check(self._whole)
-            width, height, _ = self._form
+            width, height, _ = self._stream_format
             raise VideoError(f'a {width}x{height} frame cannot be encoded as '
                              f'{self._path.suffix}: {err}') from err
         self._file.check(self._whole)
@@ -278,7 +283,7 @@ class VideoWriter:
         container, self._container, self._stream = self._container, None, None
         with suppress(av.error.FFmpegError):
             if container is not None:
-                container.close()  # after an error of the file it writes nothing
+                container.close()  # it writes nothing after an error of the file
         with self._file.raw:
-            if not self.flushed and self._file.is_named():
+            if not self.flushed and self._file.is_at_path():
                 self._path.unlink(missing_ok=True)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames as an encoder of videos takes them: luma and chroma, of even sizes or in full."""
+"""Conversion of frames for the video encoder: YCbCr planes in 4:2:0 or 4:4:4."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import convert_picture
 
-# PyAV is imported where it is used: it takes a while, and most recordings are no videos.
+# PyAV is imported in functions, because the import is slow and most recordings are image files.
 
-# The order of a frame's colours. OpenCV takes generic types for gray and BGR.
+# Order of the colour channels by encoding. OpenCV treats generic types as gray and BGR.
 _ORDERS = {'mono8': 'y', '8UC1': 'y', '8U': 'y', 'rgb8': 'rgb', 'bgr8': 'bgr', '8UC3': 'bgr'}
 
-# Y, Cb, Cr of R, G, B and 1: ITU-R BT.601-7, 2.5. OpenCV takes this matrix for that of any video,
-# and most players for that of one that does not tell.
+# Matrix from R, G, B and 1 to Y, Cb, Cr: ITU-R BT.601-7, 2.5. OpenCV assumes this matrix for every
+# video, and most players for a video that does not name its matrix.
 _LUMA = np.array([0.299, 0.587, 0.114])
 _RGB = np.array([219 * _LUMA, 224 / 1.772 * ([0, 0, 1] - _LUMA), 224 / 1.402 * ([1, 0, 0] - _LUMA)
                  ]) / 255
@@ -41,43 +41,43 @@ _MATRICES = {'rgb': np.hstack([_RGB, _OFFSETS]), 'bgr': np.hstack([_RGB[:, ::-1]
 
 
 class VideoError(ImageError):
-    """A frame or a machine that cannot make a video; the message says why."""
+    """A frame cannot be encoded as video, or this machine has no encoder."""
 
 
 @dataclass(frozen=True)
-class VideoPicture:
-    """A picture as the encoder takes it, an ``av.VideoFrame``."""
+class VideoFrame:
+    """A frame for the encoder, as an ``av.VideoFrame``."""
 
     frame: Any
 
     @property
-    def form(self) -> tuple[int, int, str]:
-        """Give what all pictures of a file have in common: width, height and pixel format."""
+    def stream_format(self) -> tuple[int, int, str]:
+        """Properties that all frames of a file share: width, height and pixel format."""
         return self.frame.width, self.frame.height, self.frame.format.name
 
 
-def video_picture(
+def to_video_frame(
     image: NDArray[Any], encoding_name: str, suffix: str, to_color: bool = False,
-) -> VideoPicture:
+) -> VideoFrame:
     """
-    Prepare a frame for the encoder; any thread may do it.
+    Convert an image for the encoder; thread-safe.
 
-    :param image: (h, w) or (h, w, c) array of any strides; it is not changed.
-    :param encoding_name: its sensor_msgs/Image encoding.
-    :param suffix: the format, one of ``FORMATS``.
-    :param to_color: convert bayer and yuv frames of 8 bits, which else are refused.
-    :returns: a fresh picture: 4:2:0 if its size is even, else 4:4:4, which keeps every pixel.
-    :raises VideoError: no video can hold the frame; the caller knows what can.
+    :param image: (h, w) or (h, w, c) array of any strides; not modified.
+    :param encoding_name: sensor_msgs/Image encoding of the image.
+    :param suffix: extension of the video, one of ``VIDEO_FORMATS``, for error messages.
+    :param to_color: whether 8-bit Bayer and YUV images are converted; otherwise they are refused.
+    :returns: a copy in 4:2:0 if both sizes are even, else in 4:4:4, which keeps every pixel.
+    :raises VideoError: no video can hold the image.
     """
     import av
     encoding = find_encoding(encoding_name)
     is_converted = to_color and encoding.dtype == 'uint8' and encoding.kind in ('bayer', 'yuv')
     if encoding_name not in _ORDERS and not is_converted:
-        raise VideoError(f'a {encoding_name} frame cannot be kept as {suffix}')
+        raise VideoError(f'a {encoding_name} frame cannot be stored as {suffix}')
     declared_encoding(image, encoding_name)
     if not image.size:
-        raise VideoError(f'an empty frame, {image.shape[1]}x{image.shape[0]}, '
-                         f'cannot be kept as {suffix}')
+        raise VideoError(f'an empty frame ({image.shape[1]}x{image.shape[0]}) cannot be stored '
+                         f'as {suffix}')
     if is_converted:
         image = convert_picture(image, encoding, find_encoding('bgr8'))
     height, width = image.shape[:2]
@@ -87,14 +87,14 @@ def video_picture(
     for plane, values in zip(frame.planes, planes):
         rows = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]
         rows.reshape(-1, plane.line_size)[:, :plane.width] = values
-    return VideoPicture(frame)
+    return VideoFrame(frame)
 
 
 def _planes(image: NDArray[Any], order: str, is_even: bool) -> tuple[Any, Any, Any]:
     """
-    Make the planes of Y, Cb and Cr; a number is a plane of one value.
+    Return the planes Y, Cb and Cr; a number stands for a constant plane.
 
-    OpenCV does it in a third of the time of FFmpeg, whose matrix depends on PyAV's version.
+    OpenCV needs a third of the time of FFmpeg, whose matrix depends on the version of PyAV.
     """
     if order == 'y':
         gray = image.reshape(image.shape[:2])

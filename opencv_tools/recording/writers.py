@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""File formats: which frames each can hold, and the bytes it makes of them."""
+"""Encoding of frames as image files, and the types that each file format can hold."""
 
 from __future__ import annotations
 
@@ -28,42 +28,42 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import (
     convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
 )
-from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
-from opencv_tools.recording.payload import read_payload
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.payload import read_image_header
 
 
 class UnwritableError(ImageError):
-    """A frame that a file format cannot hold; the message names one that can."""
+    """A file format cannot hold a frame; the message names one that can."""
 
 
-_ANYTHING = '.npy'
+_NPY = '.npy'
 _PART_BYTES = 2**20
 
-#: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
-FORMATS = {
+#: OpenCV types that each format stores without loss (JPEG: apart from its compression).
+IMAGE_FORMATS = {
     **{suffix: PICTURE_FORMATS[suffix]
        for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
-    _ANYTHING: frozenset[str](),
+    _NPY: frozenset[str](),
 }
 
-# OpenCV's encoders take colours in this order.
+# Channel orders that OpenCV's encoders do not accept, and their replacements.
 _FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
 
-# What frames become whose pixels have their colours only together, by the type of the numbers.
+# Target encodings of Bayer and YUV frames, by dtype.
 _COLORS = {'uint8': 'bgr8', 'uint16': 'bgr16'}
 
 
 @dataclass(frozen=True)
-class Format:
+class EncoderSettings:
     """
-    How a frame becomes the content of a file.
+    Format and encoder settings of recorded files.
 
-    :param suffix: one of ``FORMATS``, or that of a video.
-    :param to_color: convert bayer and yuv frames to colour where pictures are made; otherwise they
-        are kept as they are, or refused.
-    :param jpeg_quality: of JPEG, 1 to 100.
-    :param png_compression: of PNG, 0 to 9.
-    :param crf: of videos, x264's quality from 0 for the best to 51.
+    :param suffix: file name extension, one of ``IMAGE_FORMATS`` or of a video format.
+    :param to_color: whether Bayer and YUV frames are converted to colour in images and videos;
+        otherwise they are stored unchanged or refused.
+    :param jpeg_quality: JPEG quality, from 1 to 100.
+    :param png_compression: PNG compression level, from 0 to 9.
+    :param crf: constant rate factor of videos, from 0 (best) to 51.
     """
 
     suffix: str
@@ -74,15 +74,15 @@ class Format:
 
 
 @dataclass(frozen=True)
-class Content:
+class EncodedImage:
     """
-    The content of a file.
+    Content of an image file.
 
-    :param data: a buffer of its bytes, or of those that ``array`` follows.
-    :param encoding: of what is in it: the frame's own, or what it was converted to.
-    :param width: of the picture, in pixels.
-    :param height: of the picture, in pixels.
-    :param array: numbers that follow the data, row by row; not copied, for they are many.
+    :param data: buffer with the file, or with the part before ``array``.
+    :param encoding: encoding of the image in the file, after conversion.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param array: pixels that follow ``data`` row by row; a view, because a copy is expensive.
     """
 
     data: Any
@@ -92,7 +92,7 @@ class Content:
     array: NDArray[Any] | None = None
 
     def parts(self) -> Iterator[memoryview]:
-        """Yield buffers of all bytes; rows that are not tight are copied a few at a time."""
+        """Yield buffers with all bytes; non-contiguous rows are copied in small groups."""
         yield memoryview(self.data).cast('B')
         if self.array is None or not self.array.size:
             return
@@ -105,62 +105,62 @@ class Content:
             yield part.reshape(-1).view(np.uint8).data
 
 
-def able_formats(type_name: str) -> str:
-    """Name the extensions of files that hold an image of a type, such as ``16UC1``."""
-    able = [suffix for suffix, types in FORMATS.items() if type_name in types]
-    return ' or '.join([*able, _ANYTHING])
+def formats_for(type_name: str) -> str:
+    """Return the extensions of formats that can hold an OpenCV type such as ``16UC1``."""
+    suffixes = [suffix for suffix, types in IMAGE_FORMATS.items() if type_name in types]
+    return ' or '.join([*suffixes, _NPY])
 
 
-def encode_frame(frame: Frame, wanted: Format) -> Content:
+def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImage:
     """
-    Make the content of a file of a frame.
+    Encode a frame as an image file.
 
-    A compressed frame that is such a file already is kept as it is; another one is decoded.
+    A compressed frame that already has the requested format is kept; others are decoded.
 
-    :param frame: the frame; it is not changed.
-    :param wanted: what is to be made of it; ``.npy`` keeps the array as it is.
-    :returns: the content, which may be the frame's own data.
-    :raises ImageError: the format cannot hold the frame without changing it, or it is broken.
+    :param frame: frame to encode; not modified.
+    :param settings: format and encoder settings; ``.npy`` stores the array unchanged.
+    :returns: the content of the file; for a kept frame a view of its data.
+    :raises ImageError: the format cannot hold the frame without loss, or the frame is damaged.
     """
     if isinstance(frame, CompressedFrame):
-        payload = read_payload(frame.data)
-        if wanted.suffix in payload.suffixes:
-            return Content(frame.data, frame.encoding, payload.width, payload.height)
-    return _encode_image(frame.decode(), wanted)
+        payload = read_image_header(frame.data)
+        if settings.suffix in payload.suffixes:
+            return EncodedImage(frame.data, frame.encoding, payload.width, payload.height)
+    return _encode_image(frame.decode(), settings)
 
 
-def _encode_image(frame: RawFrame, wanted: Format) -> Content:
+def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     image, encoding = frame.image, find_encoding(frame.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
-    if wanted.suffix == _ANYTHING:
-        layout: Any = np.lib.format  # numpy 1.26 has no types for what is called of it
+    if settings.suffix == _NPY:
+        layout: Any = np.lib.format  # numpy 1.26 has no types for these functions
         header = layout.header_data_from_array_1_0(image)
         head = io.BytesIO()
         layout.write_array_header_1_0(head, header)
-        return Content(head.getbuffer(), encoding.name, width, height,
-                       image.T if header['fortran_order'] else image)
-    if wanted.to_color and encoding.kind in ('bayer', 'yuv'):
+        return EncodedImage(head.getbuffer(), encoding.name, width, height,
+                            image.T if header['fortran_order'] else image)
+    if settings.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target
-    # An array of luma and chroma has the type of a gray picture, but is none.
+    # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.planes == 1 else encoding.name
-    if type_name not in FORMATS[wanted.suffix]:
-        raise UnwritableError(f'a {encoding.name} frame cannot be kept as {wanted.suffix}; '
-                              f'set the extension of file_name to {able_formats(type_name)}')
+    if type_name not in IMAGE_FORMATS[settings.suffix]:
+        raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
+                              f'set the extension of file_name to {formats_for(type_name)}')
     if not image.size:
-        raise UnwritableError(f'an empty frame, {width}x{height}, '
-                              f'cannot be kept as {wanted.suffix}')
-    quality = wanted.jpeg_quality if wanted.suffix in ('.jpg', '.jpeg') else None
+        raise UnwritableError(f'an empty frame ({width}x{height}) cannot be stored as '
+                              f'{settings.suffix}')
+    quality = settings.jpeg_quality if settings.suffix in ('.jpg', '.jpeg') else None
     try:
         data = encode_picture(
-            _file_order(image, encoding), wanted.suffix, quality, wanted.png_compression)
+            _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
     except PictureError as err:
-        raise UnwritableError(f'a {encoding.name} frame was not encoded: {err}') from err
-    return Content(data, encoding.name, width, height)
+        raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
+    return EncodedImage(data, encoding.name, width, height)
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
-    """Put colours in the order of OpenCV's encoders, and numbers in native byte order."""
+    """Return an image with OpenCV's channel order and native byte order."""
     order = _FILE_ORDER.get(encoding.order)
     if order:
         target = find_encoding(encoding.name.replace(encoding.order, order))

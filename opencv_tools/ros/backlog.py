@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages that reliable subscribers have not confirmed yet, and who can wait for them."""
+"""Published messages that reliable subscribers have not confirmed yet."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from opencv_tools.recording.trouble import Log
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
-# rclpy holds the interpreter while it waits for confirmations, so it is only asked how they stand.
+# rclpy blocks the interpreter while it waits for confirmations. It is polled without a wait.
 _POLL_SECONDS = 0.002
 _LOGGED_AFTER_SECONDS = 2.0
-# A subscriber that lives confirms a frame within milliseconds, on a busy machine within a second.
-# One that was killed stays in the graph for 20 s, and the others have to wait for it meanwhile.
-_PATIENCE_SECONDS = 10.0
+# A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
+# killed subscriber stays in the graph for 20 s, and the other subscribers wait meanwhile.
+_TIMEOUT_SECONDS = 10.0
 
 
 class ConfirmedPublisher(Protocol):
-    """What is used of a publisher of rclpy."""
+    """The members of an rclpy publisher that are used here."""
 
     qos_profile: QoSProfile
 
@@ -55,28 +55,28 @@ class Backlog:
         clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         """
-        Begin with nothing to be confirmed.
+        Create an empty backlog.
 
-        :param publishers: of the topics that frames are published to.
-        :param log: where a long wait is logged.
-        :param clock: returns seconds that only go on.
-        :param sleep: waits for some seconds of that clock.
+        :param publishers: publishers of the frame topics.
+        :param log: log for long waits.
+        :param clock: monotonic clock in seconds.
+        :param sleep: waits for a number of seconds of that clock.
         """
         self._unconfirmed = dict.fromkeys(publishers, 0)
         self._log = log
         self._clock = clock
         self._sleep = sleep
-        self._is_patient = True
+        self._may_wait = True
 
     def add(self, publisher: ConfirmedPublisher) -> None:
-        """Count a message that was published."""
+        """Count a published message."""
         self._unconfirmed[publisher] += 1
 
     def wait_for_room(self, is_stopped: Callable[[], bool]) -> bool:
         """
-        Wait until one more message of each publisher overwrites none that is not confirmed.
+        Wait until another message of each publisher would not overwrite an unconfirmed one.
 
-        The wait ends after 10 s. From then on nobody is waited for until everything is confirmed.
+        The wait ends after 10 s. Then there is no wait until everything is confirmed.
 
         :param is_stopped: returns whether to end the wait.
         :returns: whether there is room.
@@ -85,10 +85,10 @@ class Backlog:
 
     def wait_for_all(self, is_stopped: Callable[[], bool]) -> bool:
         """
-        Wait until every message is confirmed, for at most 10 s.
+        Wait until all messages are confirmed, for at most 10 s.
 
         :param is_stopped: returns whether to end the wait.
-        :returns: whether all are.
+        :returns: whether all messages are confirmed.
         """
         return self._wait(lambda: not any(self._unconfirmed.values()), is_stopped)
 
@@ -98,12 +98,13 @@ class Backlog:
         is_logged = False
         while not condition():
             waited = self._clock() - began
-            if self._is_patient and waited > _PATIENCE_SECONDS:
-                self._is_patient = False
+            if self._may_wait and waited > _TIMEOUT_SECONDS:
+                self._may_wait = False
                 self._log.warning(
                     'a reliable subscriber has not confirmed the last frames for '
-                    f'{_PATIENCE_SECONDS:g} s; it is not waited for any more and may lose frames')
-            if is_stopped() or not self._is_patient:
+                    f'{_TIMEOUT_SECONDS:g} s; the publisher no longer waits for it, and it may '
+                    'lose frames')
+            if is_stopped() or not self._may_wait:
                 return False
             if waited > _LOGGED_AFTER_SECONDS and not is_logged:
                 is_logged = True
@@ -117,8 +118,8 @@ class Backlog:
                    for publisher, count in self._unconfirmed.items())
 
     def _update(self) -> None:
-        """Read how the confirmations stand."""
+        """Update the counts of unconfirmed messages."""
         for publisher in self._unconfirmed:
             if publisher.wait_for_all_acked(Duration()):
                 self._unconfirmed[publisher] = 0
-        self._is_patient = self._is_patient or not any(self._unconfirmed.values())
+        self._may_wait = self._may_wait or not any(self._unconfirmed.values())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The YAML files in which camera_calibration and its like keep a calibration."""
+"""Calibration files in the YAML format of camera_calibration_parsers."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ import yaml
 _T = TypeVar('_T')
 
 _UINT32_MAX = 2**32 - 1
-# Words of YAML 1.1 for a truth, each also capitalised and in capitals.
-_TRUTH = {form(word): truth for truth, words in (
+# Boolean words of YAML 1.1, each also capitalised and in capitals.
+_BOOLEANS = {form(word): truth for truth, words in (
     (True, ('y', 'yes', 'true', 'on')), (False, ('n', 'no', 'false', 'off')))
     for word in words for form in (str.lower, str.capitalize, str.upper)}
 
-# One has less than 2 KB.
+# Maximum size of a file; a calibration has less than 2 KB.
 _FILE_BYTES = 1 << 16
-_USUAL_MODEL = 'plumb_bob'
+_DEFAULT_MODEL = 'plumb_bob'
 _MODEL = re.compile('[A-Za-z0-9_]{0,64}')
 _NAME = re.compile('[A-Za-z0-9_.-]{1,128}')
 
-# Key of the file to field of the message, rows and columns; distortion has any number of both.
+# Field of the message, rows and columns by key of the file. Distortion has any size.
 _MATRICES = {
     'camera_matrix': ('k', 3, 3),
     'distortion_coefficients': ('d', None, None),
@@ -53,12 +53,12 @@ _MATRICES = {
 
 
 class CameraInfoError(ValueError):
-    """A calibration that cannot be used; the message says where, what is wrong and what to do."""
+    """A calibration cannot be used; the message includes the place, the problem and the remedy."""
 
 
 def check_camera_name(name: str) -> None:
     """
-    Check that a name of a camera can be part of a path.
+    Check that a camera name can be part of a path.
 
     :raises ValueError: it cannot.
     """
@@ -70,16 +70,16 @@ def read_camera_info(
     path: Path, warn: Callable[[str], object] = lambda _: None,
 ) -> CameraInfo:
     """
-    Read a calibration as camera_calibration and camera_calibration_parsers write it, in YAML.
+    Read a calibration file of camera_calibration or camera_calibration_parsers.
 
-    :param path: the file.
-    :param warn: told in one sentence what the file lacks and is assumed.
+    :param path: path of the YAML file.
+    :param warn: called with a sentence for each assumption about a missing value.
     :returns: the calibration, with an empty header.
-    :raises CameraInfoError: it cannot be read, or is not what those write.
+    :raises CameraInfoError: the file cannot be read or has another format.
     """
     try:
         content = read_regular(path, _FILE_BYTES)
-    except (OSError, ValueError) as err:  # ValueError: no file has such a name
+    except (OSError, ValueError) as err:  # ValueError: the path contains a null character
         raise CameraInfoError(f'{path} cannot be read: {getattr(err, "strerror", err)}; calibrate '
                               'the camera with camera_calibration, or give another URL') from err
     return _parse(content, path, warn)
@@ -89,16 +89,16 @@ def write_camera_info(
     path: Path, info: CameraInfo, name: str, ros_home: Path | None = None,
 ) -> None:
     """
-    Write a calibration as camera_calibration_parsers does, to the last bit.
+    Write a calibration atomically, in the exact format of camera_calibration_parsers.
 
-    The file appears whole or not at all. A file is only replaced by its like.
+    An existing file is replaced only if it is a calibration.
 
-    :param path: the file, which is missing or a calibration.
-    :param info: the calibration.
-    :param name: the camera's name.
-    :param ros_home: a folder; below it the folder of the file is made when it is missing.
-    :raises CameraInfoError: it could not be read again, something else is in its place, or the
-        file cannot be written.
+    :param path: path of the YAML file.
+    :param info: calibration to write.
+    :param name: name of the camera.
+    :param ros_home: folder below which missing folders are created; None for none.
+    :raises CameraInfoError: the calibration is invalid, the existing file is not a calibration,
+        or the file cannot be written.
     """
     try:
         check_camera_name(name)
@@ -108,7 +108,7 @@ def write_camera_info(
         _describe(info, name), sort_keys=False, default_flow_style=None, width=math.inf).encode()
     if len(content) > _FILE_BYTES:
         raise CameraInfoError(f'the calibration has {len(content)} bytes: '
-                              f'give one of up to {_FILE_BYTES}')
+                              f'give a calibration of at most {_FILE_BYTES} bytes')
     _parse(content, path)
     try:
         if os.path.lexists(path):
@@ -126,27 +126,27 @@ def write_camera_info(
 
 def _check_replaceable(path: Path) -> None:
     """
-    Check that a file is a calibration.
+    Check that an existing file is a calibration.
 
-    :raises CameraInfoError: it is none, and nobody meant it to be replaced.
+    :raises CameraInfoError: it is another file, which must not be replaced.
     """
     try:
         _parse(read_regular(path, _FILE_BYTES, follow=False), path)
     except (CameraInfoError, RefusedFileError) as err:
-        reason = getattr(err, 'strerror', 'there is a file that is no calibration')
+        reason = getattr(err, 'strerror', 'the existing file is not a calibration')
         raise CameraInfoError(f'{path} cannot be written: {reason}; '
                               'remove it, or give another URL') from err
 
 
 @dataclass(frozen=True)
 class _Document:
-    """What a file holds; a value that is wrong is refused by the file's name and its own."""
+    """The content of a file; errors name the file and the key."""
 
     path: Path
     root: Any
 
     def get(
-        self, key: str, convert: Callable[[Any], _T], wanted: str, default: str | None = None,
+        self, key: str, convert: Callable[[Any], _T], expected: str, default: str | None = None,
     ) -> _T:
         value = self.root
         for part in key.split('.'):
@@ -155,7 +155,7 @@ class _Document:
             return convert(value)
         except (KeyError, TypeError, ValueError) as err:
             found = 'missing' if value is None else reprlib.repr(value)
-            raise CameraInfoError(f'{self.path}: {key} is {found}: give {wanted}') from err
+            raise CameraInfoError(f'{self.path}: {key} is {found}: give {expected}') from err
 
     def whole(
         self, key: str, lowest: int = 0, highest: int = _UINT32_MAX, default: str | None = None,
@@ -166,8 +166,9 @@ class _Document:
                 raise ValueError
             return number
 
-        wanted = f'a whole number from {lowest} to {highest}' if lowest < highest else str(lowest)
-        return self.get(key, _convert, wanted, default)
+        expected = (f'a whole number from {lowest} to {highest}' if lowest < highest
+                    else str(lowest))
+        return self.get(key, _convert, expected, default)
 
     def matrix(self, key: str, rows: int | None, cols: int | None) -> list[float]:
         size = 1
@@ -189,23 +190,23 @@ def _parse(
     content: bytes, path: Path, warn: Callable[[str], object] = lambda _: None,
 ) -> CameraInfo:
     try:
-        # Every scalar comes as text, as yaml-cpp has it. By the rules that yaml.safe_load follows
-        # the 1e-05 that yaml-cpp writes is no number.
+        # BaseLoader returns every scalar as text, like yaml-cpp. yaml.safe_load does not read
+        # 1e-05, which yaml-cpp writes, as a number.
         document = _Document(path, yaml.load(content, yaml.BaseLoader))
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as err:
         mark = getattr(err, 'problem_mark', None)
         line = f' in line {mark.line + 1}' if mark else ''
         raise CameraInfoError(
-            f'{path} is no YAML{line}: give the file that camera_calibration writes') from err
+            f'{path} is not YAML{line}: give the file that camera_calibration writes') from err
     info = CameraInfo(
         width=document.whole('image_width', 1), height=document.whole('image_height', 1),
         distortion_model=document.get(
-            'distortion_model', _check_model, 'a text like plumb_bob', _USUAL_MODEL),
+            'distortion_model', _check_model, 'a text like plumb_bob', _DEFAULT_MODEL),
         binning_x=document.whole('binning_x', default='0'),
         binning_y=document.whole('binning_y', default='0'),
         **{field: document.matrix(key, *size) for key, (field, *size) in _MATRICES.items()})
     if 'distortion_model' not in document.root:
-        warn(f'{path} has no distortion_model: {_USUAL_MODEL} is assumed')
+        warn(f'{path} has no distortion_model: {_DEFAULT_MODEL} is assumed')
     if 'roi' in document.root:
         left = document.whole('roi.x_offset', 0, info.width)
         top = document.whole('roi.y_offset', 0, info.height)
@@ -213,7 +214,7 @@ def _parse(
             x_offset=left, y_offset=top,
             width=document.whole('roi.width', 0, info.width - left),
             height=document.whole('roi.height', 0, info.height - top),
-            do_rectify=document.get('roi.do_rectify', _TRUTH.__getitem__, 'true or false'))
+            do_rectify=document.get('roi.do_rectify', _BOOLEANS.__getitem__, 'true or false'))
     return info
 
 
@@ -224,7 +225,7 @@ def _check_model(value: Any) -> str:
 
 
 def _describe(info: CameraInfo, name: str) -> dict[str, Any]:
-    """Lay a calibration out as camera_calibration_parsers does, in its order."""
+    """Return the content of a calibration file, in the order of camera_calibration_parsers."""
 
     def _matrix(rows: int, cols: int, data: Any) -> dict[str, Any]:
         return {'rows': rows, 'cols': cols, 'data': [float(number) for number in data]}

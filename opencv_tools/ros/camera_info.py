@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is published of a camera's calibration: found, scaled and turned as the pictures are."""
+"""The calibration that is published as ``camera_info``, scaled and turned like the images."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ _ASPECT_TOLERANCE = 0.01
 
 def ros_home() -> Path:
     """
-    Find the folder in which ROS keeps what belongs to a user.
+    Return the folder of ROS for user data.
 
-    :raises RuntimeError: there is no home folder.
+    :raises RuntimeError: there is no home directory.
     """
     return Path(os.environ.get('ROS_HOME') or Path('~/.ros').expanduser())
 
 
 def resolve_url(url: str, name: str) -> Path:
     """
-    Find the file that a calibration URL means, as camera_info_manager does.
+    Return the file of a calibration URL, as camera_info_manager resolves it.
 
     :param url: ``file:///path``, ``package://package/path`` or a path; ``${NAME}`` and
         ``${ROS_HOME}`` are replaced.
-    :param name: the camera's name.
-    :returns: the file, which need not exist.
-    :raises CameraInfoError: the URL means no file.
+    :param name: name of the camera.
+    :returns: path of the file, which may not exist.
+    :raises CameraInfoError: the URL does not name a file.
     """
 
     def _value(variable: re.Match[str]) -> str:
@@ -67,7 +67,7 @@ def resolve_url(url: str, name: str) -> Path:
         if variable[0] == '${ROS_HOME}':
             return str(ros_home())
         raise CameraInfoError(f'calibration URL {url!r} has the unknown variable {variable[0]}: '
-                              'there are ${NAME} and ${ROS_HOME}')
+                              'use ${NAME} or ${ROS_HOME}')
 
     try:
         resolved = re.sub(r'\$\{[^}]*\}?', _value, url)
@@ -76,43 +76,44 @@ def resolve_url(url: str, name: str) -> Path:
             return Path(resolved).expanduser()
     except RuntimeError as err:
         raise CameraInfoError(
-            f'calibration URL {url!r} needs a home folder: write the whole path') from err
+            f'calibration URL {url!r} needs a home directory: give an absolute path') from err
     if scheme.lower() == 'file' and place.startswith('/'):
         return Path(place)
     package, *inside = place.split('/')
     if scheme.lower() != 'package' or not package or not inside:
-        raise CameraInfoError(f'calibration URL {url!r} means {resolved!r}: '
+        raise CameraInfoError(f'calibration URL {url!r} resolves to {resolved!r}: '
                               'give file:///PATH, package://PACKAGE/PATH or a path')
     if {'', '.', '..'} & set(inside):
-        raise CameraInfoError(f'calibration URL {url!r} means {resolved!r}, which leads out of '
-                              "the package: give package://PACKAGE/PATH without '..' and '//'")
+        raise CameraInfoError(f'calibration URL {url!r} resolves to {resolved!r}, which may be '
+                              "outside the package: give package://PACKAGE/PATH without '..' "
+                              "and '//'")
     try:
         return Path(get_package_share_directory(package), *inside)
-    except (LookupError, OSError, ValueError) as err:  # OSError: there is no AMENT_PREFIX_PATH
+    except (LookupError, OSError, ValueError) as err:  # OSError: AMENT_PREFIX_PATH is unset
         raise CameraInfoError(f'calibration URL {url!r} names the unknown package {package}: '
-                              'source the workspace that has it') from err
+                              'source the workspace of this package') from err
 
 
 def scale_camera_info(info: CameraInfo, width: int, height: int) -> CameraInfo:
     """
-    Convert a calibration to another size of the same picture.
+    Convert a calibration to another size of the same image.
 
-    The rows of K and P are multiplied by the ratios of the sizes, without a shift by half a pixel,
-    as ``PinholeCameraModel::fromCameraInfo`` of image_geometry does for binning. D and R do not
-    depend on the size. A region of interest grows to whole pixels.
+    The rows of K and P are multiplied by the ratios of the sizes, without a shift by half a pixel.
+    ``PinholeCameraModel::fromCameraInfo`` of image_geometry does the same for binning. D and R do
+    not depend on the size. A region of interest grows to whole pixels.
 
-    :param info: the calibration.
-    :param width: of the pictures, in pixels.
-    :param height: of the pictures, in pixels.
+    :param info: calibration to scale.
+    :param width: width of the images in pixels.
+    :param height: height of the images in pixels.
     :returns: a copy for that size.
-    :raises CameraInfoError: the aspect ratios differ by more than 1 %; whether such a picture was
-        cropped or stretched nobody can tell.
+    :raises CameraInfoError: the aspect ratios differ by more than 1 %, so that the image may have
+        been cropped or stretched.
     """
     same_aspect = math.isclose(
         width * info.height, height * info.width, rel_tol=_ASPECT_TOLERANCE)
     if min(width, height, info.width, info.height) < 1 or not same_aspect:
         raise CameraInfoError(
-            f'a calibration for {info.width}x{info.height} cannot be scaled to pictures of '
+            f'a calibration for {info.width}x{info.height} cannot be scaled to images of '
             f'{width}x{height}: calibrate the camera at that size')
     scaled = copy.deepcopy(info)
     scaled.width, scaled.height = width, height
@@ -127,15 +128,16 @@ def scale_camera_info(info: CameraInfo, width: int, height: int) -> CameraInfo:
 
 class Calibration:
     """
-    What a node publishes as ``camera_info``.
+    The calibration of a camera, published as ``camera_info``.
 
-    The file has that of the camera's own pictures, neither flipped nor rotated. One that cannot
-    be loaded is warned about, and the camera then counts as uncalibrated. ``save``
-    may run beside ``message``.
+    The file has the calibration of the images before ``flip`` and ``rotate``. If it cannot be
+    loaded, a warning is logged and the camera counts as uncalibrated. ``save`` and ``message``
+    may run on different threads.
 
-    :param url: where it is, see ``resolve_url``; '' for ``DEFAULT_URL``, where none need be.
-    :param name: the camera's name.
-    :param warn: told in one sentence what is wrong.
+    :param url: URL of the file, see ``resolve_url``; '' for ``DEFAULT_URL``, where the file may
+        be missing.
+    :param name: name of the camera.
+    :param warn: called with a sentence for each problem.
     """
 
     def __init__(self, url: str, name: str, warn: Callable[[str], object]) -> None:
@@ -145,11 +147,11 @@ class Calibration:
         self._ros_home: Path | None = None
         self._path: Path | None = None
         self._refusal = ''
-        with suppress(RuntimeError):  # there is no home folder
+        with suppress(RuntimeError):  # there is no home directory
             self._ros_home = ros_home()
         info = None
         try:
-            # Found once: nothing that changes later decides which file is written.
+            # The path is resolved once, so that later changes of the environment have no effect.
             self._path = resolve_url(url or DEFAULT_URL, name)
             info = read_camera_info(self._path, warn)
         except CameraInfoError as err:
@@ -162,15 +164,15 @@ class Calibration:
         self, header: Header, width: int, height: int, flip: str = 'none', rotate: int = 0,
     ) -> CameraInfo:
         """
-        Make the message that goes with a picture.
+        Return the message for an image.
 
-        :param header: of the picture.
-        :param width: of the picture, in pixels.
-        :param height: of the picture, in pixels.
-        :param flip: how the picture was mirrored, see ``orient``.
-        :param rotate: degrees that it was turned clockwise, see ``orient``.
-        :returns: a new message; all zero but for header and size when there is no calibration for
-            that picture, as sensor_msgs/CameraInfo has it.
+        :param header: header of the image.
+        :param width: width of the image in pixels.
+        :param height: height of the image in pixels.
+        :param flip: mirroring of the image, see ``orient``.
+        :param rotate: clockwise rotation of the image in degrees, see ``orient``.
+        :returns: a new message; without a calibration for this image all zero except for header
+            and size, as sensor_msgs/CameraInfo defines it.
         """
         message = copy.deepcopy(self._fitted(width, height, flip, rotate))
         message.header = header
@@ -178,17 +180,17 @@ class Calibration:
 
     def save(self, info: CameraInfo, flip: str = 'none', rotate: int = 0) -> str:
         """
-        Write a new calibration to the URL's file and use it from now on.
+        Write a new calibration to the file and publish it from now on.
 
-        The file has the calibration of the camera itself, neither flipped nor rotated.
+        The file gets the calibration of the images before ``flip`` and ``rotate``.
 
-        :param info: what service ``set_camera_info`` was sent, for pictures as they are published.
-        :param flip: how these are mirrored, see ``orient``.
-        :param rotate: degrees that these are turned clockwise, see ``orient``.
-        :returns: the path of the file.
-        :raises CameraInfoError: it cannot be written; the previous one stays in use.
+        :param info: calibration of the published images, from service ``set_camera_info``.
+        :param flip: mirroring of the published images, see ``orient``.
+        :param rotate: clockwise rotation of the published images in degrees, see ``orient``.
+        :returns: path of the file.
+        :raises CameraInfoError: the file cannot be written; the previous calibration stays in use.
         """
-        with self._saving:  # what is in the file and what is published are the same
+        with self._saving:  # the file and the published calibration stay the same
             if self._path is None:
                 raise CameraInfoError(self._refusal)
             own = turn_camera_info(info, turned_axes(flip, rotate).T)
@@ -197,7 +199,7 @@ class Calibration:
         return str(self._path)
 
     def _use(self, info: CameraInfo | None) -> None:
-        # The calibration and what was made of it change as one, under the feet of message().
+        # One assignment replaces the calibration and its cache, as message() runs concurrently.
         self._fitted = lru_cache(maxsize=None)(partial(self._fit, info))
 
     def _fit(
@@ -214,7 +216,7 @@ class Calibration:
 
 
 def _scale_span(start: int, length: int, size: int, old_size: int) -> tuple[int, int]:
-    """Scale a part of a side to all pixels that it touches, so that it is never lost."""
+    """Scale an interval and extend it to whole pixels, so that it is never empty."""
     first = start * size // old_size
     last = -(-(start + length) * size // old_size)
     return first, last - first

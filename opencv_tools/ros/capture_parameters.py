@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameters of ``img_publisher``, and what they mean to the capture room."""
+"""Parameter table of ``img_publisher``, and the capture settings that follow from it."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ from opencv_tools.ros.stamps import STAMPS
 
 def _parse_reconnect(text: str) -> float:
     """
-    Read for how many seconds a camera that is away is waited for.
+    Read the maximum time to wait for a disconnected camera, in seconds.
 
-    :raises ValueError: it is neither forever, never nor a number.
+    :param text: ``forever``, ``never`` or a number of seconds.
+    :raises ValueError: the text is none of these.
     """
     named = {'forever': math.inf, 'never': 0.0}
     try:
@@ -45,7 +46,7 @@ def _parse_reconnect(text: str) -> float:
     except ValueError:
         seconds = math.nan
     if not seconds >= 0:
-        raise ValueError('give forever, never or a number of seconds')
+        raise ValueError('set it to forever, never or a number of seconds')
     return seconds
 
 
@@ -54,62 +55,68 @@ def _check_camera_name(name: str) -> None:
         check_camera_name(name)
 
 
-#: What ``img_publisher`` can be told.
+#: Parameters of ``img_publisher``, in the order of ``--help``.
 PARAMETERS = (
-    Parameter('source', '0', 'device number, device path, video file, picture file, folder or '
-              'glob of pictures, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source,
-              fixed=True),
-    Parameter('publish_rate', 10.0, "frames per second; 0 for the source's own rate",
-              maximum=MAX_RATE),
-    Parameter('encoding', 'bgr8', "encoding of the messages; '' for the source's own",
-              choices=(*ENCODINGS, '')),
-    Parameter('frame_id', 'camera', 'coordinate frame of the camera, for the header'),
-    Parameter('width', 0, 'of a camera, in pixels; 0 for the usual 640', maximum=1 << 16),
-    Parameter('height', 0, 'of a camera, in pixels; 0 for the usual 480', maximum=1 << 16),
-    Parameter('fps', 0.0, 'frames per second asked of a camera; 0 for the usual 30',
-              maximum=MAX_RATE),
-    Parameter('fourcc', '', 'pixel format asked of a camera, such as YUYV or MJPG',
-              check=check_fourcc),
-    Parameter('flip', 'none', 'how frames are mirrored', choices=tuple(FLIPS)),
-    Parameter('rotate', 0, 'degrees that frames are turned clockwise, after mirroring',
-              choices=ROTATIONS),
-    Parameter('jpeg_quality', 95, 'of video_frames/compressed', minimum=1, maximum=100),
-    Parameter('stamp', 'capture', 'what the stamp is the time of', choices=STAMPS),
-    Parameter('stamp_offset', 0.0, 'seconds added to the stamp', minimum=-1e6, maximum=1e6),
-    Parameter('read_timeout', 2.0, 'seconds without a frame after which a camera is opened anew',
-              minimum=0.1, maximum=1e6),
-    Parameter('reconnect', 'forever', 'how long a camera that is away is waited for: forever, '
-              'never or a number of seconds', check=_parse_reconnect, ends=True),
-    Parameter('camera_info_url', '', 'calibration: file:// or package://, with ${NAME} and '
-              '${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml', fixed=True),
-    Parameter('camera_name', '', "the ${NAME} of the calibration; empty for the namespace's, or "
-              'camera', check=_check_camera_name, fixed=True),
-    Parameter('on_end', 'stop', 'what follows the last frame of a file', choices=ON_END,
-              fixed=True, ends=True),
-    Parameter('loop', 1, 'how often a file is played; 0 for ever, as with on_end:=loop',
-              maximum=10**9, fixed=True, ends=True),
-    Parameter('start_frame', 0, 'number of the first frame of a file to show, from 0',
-              maximum=10**9, fixed=True),
-    Parameter('stop_frame', 0, 'number of the frame of a file to end before; 0 for its end',
-              maximum=10**9, fixed=True, ends=True),
-    Parameter('max_frames', 0, 'end after so many frames; 0 for no end', maximum=10**9,
-              fixed=True, ends=True),
-    Parameter('wait_for_subscribers', 0, 'start only when so many subscribers are there',
-              maximum=1000, fixed=True),
+    Parameter('source', '0', 'Device number, device path, video file, image file, folder or glob '
+              'of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source),
+    Parameter('publish_rate', 10.0, 'Frame rate of the published images in Hz; 0 for the rate of '
+              'the source', maximum=MAX_RATE, changeable=True),
+    Parameter('encoding', 'bgr8', "Encoding of the published images; '' for the encoding of the "
+              'source', choices=(*ENCODINGS, ''), changeable=True),
+    Parameter('frame_id', 'camera', 'Coordinate frame of the camera, for the message headers',
+              changeable=True),
+    Parameter('width', 0, 'Width of the camera image in pixels; 0 for the default (640)',
+              maximum=1 << 16, changeable=True),
+    Parameter('height', 0, 'Height of the camera image in pixels; 0 for the default (480)',
+              maximum=1 << 16, changeable=True),
+    Parameter('fps', 0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)',
+              maximum=MAX_RATE, changeable=True),
+    Parameter('fourcc', '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty '
+              'for the best format at this size and rate', check=check_fourcc, changeable=True),
+    Parameter('flip', 'none', 'Mirroring of the images', choices=tuple(FLIPS), changeable=True),
+    Parameter('rotate', 0, 'Clockwise rotation of the images in degrees, applied after flip',
+              choices=ROTATIONS, changeable=True),
+    Parameter('jpeg_quality', 95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to '
+              '100 (best)', minimum=1, maximum=100, changeable=True),
+    Parameter('stamp', 'capture', 'Event whose time is the stamp of a frame', choices=STAMPS,
+              changeable=True),
+    Parameter('stamp_offset', 0.0, 'Offset added to each stamp in seconds; negative to compensate '
+              'the delay of a camera', minimum=-1e6, maximum=1e6, changeable=True),
+    Parameter('read_timeout', 2.0, 'Seconds without a frame after which a camera or stream is '
+              'reopened', minimum=0.1, maximum=1e6, changeable=True),
+    Parameter('reconnect', 'forever', 'How long to wait for a disconnected camera: forever, '
+              'never, or seconds', check=_parse_reconnect, ends=True, changeable=True),
+    Parameter('camera_info_url', '', 'URL of the calibration file: file:// or package://, with '
+              '${NAME} and ${ROS_HOME}; empty for file://${ROS_HOME}/camera_info/${NAME}.yaml'),
+    Parameter('camera_name', '', 'Name of the camera, for ${NAME} in camera_info_url; empty for '
+              'the namespace of the node, or camera if there is none', check=_check_camera_name),
+    Parameter('on_end', 'stop', 'Action after the last frame of a file', choices=ON_END,
+              ends=True),
+    Parameter('loop', 1, 'Number of times a file is played; 0 to repeat it forever, like '
+              'on_end:=loop', maximum=10**9, ends=True),
+    Parameter('start_frame', 0, 'Number of the first frame of a file to publish, counted from 0',
+              maximum=10**9),
+    Parameter('stop_frame', 0, 'Number of the first frame of a file not to publish, counted from '
+              '0; 0 for the end of the file', maximum=10**9, ends=True),
+    Parameter('max_frames', 0, 'Number of published frames after which the node exits; 0 for no '
+              'limit', maximum=10**9, ends=True),
+    Parameter('wait_for_subscribers', 0, 'Number of subscribers to wait for before the first '
+              'frame; 0 to start at once', maximum=1000),
 )
 
-#: Those for which a camera has to be opened anew.
-OPENING = frozenset(('width', 'height', 'fps', 'fourcc'))
+#: Parameters whose change requires reopening the camera.
+REOPEN_ON_CHANGE = frozenset(('width', 'height', 'fps', 'fourcc'))
 
-#: The one that frames of the camera as it is open may not be convertible to.
+#: Parameter that may require reopening the camera, because not every format converts to it.
 ENCODING = 'encoding'
 
 
-def playback(values: Mapping[str, Any]) -> Playback:
+def playback_settings(values: Mapping[str, Any]) -> Playback:
     """
-    Gather from the parameters how a source is shown.
+    Return the playback settings that the parameters describe.
 
-    :raises ParameterError: two of them contradict each other.
+    :param values: parameter values by name.
+    :raises ParameterError: ``start_frame`` is not before ``stop_frame``.
     """
     first, stop = values['start_frame'], values['stop_frame']
     if 0 < stop <= first:
@@ -122,14 +129,14 @@ def playback(values: Mapping[str, Any]) -> Playback:
         _parse_reconnect(values['reconnect']))
 
 
-def look(values: Mapping[str, Any]) -> Look:
-    """Gather from the parameters how frames are wanted."""
+def output_settings(values: Mapping[str, Any]) -> Look:
+    """Return the output settings that the parameters describe."""
     return Look(values['encoding'], values['flip'], values['rotate'], values['jpeg_quality'])
 
 
 def camera_request(
     values: Mapping[str, Any], controls: tuple[tuple[str, int], ...],
 ) -> CameraRequest:
-    """Gather from the parameters what is wanted of a camera."""
+    """Return the camera request that the parameters and the control values describe."""
     return CameraRequest(values['width'], values['height'], values['fps'], values['fourcc'],
                          values['encoding'], controls)

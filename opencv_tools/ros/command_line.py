@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Arguments that ROS would take in silence but not as they were meant."""
+"""Checks of command line arguments that ROS accepts but does not apply as intended."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ANY_NODE = ('*', '**')
 _WITH_VALUE = ('-p', '--param', '-r', '--remap', '--params-file', '--log-level',
                '--log-config-file', '-e', '--enclave')
 
-# What ``load_parameters`` raises.
+# Exceptions of ``load_parameters``.
 _LOAD_ERRORS = (OSError, ValueError, RecursionError, yaml.YAMLError)
 
 
@@ -41,14 +41,14 @@ def check_ros_arguments(
     args: Sequence[str], executable: str, node: str, table: Sequence[Parameter],
 ) -> list[str]:
     """
-    Check what ROS does not: that remap rules are none of parameters, and files are for the node.
+    Check remapping rules and parameter files for mistakes that ROS accepts silently.
 
-    :param args: the command line, program name first.
-    :param executable: its name.
-    :param node: the name of its node, unless it is remapped.
-    :param table: the parameters of the node.
-    :returns: sentences about what is not used.
-    :raises ParameterError: something that was given cannot have been meant so.
+    :param args: command line, program name first.
+    :param executable: name of the executable.
+    :param node: name of the node, unless it is remapped.
+    :param table: parameters of the node.
+    :returns: sentences about arguments that have no effect.
+    :raises ParameterError: an argument is certainly a mistake.
     """
     given = list(_split(args))
     names = {parameter.name for parameter in table}
@@ -58,7 +58,7 @@ def check_ros_arguments(
         left = left.rpartition(':')[2]
         if option in ('', '-r', '--remap') and right:
             if left in names:
-                raise ParameterError(f'{value} is a rule for topics, and {left} is a parameter: '
+                raise ParameterError(f'{value} is a remapping rule, but {left} is a parameter: '
                                      f'write --ros-args -p {value}')
             if left in ('__node', '__name'):
                 renamed.add(right)
@@ -69,10 +69,10 @@ def check_ros_arguments(
 
 def check_params_file(path: str) -> None:
     """
-    Check that a parameter file exists, for launch only warns and starts nodes without it.
+    Check that a parameter file exists, because launch only warns and starts nodes without it.
 
-    :param path: the file.
-    :raises ParameterError: there is no such file.
+    :param path: path of the file.
+    :raises ParameterError: the file does not exist.
     """
     if not Path(path).is_file():
         raise ParameterError(f'params_file is {path!r}: give a file that exists')
@@ -80,27 +80,28 @@ def check_params_file(path: str) -> None:
 
 def load_parameters(path: Path) -> Any:
     """
-    Read a parameter file, as long as that takes no time to speak of.
+    Read a parameter file, within limits of its size and depth.
 
-    :param path: the file.
-    :returns: what the YAML says.
-    :raises OSError: it cannot be read, is no regular file, or is larger than 1 MB.
-    :raises ValueError: it is no text.
-    :raises yaml.YAMLError: it is no YAML, nested too deep, or has aliases, which rcl refuses too.
+    :param path: path of the file.
+    :returns: content of the YAML document.
+    :raises OSError: it cannot be read, is not a regular file, or is larger than 1 MB.
+    :raises ValueError: it is not text.
+    :raises yaml.YAMLError: it is not YAML, is nested too deeply, or has aliases; rcl refuses
+        them too.
     """
     content = read_regular(path, _FILE_BYTES)
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # which is quicker by far
+    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # CSafeLoader is much faster
     depth = 0
     for event in yaml.parse(content, loader):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > _FILE_DEPTH or isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError(f'{path} is no parameter file')
+            raise yaml.YAMLError(f'{path} is not a parameter file')
     return yaml.load(content, loader)
 
 
 def parameter_sections(content: Any, path: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the sections of a parameter file: the name of the node, and its parameters."""
+    """Yield the node name and the parameters of each section of a parameter file."""
     for name, value in content.items() if isinstance(content, dict) else ():
         if name == 'ros__parameters':
             yield path, value
@@ -109,7 +110,7 @@ def parameter_sections(content: Any, path: str = '') -> Iterator[tuple[str, Any]
 
 
 def _split(args: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield each option of ROS and its value, and each word that is none as the value of ''."""
+    """Yield each ROS option with its value, and every other word as the value of ''."""
     words = iter(args[1:])
     is_ros = False
     for word in words:
@@ -127,13 +128,13 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     """
     Check that a file has parameters for a node.
 
-    :returns: a sentence about a section that was meant for it, or ''.
-    :raises ParameterError: it has parameters for others only.
+    :returns: a sentence about a section that names the executable instead of the node, or ''.
+    :raises ParameterError: the file has parameters for other nodes only.
     """
     try:
         sections = [printable(name) for name, _ in parameter_sections(load_parameters(path))]
     except _LOAD_ERRORS:
-        return ''  # which rcl says, or reads all the same
+        return ''  # rcl reports the error, or reads the file anyway
     last = {name: name.rpartition('/')[2] for name in sections}
     own = [name for name in sections if last[name] in nodes or last[name] in _ANY_NODE]
     node = min(nodes)
@@ -141,10 +142,10 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     if mistaken and executable not in nodes:
         right = mistaken.removesuffix(executable) + node
         sentence = (f'{path} has parameters for {mistaken}, but {executable} is the executable '
-                    f'and {node} is the node: write {right}: in place of {mistaken}:')
+                    f'and {node} is the node: write {right}: instead of {mistaken}:')
     else:
         listed = ', '.join(sorted(set(sections))[:5])
-        sentence = (f'{path} has parameters for {listed}, and none for this node: '
+        sentence = (f'{path} has parameters for {listed}, but none for this node: '
                     f'write {node}:, or /**: for every node')
         mistaken = ''
     if sections and not own:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a camera does, told on ``/diagnostics`` once a second."""
+"""Status of the source, published on ``/diagnostics`` once a second."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _PERIOD = 1.0
 
 
 @dataclass(frozen=True)
-class Condition:
+class SourceStatus:
     """
-    What a source is doing.
+    Status of a source.
 
-    :param source: its name.
-    :param description: what it gives; '' when it is not open.
-    :param trouble: why it is not open although it should be; '' when it is, or is paused.
-    :param paused: whether it was asked to pause.
-    :param missed: frames that the camera gave and nobody could take.
-    :param dropped: frames that could not be read or published.
-    :param reconnects: how often it has come back.
-    :param awaited: subscribers for which the first frame waits; 0 when it waits no more.
+    :param source: name of the source.
+    :param description: negotiated format; '' while the source is closed.
+    :param unavailable_reason: reason why the source is unavailable; '' while it is open or paused.
+    :param paused: whether capturing is paused.
+    :param missed: number of camera frames that were not read in time.
+    :param dropped: number of frames that could not be read or published.
+    :param reconnects: number of reconnects.
+    :param awaited: number of subscribers to wait for before the first frame; 0 after the wait.
     """
 
     source: str
     description: str
-    trouble: str
+    unavailable_reason: str
     paused: bool
     missed: int
     dropped: int
@@ -54,17 +54,17 @@ class Condition:
 
 
 class Diagnostics:
-    """Publish how a source does; frames are counted from any thread."""
+    """Publish the status of a source; frames are counted on any thread."""
 
-    def __init__(self, node: Node, condition: Callable[[], Condition]) -> None:
+    def __init__(self, node: Node, source_status: Callable[[], SourceStatus]) -> None:
         """
-        Begin to publish.
+        Start publishing.
 
-        :param node: the node that publishes.
-        :param condition: tells what the source is doing.
+        :param node: node of the publisher.
+        :param source_status: returns the status of the source.
         """
         self._node = node
-        self._condition = condition
+        self._source_status = source_status
         self._lock = threading.Lock()
         self._ages: list[float] = []
         self._since = time.monotonic()
@@ -76,44 +76,44 @@ class Diagnostics:
         """
         Count a frame.
 
-        :param age: seconds from its capture until it was published; 0.0 if nobody saw it.
+        :param age: seconds from capture to publication; 0.0 without subscribers.
         """
         with self._lock:
             self._ages.append(age)
 
     def _report(self) -> None:
-        """Publish how the last period was."""
+        """Publish the status of the last period."""
         now = time.monotonic()
         with self._lock:
             ages, self._ages = self._ages, []
         seconds, self._since = now - self._since, now
-        condition = self._condition()
-        lost = condition.missed + condition.dropped
-        level, message = _judge(condition, len(ages), lost - self._lost_before)
+        source_status = self._source_status()
+        lost = source_status.missed + source_status.dropped
+        level, message = _level_and_message(source_status, len(ages), lost - self._lost_before)
         self._lost_before = lost
         values = {
-            'source': condition.source, 'format': condition.description,
+            'source': source_status.source, 'format': source_status.description,
             'rate': f'{len(ages) / seconds:.1f} Hz',
             'age': f'{1000 * max(ages, default=0.0):.1f} ms at most',
-            'dropped': condition.dropped, 'missed': condition.missed,
-            'reconnects': condition.reconnects}
+            'dropped': source_status.dropped, 'missed': source_status.missed,
+            'reconnects': source_status.reconnects}
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: source',
-            message=message, hardware_id=condition.source,
+            message=message, hardware_id=source_status.source,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
 
-def _judge(condition: Condition, frames: int, lost: int) -> tuple[bytes, str]:
-    """Say whether all is well."""
-    if condition.paused:
+def _level_and_message(source_status: SourceStatus, frames: int, lost: int) -> tuple[bytes, str]:
+    """Return the diagnostic level and message of a status."""
+    if source_status.paused:
         return DiagnosticStatus.OK, 'paused'
-    if condition.trouble:
-        return DiagnosticStatus.ERROR, condition.trouble
+    if source_status.unavailable_reason:
+        return DiagnosticStatus.ERROR, source_status.unavailable_reason
     if lost > 0:
         return DiagnosticStatus.WARN, f'{lost} frames lost in the last second'
-    if condition.awaited and not frames:
-        return DiagnosticStatus.OK, f'waiting for {condition.awaited} subscriber(s)'
-    return DiagnosticStatus.OK, 'publishing' if frames else 'no frame was due'
+    if source_status.awaited and not frames:
+        return DiagnosticStatus.OK, f'waiting for {source_status.awaited} subscriber(s)'
+    return DiagnosticStatus.OK, 'publishing' if frames else 'no frame in the last second'

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How large frames will be, by a command line, before there is a node to ask."""
+"""
+Estimate of the frame size from the command line, before the node exists.
+
+The profile of Fast DDS depends on the frame size, and is read when the first participant of the
+process is created. The parameters of the node are not known by then.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +40,13 @@ _COLOUR = 'bgr8'
 
 def expected_frame_bytes(args: Sequence[str]) -> int:
     """
-    Guess the bytes of the frames that ``img_publisher`` will publish.
+    Estimate the size of the frames that ``img_publisher`` will publish.
 
-    A pattern's and a camera's size is told, of a file the first frame is read; of a stream, or
-    where anything is wrong, which the node will say, it is that of 1920x1080 in colour.
+    Patterns and cameras report their size. A file is opened to read its first frame. The size of
+    streams, and of arguments that the node will refuse, is assumed to be 1920x1080 in colour.
 
-    :param args: the command line.
-    :returns: bytes of a frame, more than 0.
+    :param args: command line.
+    :returns: bytes per frame, at least 1.
     """
     try:
         values = {parameter.name: parameter.default for parameter in PARAMETERS}
@@ -60,7 +65,7 @@ def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
 
 
 def _given_parameters(args: Sequence[str]) -> dict[str, Any]:
-    """Gather the parameters of a command line and of its files, whatever node they are for."""
+    """Return the parameters of a command line and its files, regardless of the node name."""
     values: dict[str, Any] = {}
     for option, value in pairwise(args):
         if option in ('-p', '--param'):

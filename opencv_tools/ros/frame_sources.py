@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where frames are published: topics of images, raw and compressed, and who is there."""
+"""Image topics, raw and compressed, and their publishers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TRANSPORTS = ('auto', 'raw', 'compressed')
 
 _IMAGE = 'sensor_msgs/msg/Image'
 _COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
-#: The class of each type of messages, and what reads one that was received raw.
+#: Class and reader of the serialized messages, by message type.
 FRAME_TYPES: dict[str, tuple[Any, Callable[[Any], FrameMessage]]] = {
     _IMAGE: (Image, read_image),
     _COMPRESSED_IMAGE: (CompressedImage, read_compressed_image),
@@ -46,94 +46,94 @@ _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 @dataclass(frozen=True)
-class FrameSource:
+class ImageTopic:
     """
-    Where frames may be.
+    A topic that may have frames.
 
-    :param name: of the topic, before it is remapped.
-    :param type_name: of its messages.
+    :param name: name of the topic before remapping.
+    :param type_name: type of its messages.
     """
 
     name: str
     type_name: str
 
 
-class FrameSources:
-    """The sources that a topic may mean, and their publishers."""
+class TopicDiscovery:
+    """The raw and compressed topics that belong to an image topic, and their publishers."""
 
     def __init__(self, node: Node, topic: str, transport: str) -> None:
         """
-        List them.
+        List the topics.
 
-        :param node: whose graph is looked at.
-        :param topic: of the images, before it is remapped.
+        :param node: node whose graph is queried.
+        :param topic: name of the image topic before remapping.
         :param transport: one of ``TRANSPORTS``.
         """
         self._node = node
         self._topic = topic
-        self._known = _list_sources(topic, node.resolve_topic_name(topic))
+        self._known = _list_topics(topic, node.resolve_topic_name(topic))
         allowed = {'raw': {_IMAGE}, 'compressed': {_COMPRESSED_IMAGE}}.get(
             transport, FRAME_TYPES.keys())
-        #: Those that the transport allows, the best first.
-        self.allowed = [source for source in self._known if source.type_name in allowed]
+        #: Topics that the transport allows, best first.
+        self.allowed = [known for known in self._known if known.type_name in allowed]
 
-    def offers(self, source: FrameSource) -> list[TopicEndpointInfo]:
-        """Find the publishers of a source."""
-        return [info for info in self._node.get_publishers_info_by_topic(source.name)
-                if info.topic_type == source.type_name]
+    def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
+        """Return the publishers of a topic."""
+        return [info for info in self._node.get_publishers_info_by_topic(image_topic.name)
+                if info.topic_type == image_topic.type_name]
 
-    def best(self) -> FrameSource | None:
-        """Find the first source that has a publisher."""
-        return next(filter(self.offers, self.allowed), None)
+    def best(self) -> ImageTopic | None:
+        """Return the first topic that has a publisher, or None."""
+        return next(filter(self.publishers, self.allowed), None)
 
-    def describe_silence(self, source: FrameSource, qos: QoSProfile) -> str:
+    def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
         """
-        Say in a sentence why no frame arrives, and what helps.
+        Return the reason why no frame arrives, with a remedy, as a sentence.
 
-        :param source: what is subscribed to.
-        :param qos: what with.
+        :param image_topic: subscribed topic.
+        :param qos: quality of service of the subscription.
         """
-        topic = self._resolved(source)
-        publishers = self._node.get_publishers_info_by_topic(source.name)
-        offers = [info for info in publishers if info.topic_type == source.type_name]
+        topic = self._resolved_name(image_topic)
+        publishers = self._node.get_publishers_info_by_topic(image_topic.name)
+        offers = [info for info in publishers if info.topic_type == image_topic.type_name]
         if offers:
             return _describe_silent(topic, offers, qos)
         for other in self._known:
-            found = self.offers(other)
+            found = self.publishers(other)
             if found:
-                return self._describe_other(source, other, found[0])
+                return self._describe_other(image_topic, other, found[0])
         if publishers:
             return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
-                    f'({_describe_node(publishers[0])}), not {source.type_name}; '
+                    f'({_describe_node(publishers[0])}), not {image_topic.type_name}; '
                     f'{self._describe_images()}')
         return f'no publisher on {topic}; {self._describe_images()}'
 
-    def _resolved(self, source: FrameSource) -> str:
-        name: str = self._node.resolve_topic_name(source.name)
+    def _resolved_name(self, image_topic: ImageTopic) -> str:
+        name: str = self._node.resolve_topic_name(image_topic.name)
         return name
 
     def _describe_other(
-        self, source: FrameSource, other: FrameSource, info: TopicEndpointInfo,
+        self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,
     ) -> str:
-        """Say that there are frames, but not of the kind that was asked for."""
-        topic, name = self._resolved(source), self._resolved(other)
+        """Describe frames of the other message type."""
+        topic, name = self._resolved_name(image_topic), self._resolved_name(other)
         given = 'raw' if other.type_name == _IMAGE else 'compressed'
-        wanted = source.type_name
+        expected = image_topic.type_name
         if name == topic:
             fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
-                   f'not {wanted}'
+                   f'not {expected}'
         else:
-            fact = f'no publisher of {wanted} on {topic}, but one of ' \
+            fact = f'no publisher of {expected} on {topic}, but one of ' \
                    f'{other.type_name} on {name} ({_describe_node(info)})'
         return f'{fact}; set transport:={given} or transport:=auto'
 
     def _find_images(self) -> dict[str, set[str]]:
-        """Find the topics where images are published, with their types, in order."""
+        """Return the topics on which images are published, sorted, with their types."""
         found = {}
         for name, types in sorted(self._node.get_topic_names_and_types()):
             if not _NAME.fullmatch(name):
-                continue  # of no node of ROS, which cannot be received
-            if not FRAME_TYPES.keys().isdisjoint(types):  # which subscriptions have as well
+                continue  # not a topic of a ROS node
+            if not FRAME_TYPES.keys().isdisjoint(types):  # subscriptions have types as well
                 published = {
                     info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
                 if published & FRAME_TYPES.keys():
@@ -141,27 +141,27 @@ class FrameSources:
         return found
 
     def _describe_images(self) -> str:
-        """Say which topics have frames, and how to receive one."""
+        """Describe the topics that have images, and how to subscribe to one."""
         topics = self._find_images()
         domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
         if not topics:
-            return f'nobody publishes images in {domain}; ' \
+            return f'no images are published in {domain}; ' \
                    'is a publisher running, with the same ROS_DOMAIN_ID?'
-        allowed = {source.type_name for source in self.allowed}
+        allowed = {image_topic.type_name for image_topic in self.allowed}
         example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
                        '')
         remedy = f'-r {self._topic}:={example or next(iter(topics))}'
         if not example:
             remedy += ' -p transport:=auto'
-        return f'there are images on {_enumerate(list(topics))} in {domain}; ' \
+        return f'images are published on {_enumerate(list(topics))} in {domain}; ' \
                f'receive one with {remedy}'
 
 
-def _list_sources(topic: str, resolved: str) -> Sequence[FrameSource]:
-    """List where the frames of a topic may be, the best first."""
-    image = FrameSource(topic, _IMAGE)
-    itself = FrameSource(topic, _COMPRESSED_IMAGE)
-    beside = FrameSource(f'{resolved}/compressed', _COMPRESSED_IMAGE)
+def _list_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
+    """Return the topics that may have the frames of an image topic, best first."""
+    image = ImageTopic(topic, _IMAGE)
+    itself = ImageTopic(topic, _COMPRESSED_IMAGE)
+    beside = ImageTopic(f'{resolved}/compressed', _COMPRESSED_IMAGE)
     if resolved.endswith('/compressed'):
         return itself, image, beside
     return image, beside, itself
@@ -170,26 +170,26 @@ def _list_sources(topic: str, resolved: str) -> Sequence[FrameSource]:
 def _describe_silent(
     topic: str, offers: Sequence[TopicEndpointInfo], request: QoSProfile,
 ) -> str:
-    """Say why publishers of the right type are not heard."""
+    """Describe why publishers of the right type deliver no frame."""
     mismatches = [(info, qos_mismatch(info.qos_profile, request)) for info in offers]
     if all(mismatch for _, mismatch in mismatches):
         info, mismatch = mismatches[0]
-        return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the quality of '
-                f'service that is asked for: {mismatch}; change that of the publisher')
+        return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the requested '
+                f'quality of service: {mismatch}; change that of the publisher')
     nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
     user = find_other_user()
     if user:
-        return (f'{topic} has a publisher ({nodes}), which sends nothing that arrives; user '
-                f'{user} runs nodes here too, and Fast DDS has no shared memory between users: '
-                'run all nodes as one user')
-    return (f'{topic} has a publisher ({nodes}), which sends nothing that arrives; it may be '
+        return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
+                'nodes on this machine, and Fast DDS shares no memory between users: run all '
+                'nodes as one user')
+    return (f'{topic} has a publisher ({nodes}), but no frame arrives; the publisher may be '
             'paused or its source may have no frames, and containers on one machine have to '
             'share /dev/shm (--ipc=host)')
 
 
 def _describe_node(info: TopicEndpointInfo) -> str:
     if info.node_name == _UNKNOWN_NODE:
-        return 'which is no node of ROS'
+        return 'not a ROS node'
     return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A subscription to frames that asks for what their publishers offer, and says why none come."""
+"""Subscription that adapts to the publishers of a topic, and reports why no frames arrive."""
 
 from __future__ import annotations
 
@@ -23,41 +23,41 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import CdrError
 from opencv_tools.recording.trouble import Log
-from opencv_tools.ros.frame_sources import FrameSource, FrameSources
+from opencv_tools.ros.frame_sources import ImageTopic, TopicDiscovery
 from opencv_tools.ros.lost_frames import LostFrames
 from opencv_tools.ros.messages import FrameMessage
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.rcl import MessageInfo
-from opencv_tools.ros.reception import Reception
-from opencv_tools.ros.silence import Silence
+from opencv_tools.ros.reception import RawSubscription
+from opencv_tools.ros.silence import NoFramesWarning
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# The executor has an event for a publisher of the same type only; for the rest the graph is looked
-# at. Each look wakes the executor, which is what it costs.
-_LOOK_SECONDS = 0.5
-# A new subscription is known to every publisher by then, over a slow network too.
+# The executor has events only for publishers of the same type. The graph is polled for all others.
+# Each poll wakes the executor, which is its cost.
+_GRAPH_POLL_SECONDS = 0.5
+# Time in which every publisher discovers a new subscription, also over a slow network.
 _OVERLAP_SECONDS = 1.0
-# As many messages as Fast DDS keeps for a subscription at most.
-_REMEMBERED = 5000
+# Maximum number of messages that Fast DDS keeps for a subscription.
+_MAX_IDS = 5000
 
 
 class FrameSubscription:
     """
-    Receive the frames of a topic, whatever quality of service its publishers offer.
+    Receive the frames of a topic with the quality of service that its publishers offer.
 
-    It begins reliable and volatile, which publishers of images offer as a rule. It subscribes
-    again when a publisher offers less, and when all publishers are new and offer more. A publisher
-    that leaves changes nothing. The old subscription stays for a second beside the new one, and
-    what both receive is passed on once, so that no frame is lost or doubled.
+    The first subscription is reliable and volatile, like most image publishers. The node
+    subscribes again when a publisher offers less, and when all publishers are new and offer more.
+    A publisher that leaves changes nothing. The old subscription overlaps with the new one for a
+    second. Messages that both receive are passed on once, so that no frame is lost or doubled.
 
-    With the transport ``auto`` it receives raw images where any are published, else compressed
-    ones. Once a frame has come it stays with that topic until the last publisher of it is gone.
-    Compressed images are those on ``<topic>/compressed``, or on the topic itself.
+    With the transport ``auto`` raw images are preferred to compressed ones. After the first frame
+    the topic changes only when its last publisher has left. Compressed images are on
+    ``<topic>/compressed``, or on the topic itself.
 
-    All calls come from the executor, one at a time: it uses the node's default callback group.
+    All callbacks run in the executor, one at a time, in the node's default callback group.
     """
 
     def __init__(
@@ -67,197 +67,202 @@ class FrameSubscription:
         """
         Subscribe.
 
-        :param node: the node that receives.
-        :param topic: of the images, as in ``-r topic:=other``.
+        :param node: node that receives the frames.
+        :param topic: name of the image topic before remapping.
         :param transport: one of ``TRANSPORTS``.
-        :param depth: how many of the newest frames the middleware keeps until they are taken; None
-            for every frame, as far as it can.
-        :param log: where it is said what is received, and why nothing is.
-        :param on_frame: takes a message, and when it was received: nanoseconds of the system
-            clock.
-        :param on_broken: takes the error of a message that cannot be read.
+        :param depth: number of newest frames that the middleware keeps; None to keep every frame,
+            up to the limit of the middleware.
+        :param log: log for the subscribed topic, and for the reason when no frames arrive.
+        :param on_frame: called with a message and its time of reception in nanoseconds of the
+            system clock.
+        :param on_broken: called with the error of a message that cannot be read.
         """
         self._node = node
         self._log = log
         self._depth = depth
         self._on_frame = on_frame
         self._on_broken = on_broken
-        self._sources = FrameSources(node, topic, transport)
-        self._silence = Silence(log, self.describe_silence)
-        self._candidate: FrameSource | None = None
-        self._has_frames = False  # since a publisher is there
-        #: Those that were published but did not arrive.
+        self._discovery = TopicDiscovery(node, topic, transport)
+        self._no_frames_warning = NoFramesWarning(log, self.explain_no_frames)
+        self._candidate: ImageTopic | None = None
+        self._has_frames = False  # since the first publisher appeared
+        #: Counter of messages that were published but did not arrive.
         self.losses = LostFrames()
         self._publishers: frozenset[bytes] = frozenset()
-        self._heard: set[tuple[int, int]] = set()
-        self._heard_before: set[tuple[int, int]] = set()
-        self._previous: Reception | None = None
+        self._recent_ids: set[tuple[int, int]] = set()
+        self._older_ids: set[tuple[int, int]] = set()
+        self._previous: RawSubscription | None = None
         self._retire_at = 0.0
-        source = self._sources.best() or self._sources.allowed[0]
-        self._reception = self._receive_from(source, self._best_qos(self._sources.offers(source)))
-        self._looked_at = time.monotonic()
-        self._timer = create_steady_timer(node, _LOOK_SECONDS, self._look)
+        image_topic = self._discovery.best() or self._discovery.allowed[0]
+        self._subscription = self._subscribe(
+            image_topic, self._best_qos(self._discovery.publishers(image_topic)))
+        self._polled_at = time.monotonic()
+        self._timer = create_steady_timer(node, _GRAPH_POLL_SECONDS, self._poll_graph)
 
     @property
     def topic_name(self) -> str:
-        """Give the topic that is subscribed to now, as it is after remapping."""
-        return self._reception.topic_name
+        """Name of the subscribed topic after remapping."""
+        return self._subscription.topic_name
 
     @property
     def lost(self) -> int:
-        """Count the messages that were published but did not arrive."""
+        """Count of messages that were published but did not arrive."""
         return self.losses.count
 
-    def describe_silence(self) -> str:
-        """Say in a sentence why no frame arrives, and what helps."""
-        return self._sources.describe_silence(self._reception.source, self._reception.qos)
+    def explain_no_frames(self) -> str:
+        """Return the reason why no frame arrives, with a remedy, as a sentence."""
+        return self._discovery.explain_no_frames(
+            self._subscription.image_topic, self._subscription.qos)
 
-    def close(self, is_patient: Callable[[], bool]) -> int:
+    def close(self, may_continue: Callable[[], bool]) -> int:
         """
-        Pass on what was received until now, and receive no more.
+        Pass on the messages that were received until now, and unsubscribe.
 
-        :param is_patient: returns, maybe after a wait, whether to pass on one more message.
-        :returns: how many messages were not passed on, as somebody was not patient or pressed
-            Ctrl-C.
+        :param may_continue: returns whether to pass on another message; may wait before.
+        :returns: number of messages that were not passed on, due to ``may_continue`` or Ctrl-C.
         """
         now = time.time_ns()
         rest = 0
         is_cut_short = False
 
-        def goes_on() -> bool:
+        def continues() -> bool:
             nonlocal is_cut_short
-            is_cut_short = is_cut_short or not is_patient()
+            is_cut_short = is_cut_short or not may_continue()
             return not is_cut_short
 
         try:
-            for reception in self._receptions():
-                for taken in reception.waiting(now, goes_on):
+            for subscription in self._subscriptions():
+                for taken in subscription.received_messages(now, continues):
                     rest = 1
-                    self._take(reception, *taken)
+                    self._receive(subscription, *taken)
                     rest = 0
         except KeyboardInterrupt:
             is_cut_short = True
-        for reception in self._receptions() if is_cut_short else ():
-            for _, info in reception.waiting(now):
+        for subscription in self._subscriptions() if is_cut_short else ():
+            for _, info in subscription.received_messages(now):
                 if not self._is_repeated((info.source_timestamp, info.number)):
-                    self.losses.take(info)
+                    self.losses.add(info)
                     rest += 1
         self.destroy()
         return rest
 
     def destroy(self) -> None:
-        """Receive no more."""
+        """Unsubscribe."""
         self._node.destroy_timer(self._timer)
-        for reception in self._receptions():
-            reception.destroy()
+        for subscription in self._subscriptions():
+            subscription.destroy()
         self._previous = None
 
-    def _receptions(self) -> list[Reception]:
-        """Return the subscriptions, the oldest first."""
-        return [reception for reception in (self._previous, self._reception) if reception]
+    def _subscriptions(self) -> list[RawSubscription]:
+        """Return the subscriptions, oldest first."""
+        return [found for found in (self._previous, self._subscription) if found]
 
-    # Publishers and what they offer
+    # Publishers and their quality of service
 
     def _best_qos(self, offers: Iterable[TopicEndpointInfo]) -> QoSProfile:
         return following_qos([info.qos_profile for info in offers], self._depth)
 
-    def _look(self) -> None:
-        """Follow the publishers, and say so when frames are missing."""
+    def _poll_graph(self) -> None:
+        """Adapt to the publishers, and warn if no frames arrive."""
         now = time.monotonic()
-        # Where the executor was busy elsewhere, frames may have come that nobody took yet.
-        elapsed = min(now - self._looked_at, 2 * _LOOK_SECONDS)
-        self._looked_at = now
+        # If the executor was busy, received frames may not have been processed yet.
+        elapsed = min(now - self._polled_at, 2 * _GRAPH_POLL_SECONDS)
+        self._polled_at = now
         if self._previous and now >= self._retire_at:
             self._retire_previous()
-        self._choose_source()
-        self._follow()
-        # One picture that was published before may be all there is.
-        latched = self._reception.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self._silence.watch(elapsed, latched and self._has_frames and bool(self._publishers))
+        self._choose_topic()
+        self._adapt_qos()
+        # A latched topic may have published its only image already.
+        latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self._no_frames_warning.check(
+            elapsed, latched and self._has_frames and bool(self._publishers))
 
-    def _choose_source(self) -> None:
-        """Change to the source that has publishers when this one has none, or no frames yet."""
-        current = self._reception.source
-        if len(self._sources.allowed) == 1 or (self._has_frames and self._sources.offers(current)):
+    def _choose_topic(self) -> None:
+        """Change the topic if it has no publisher, or no frames yet and another one is better."""
+        current = self._subscription.image_topic
+        if len(self._discovery.allowed) == 1 or (
+                self._has_frames and self._discovery.publishers(current)):
             return
         self._has_frames = False
-        best = self._sources.best() or current
-        # A camera's topics do not appear at the same time; the better one may be the next.
+        best = self._discovery.best() or current
+        # The topics of a camera do not appear at the same time; a better one may follow.
         if best not in (current, self._candidate):
             self._candidate = best
             return
         self._candidate = None
         if best != current:
-            self._subscribe_again(best, self._best_qos(self._sources.offers(best)))
-            self._silence.forget()
-            self.losses.begin()
+            self._subscribe_again(best, self._best_qos(self._discovery.publishers(best)))
+            self._no_frames_warning.reset_period()
+            self.losses.restart()
 
-    def _follow(self, _event: object = None) -> None:
-        """Subscribe again when what was asked for does not fit, or new publishers offer more."""
-        reception = self._reception
-        offers = self._sources.offers(reception.source)
+    def _adapt_qos(self, _event: object = None) -> None:
+        """Subscribe again if the profiles are incompatible, or new publishers offer more."""
+        subscription = self._subscription
+        offers = self._discovery.publishers(subscription.image_topic)
         qos = self._best_qos(offers)
         are_new = not self._publishers & _identify(offers)
-        self._notice(offers)
-        if offers and qos != reception.qos and (are_new or any(
-                qos_mismatch(info.qos_profile, reception.qos) for info in offers)):
-            self._subscribe_again(reception.source, qos)
+        self._update_publishers(offers)
+        if offers and qos != subscription.qos and (are_new or any(
+                qos_mismatch(info.qos_profile, subscription.qos) for info in offers)):
+            self._subscribe_again(subscription.image_topic, qos)
 
-    def _notice(self, offers: Iterable[TopicEndpointInfo]) -> None:
-        """Begin to wait for a frame when the publishers are others."""
+    def _update_publishers(self, offers: Iterable[TopicEndpointInfo]) -> None:
+        """Reset the wait for a frame if the publishers have changed."""
         publishers = _identify(offers)
         if publishers != self._publishers:
             self._publishers = publishers
             self.losses.discover(publishers)
-            self._silence.begin()
+            self._no_frames_warning.reset()
 
     # Subscriptions
 
-    def _receive_from(self, source: FrameSource, qos: QoSProfile) -> Reception:
-        return Reception(self._node, source, qos, self._take, self._follow)
+    def _subscribe(self, image_topic: ImageTopic, qos: QoSProfile) -> RawSubscription:
+        return RawSubscription(self._node, image_topic, qos, self._receive, self._adapt_qos)
 
-    def _subscribe_again(self, source: FrameSource, qos: QoSProfile) -> None:
-        old = self._reception
+    def _subscribe_again(self, image_topic: ImageTopic, qos: QoSProfile) -> None:
+        old = self._subscription
         self._retire_previous()
         self._previous, self._retire_at = old, time.monotonic() + _OVERLAP_SECONDS
-        if source != old.source or not old.publisher_count():
-            # Nothing can come any more, or not the same; and a topic has one type in a process.
+        if image_topic != old.image_topic or not old.publisher_count():
+            # The old publishers are gone, or the type differs: a process has one type per topic.
             self._retire_previous()
-        self._reception = self._receive_from(source, qos)
+        self._subscription = self._subscribe(image_topic, qos)
         self._log.info(
-            f'Receiving {self.topic_name} ({source.type_name}, {describe_qos(qos)}), '
+            f'Receiving {self.topic_name} ({image_topic.type_name}, {describe_qos(qos)}), '
             'as its publishers offer')
 
     def _retire_previous(self) -> None:
-        """Let go of the old subscription, once what it has received is passed on."""
+        """Pass on the received messages of the old subscription, then remove it."""
         if self._previous:
             self._previous.drain()
             self._previous.destroy()
             self._previous = None
 
-    def _take(self, reception: Reception, data: NDArray[np.uint8], info: MessageInfo) -> None:
-        """Pass a message on, unless it was before."""
-        if self._previous and reception is not self._previous:
-            self._previous.drain()  # first what came first
+    def _receive(
+        self, subscription: RawSubscription, data: NDArray[np.uint8], info: MessageInfo,
+    ) -> None:
+        """Pass a message on, unless the other subscription already has."""
+        if self._previous and subscription is not self._previous:
+            self._previous.drain()  # keep the order of reception
         if self._is_repeated((info.source_timestamp, info.number)):
             return
         self._has_frames = True
-        self.losses.take(info)
+        self.losses.add(info)
         try:
-            message = reception.read(data)
+            message = subscription.read(data)
         except CdrError as err:
             self._on_broken(err)
         else:
             self._on_frame(message, info.received_timestamp or time.time_ns())
-        self._silence.end(self.topic_name)
+        self._no_frames_warning.frame_received(self.topic_name)
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:
-        """Tell whether another subscription has passed a message on, and remember it."""
-        if identity in self._heard or identity in self._heard_before:
-            return identity[0] > 0  # without a time there is nothing to know it by
-        self._heard.add(identity)
-        if len(self._heard) == _REMEMBERED:
-            self._heard_before, self._heard = self._heard, set()
+        """Return whether a message was passed on already, and remember it."""
+        if identity in self._recent_ids or identity in self._older_ids:
+            return identity[0] > 0  # a message without a time cannot be identified
+        self._recent_ids.add(identity)
+        if len(self._recent_ids) == _MAX_IDS:
+            self._older_ids, self._recent_ids = self._recent_ids, set()
         return False
 
 

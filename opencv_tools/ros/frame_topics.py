@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics of a camera: its frames, the same compressed, and its calibration."""
+"""Topics of a camera: images, compressed images and calibration."""
 
 from __future__ import annotations
 
@@ -28,55 +28,55 @@ from opencv_tools.ros.backlog import Backlog
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.rcl import publish_image
-from opencv_tools.ros.transport import Transport
+from opencv_tools.ros.transport import FastDdsSetup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-# A subscriber may take a moment longer to know a publisher than the other way round.
+# A subscriber may discover a publisher slightly later than the publisher discovers it.
 _SETTLE_SECONDS = 0.2
 
 
 class FrameTopics:
     """
-    Publish frames to those who subscribe, and make nothing that nobody subscribes to.
+    Publish frames on the topics that have subscribers, and compute nothing for the others.
 
-    The topics beside that of the images are where image_transport has them.
+    The names of the other topics are those of image_transport.
     """
 
     def __init__(
-        self, node: Node, topic: str, calibration: Calibration, transport: Transport,
+        self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
         subscribers: int,
     ) -> None:
         """
         Create the publishers.
 
-        :param node: the node that publishes.
-        :param topic: of the images.
-        :param calibration: of the camera.
-        :param transport: how frames go to subscribers on this machine.
-        :param subscribers: how many are awaited before the first frame.
+        :param node: node of the publishers.
+        :param topic: name of the image topic.
+        :param calibration: calibration of the camera.
+        :param fastdds: result of the configuration of Fast DDS.
+        :param subscribers: number of subscribers to wait for before the first frame.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration
-        self._transport = transport
+        self._fastdds = fastdds
         self._log = node.get_logger()
-        self._largest = 0  # bytes of a frame
+        self._largest = 0  # bytes of the largest frame so far
         self._bridge = CvBridge()
         base = node.resolve_topic_name(topic)
         self.images = create_frame_publisher(node, Image, topic)
         self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
         self._infos = create_frame_publisher(
             node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
-        #: What reliable subscribers have not confirmed.
+        #: Messages that reliable subscribers have not confirmed.
         self.backlog = Backlog(self._publishers(), self._log)
-        #: Subscribers that the first frame waits for; 0 once they have come.
+        #: Number of subscribers to wait for before the first frame; 0 after the wait.
         self.awaited = subscribers
         self._settled_at = 0.0
 
     def is_there(self) -> bool:
-        """Tell whether the subscribers that are awaited have come; they may leave again."""
+        """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
             if _count(self.images) + _count(self._compressed) < self.awaited:
@@ -88,18 +88,18 @@ class FrameTopics:
         return not self.awaited
 
     def is_looking(self) -> bool:
-        """Tell whether anybody subscribes."""
+        """Return whether any topic has a subscriber."""
         return any(_count(publisher) for publisher in self._publishers())
 
     def publish(self, rendition: Rendition, stamp: Time, frame_id: str) -> bool:
         """
-        Publish a frame wherever somebody subscribes, the pixels first, for they are quick.
+        Publish a frame on each topic with subscribers, raw pixels first because they are fast.
 
-        :param rendition: the frame.
-        :param stamp: its time.
-        :param frame_id: the coordinate frame of the camera.
-        :returns: whether anybody subscribes.
-        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        :param rendition: frame to publish.
+        :param stamp: stamp of the messages.
+        :param frame_id: coordinate frame of the camera.
+        :returns: whether any topic has a subscriber.
+        :raises ImageError: the frame cannot be decoded or converted.
         """
         header = Header(stamp=stamp, frame_id=frame_id)
         failure: ImageError | None = None
@@ -117,7 +117,7 @@ class FrameTopics:
                     header, *rendition.size, look.flip, look.rotate))
                 self.backlog.add(self._infos)
         except ImageError as err:
-            failure = err  # what cannot be read may still go as its camera has compressed it
+            failure = err  # the JPEG data of the camera may still be published unchanged
         if to_compressed:
             self._compressed.publish(_compressed_cdr(rendition, header))
             self.backlog.add(self._compressed)
@@ -126,12 +126,12 @@ class FrameTopics:
         return to_images or to_compressed or to_infos
 
     def _check_room(self, frame_bytes: int) -> None:
-        """Say it when frames have become too large for the shared memory."""
+        """Log a warning when frames become too large for the shared memory."""
         if frame_bytes > self._largest:
             self._largest = frame_bytes
-            misfit = self._transport.misfit(frame_bytes)
-            if misfit:
-                self._log.warning(misfit)
+            size_warning = self._fastdds.size_warning(frame_bytes)
+            if size_warning:
+                self._log.warning(size_warning)
 
     def _publishers(self) -> tuple[Publisher, ...]:
         return self.images, self._compressed, self._infos

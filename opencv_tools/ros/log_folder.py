@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""A folder for the log of ROS, without which rcl does not start."""
+"""A writable folder for the log of ROS; rcl does not start without one."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ _VARIABLE = 'ROS_LOG_DIR'
 
 def replace_log_folder() -> str:
     """
-    Let ROS log to a temporary folder where it cannot write to its own.
+    Set a temporary log folder if the default one is not writable.
 
-    :returns: a sentence about it, '' where nothing was done.
+    :returns: a sentence about the temporary folder, '' if the default one is used.
     """
     folder = _log_folder()
     if folder and _is_writable(folder):
         return ''
-    reason = f'{folder} cannot be written' if folder else 'there is no home folder, HOME is unset'
+    reason = (f'{folder} cannot be written' if folder
+              else 'there is no home directory, HOME is unset')
     try:
         temporary = mkdtemp(prefix='opencv_tools_log_')
     except OSError:
-        return ''  # rcl says what it lacks
+        return ''  # rcl reports the error
     os.environ[_VARIABLE] = temporary
-    return f'{reason}: the log of ROS goes to {temporary}; set {_VARIABLE} to have it elsewhere'
+    return f'{reason}: ROS logs are written to {temporary}; set {_VARIABLE} to use another folder'
 
 
 def _log_folder() -> Path | None:
-    """Find the folder as rcl does: by ROS_LOG_DIR, ROS_HOME or HOME."""
+    """Return the folder that rcl uses, from ROS_LOG_DIR, ROS_HOME or HOME."""
     if os.environ.get(_VARIABLE):
         return Path(os.environ[_VARIABLE])
     if os.environ.get('ROS_HOME'):
@@ -55,7 +56,7 @@ def _log_folder() -> Path | None:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Check a folder, which is made where it is missing."""
+    """Return whether a folder is writable, after it is created if needed."""
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     return folder.is_absolute() and os.access(folder, os.W_OK | os.X_OK)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that were published and did not arrive, counted for each publisher."""
+"""Count of frames that were published but did not arrive, by publisher."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ import time
 
 from opencv_tools.ros.rcl import MessageInfo
 
-# A publisher that is discovered later after the subscription than this is taken for a new one.
+# A publisher that is discovered later than this after the subscription counts as new.
 _DISCOVERY_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
-class _First:
-    """The first message that arrived of a publisher, though others may have gone before it."""
+class _FirstMessage:
+    """The first message of a publisher that arrived; earlier messages may have been lost."""
 
     number: int
     source_timestamp: int
@@ -37,70 +37,72 @@ class _First:
 
 class LostFrames:
     """
-    Count by the numbers that publishers give to their messages.
+    Count lost messages by the sequence numbers of their publishers.
 
-    A publisher that began after the subscription is counted from its first message, any other one
-    from the first that arrived. A publisher began after it when it was discovered later, and would
-    not have been able to send all its messages in the time since, at the rate of those that
-    arrived first. What follows the last message that arrived is in no number.
+    The messages of a publisher that started after the subscription are counted from number 1.
+    Those of other publishers are counted from the first that arrived. Messages lost after the last
+    one that arrived are not counted.
+
+    A publisher started after the subscription if it was discovered later, and if the time since
+    the subscription is too short for all its messages at the rate of the first ones.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """
-        Begin to count.
+        Create a counter.
 
-        :param clock: returns seconds that only go on.
+        :param clock: monotonic clock in seconds.
         """
         self.count = 0
         self._clock = clock
         self._is_partial = False
         self._last: dict[bytes, int] = {}
-        self._first: dict[bytes, _First] = {}
+        self._first: dict[bytes, _FirstMessage] = {}
         self._discovered: dict[bytes, float] = {}
-        self.begin()
+        self.restart()
 
     @property
     def is_complete(self) -> bool:
-        """Return whether every publisher is counted from its first message on."""
+        """Return whether the messages of every publisher are counted from number 1."""
         return not (self._is_partial or self._first)
 
-    def begin(self) -> None:
-        """Note a subscription to a topic that was not subscribed to before."""
-        self._began = self._clock()
+    def restart(self) -> None:
+        """Record the start of a subscription to another topic."""
+        self._restarted_at = self._clock()
 
     def discover(self, publishers: Iterable[bytes]) -> None:
-        """Note the publishers that are there."""
+        """Record the discovery of publishers."""
         now = self._clock()
         for publisher in publishers:
             self._discovered.setdefault(publisher, now)
 
-    def take(self, info: MessageInfo) -> None:
-        """Count what a message's publisher has sent since its last one but did not arrive."""
+    def add(self, info: MessageInfo) -> None:
+        """Count the messages that were lost between this message and its predecessor."""
         if not info.number:
             self._is_partial = True
             return
         publisher = bytes(info.publisher)
         if publisher in self._last:
-            self._begin_earlier(publisher, info)
+            self._count_earlier(publisher, info)
         elif info.number > 1:
             now = self._clock()
-            if self._discovered.get(publisher, now) - self._began >= _DISCOVERY_SECONDS:
-                self._first[publisher] = _First(info.number, info.source_timestamp, now)
+            if self._discovered.get(publisher, now) - self._restarted_at >= _DISCOVERY_SECONDS:
+                self._first[publisher] = _FirstMessage(info.number, info.source_timestamp, now)
             else:
                 self._is_partial = True
         last = self._last.get(publisher, info.number)
         self.count += max(0, info.number - last - 1)
-        # What was published before may come later, when it is asked for.
+        # Older messages may arrive later, in reply to a request of the subscription.
         self._last[publisher] = max(info.number, last)
 
-    def _begin_earlier(self, publisher: bytes, info: MessageInfo) -> None:
-        """Count what a new publisher had sent before its first message that arrived."""
+    def _count_earlier(self, publisher: bytes, info: MessageInfo) -> None:
+        """Count the messages that a new publisher sent before its first one that arrived."""
         first = self._first.get(publisher)
         if first and info.number > first.number:
             del self._first[publisher]
             period = (info.source_timestamp - first.source_timestamp) / (
                 info.number - first.number) / 1e9
-            if first.arrived - (first.number - 1) * period >= self._began:
+            if first.arrived - (first.number - 1) * period >= self._restarted_at:
                 self.count += first.number - 1
             else:
                 self._is_partial = True

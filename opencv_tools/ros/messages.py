@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image messages as they come over the wire."""
+"""Readers of serialized image messages."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ FrameMessage = WireImage | Image | WireCompressedImage | CompressedImage
 
 def read_image(serialized: Any) -> WireImage | Image:
     """
-    Read an image message that was received raw.
+    Read a serialized image message.
 
-    :param serialized: a buffer of the message in the format of the wire.
-    :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
-        it.
-    :raises CdrError: it is no image message.
+    :param serialized: buffer with the message.
+    :returns: the message; plain CDR becomes a view of the buffer, other formats are read by the
+        middleware.
+    :raises CdrError: the buffer does not hold an image message.
     """
     return _read(serialized, cdr_to_image, Image)
 
 
 def read_compressed_image(serialized: Any) -> WireCompressedImage | CompressedImage:
     """
-    Read a compressed image message that was received raw.
+    Read a serialized compressed image message.
 
-    :param serialized: a buffer of the message in the format of the wire.
-    :returns: its fields, the data a view where it is in plain CDR; otherwise the middleware reads
-        it.
-    :raises CdrError: it is no compressed image message.
+    :param serialized: buffer with the message.
+    :returns: the message; plain CDR becomes a view of the buffer, other formats are read by the
+        middleware.
+    :raises CdrError: the buffer does not hold a compressed image message.
     """
     return _read(serialized, cdr_to_compressed_image, CompressedImage)
 

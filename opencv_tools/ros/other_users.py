@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nodes of other users on this machine, with whom Fast DDS shares no memory."""
+"""Nodes of other users on this machine, with which Fast DDS does not share memory."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ import stat
 
 from opencv_tools.ros import shared_memory
 
-# Of each participant Fast DDS has a port, and beside it a file that is locked while it lives.
+# Each participant of Fast DDS has a port, and a lock file that it holds while it runs.
 _LOCK = re.compile(r'fastrtps_port([0-9]{1,5})_el')
 _FIRST_PORT = 7400
 _PORTS_OF_A_DOMAIN = 250
 
 
 def find_other_user() -> str:
-    """Return the name of another user who runs a node in this ROS domain here, '' for none."""
+    """Return the name of another user who runs a node in this ROS domain; '' if there is none."""
     for path in sorted(shared_memory.SHARED_MEMORY.glob('fastrtps_port*_el')):
         match = _LOCK.fullmatch(path.name)
         if match and _is_of_domain(int(match[1])):
@@ -52,9 +52,9 @@ def _is_of_domain(port: int) -> bool:
 
 def _find_owner(path: Path) -> int | None:
     """
-    Return who owns a lock that somebody holds, None where nobody does.
+    Return the owner of a lock file, None if no process holds the lock.
 
-    :raises OSError: it is gone, or no file.
+    :raises OSError: the file was removed, or is not a regular file.
     """
     file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
@@ -72,5 +72,5 @@ def _find_owner(path: Path) -> int | None:
 def _user_name(number: int) -> str:
     try:
         return pwd.getpwuid(number).pw_name
-    except KeyError:  # of a container, or another machine's
+    except KeyError:  # the user of a container or of another machine
         return str(number)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters as tables: declared with descriptions and ranges, refused with a sentence."""
+"""Tables of ROS parameters, with descriptions, ranges and checks."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import difflib
+import math
 from typing import Any
 
 from opencv_tools.image.text import printable, without_password
@@ -30,55 +31,58 @@ import rclpy
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 
-# Parameters that ROS itself looks for under these names or prefixes.
+# Names and prefixes of parameters that ROS itself reads.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+_INTEGER_LIMIT = 2**63 - 1  # largest value of an integer parameter
 
 
 class ParameterError(ValueError):
-    """A parameter's value that cannot be used; the message quotes it and says what can."""
+    """The value of a parameter cannot be used; the message quotes it and names valid values."""
 
 
 class UnknownParameterError(ParameterNotDeclaredException):
-    """A change of a parameter that a node does not have; rclpy answers with the message."""
+    """A change of an undeclared parameter; rclpy replies with the message."""
 
     def __init__(self, message: str) -> None:
-        """Keep the message instead of rclpy's own."""
+        """Store the message instead of rclpy's own."""
         Exception.__init__(self, message)
 
 
 @dataclass(frozen=True)
 class Parameter:
     """
-    One parameter of a node.
+    A parameter of a node.
 
-    :param name: as in ``-p name:=value``.
-    :param default: its value when none is given; its type is the parameter's type.
-    :param description: what it does, in a few words.
-    :param minimum: lowest number allowed.
-    :param maximum: highest number allowed.
-    :param step: what the numbers allowed are apart, counted from the lowest.
-    :param choices: the values allowed; empty when any is.
-    :param check: raises ValueError, with the remedy, for a text that is wrong in another way.
-    :param fixed: it cannot be changed once the node runs.
-    :param ends: it decides when the node ends, or how much it does: a node that was given a
-        misspelt one does not start.
+    :param name: name of the parameter, as in ``-p name:=value``.
+    :param default: default value; its type is the type of the parameter.
+    :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
+        and the meaning of special values.
+    :param minimum: smallest valid number; -inf for no bound.
+    :param maximum: largest valid number; inf for no bound.
+    :param step: distance between valid numbers, counted from the minimum.
+    :param choices: valid values; empty if all values are valid.
+    :param check: raises ValueError with the remedy for an invalid text.
+    :param changeable: whether the parameter can be changed while the node runs.
+    :param ends: whether the parameter decides when the node ends, or how much it does. The node
+        does not start with a misspelt name of such a parameter.
     """
 
     name: str
     default: str | int | float
     description: str
     minimum: float = 0
-    maximum: float = 0
+    maximum: float = math.inf
     step: int = 1
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
-    fixed: bool = False
+    changeable: bool = False
     ends: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
-        """Describe the parameter to ``ros2 param describe``."""
+        """Return the descriptor for ``ros2 param describe``."""
         descriptor = ParameterDescriptor(
-            name=self.name, description=self.description, read_only=self.fixed,
+            name=self.name, description=self.description, read_only=not self.changeable,
             additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
         if isinstance(self.default, bool) or self.choices:
             return descriptor
@@ -87,23 +91,24 @@ class Parameter:
                 FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
         elif isinstance(self.default, int):
             descriptor.integer_range = [IntegerRange(
-                from_value=int(self.minimum), to_value=int(self.maximum), step=self.step)]
+                from_value=int(max(self.minimum, -_INTEGER_LIMIT - 1)),
+                to_value=int(min(self.maximum, _INTEGER_LIMIT)), step=self.step)]
         return descriptor
 
     def accept(self, value: object) -> str | int | float:
         """
-        Turn a value as the command line gives it into one of the parameter's type.
+        Convert a value of the command line to the type of the parameter.
 
-        ``source:=0`` arrives as an integer and ``publish_rate:=10`` too, which is what was meant.
+        ``source:=0`` and ``publish_rate:=10`` arrive as integers, but mean a text and a float.
 
-        :raises ParameterError: the value cannot be used.
+        :raises ParameterError: the value is invalid.
         """
         if isinstance(self.default, str):
             return self._accept_text(value)
         if isinstance(self.default, bool):
-            if value in (False, True):  # and 0 and 1
+            if value in (False, True):  # or 0 or 1
                 return bool(value)
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give true or false '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give true or false '
                                  f'({self.description})')
         if self.choices:
             return self._accept_choice(value)
@@ -111,64 +116,66 @@ class Parameter:
         numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
         if not numeric or not self.minimum <= value <= self.maximum:
             noun = 'a number' if kind is float else 'a whole number'
-            raise ParameterError(
-                f'parameter {self.name} is {_shown(value)}: give {noun} '
-                f'from {self.minimum:.15g} to {self.maximum:.15g} ({self.description})')
+            span = (f'from {self.minimum:.15g} to {self.maximum:.15g}'
+                    if math.isfinite(self.maximum) else f'of at least {self.minimum:.15g}')
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun} {span} '
+                                 f'({self.description})')
         return kind(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give a text '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give a text '
                                  f'({self.description})')
         text = str(self._accept_choice(str(value)))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
-                raise ParameterError(f'parameter {self.name} is {_shown(text)}: {err}') from err
+                raise ParameterError(f'parameter {self.name} is {_quoted(text)}: {err}') from err
         return text
 
     def _accept_choice(self, value: Any) -> str | int:
         if self.choices and value not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {_shown(value)}: give one of '
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give one of '
                                  f'{", ".join(repr(choice) for choice in self.choices)}')
         chosen: str | int = value
         return chosen
 
 
-def _shown(value: object) -> str:
-    """Write a value as it may be printed: a source may have a password in it."""
+def _quoted(value: object) -> str:
+    """Return a value for a message; passwords in URLs are hidden."""
     return without_password(repr(value))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
     """
-    Declare a table of parameters and give their values.
+    Declare a table of parameters and return their values.
 
-    :param node: made with ``automatically_declare_parameters_from_overrides``, so that what was
-        given can be read, and checked, before it meets its descriptor.
-    :param table: the parameters of the node.
-    :returns: name to value.
-    :raises ParameterError: a value that was given cannot be used, or the name of a parameter that
-        ends the node is misspelt.
+    :param node: node created with ``automatically_declare_parameters_from_overrides``, so that
+        given values can be read and checked before their descriptors apply.
+    :param table: parameters of the node.
+    :returns: values by name.
+    :raises ParameterError: a given value is invalid, or the name of a parameter that ends the
+        node is misspelt.
     """
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
     known = {parameter.name: parameter for parameter in table}
     for name in unknown_parameters(node, table):
-        meant = closest_name(name, known)
-        if meant and known[meant].ends:
-            raise ParameterError(f'there is no parameter {printable(name)}: did you mean {meant}?')
+        similar = closest_name(name, known)
+        if similar and known[similar].ends:
+            raise ParameterError(
+                f'there is no parameter {printable(name)}: did you mean {similar}?')
     return values
 
 
 def declare_parameter(node: Node, parameter: Parameter) -> Any:
     """
-    Declare one parameter.
+    Declare one parameter and return its value.
 
-    :param node: as for ``declare_parameters``.
-    :param parameter: which one.
+    :param node: node, as for ``declare_parameters``.
+    :param parameter: parameter to declare.
     :returns: its value.
-    :raises ParameterError: the value that was given cannot be used.
+    :raises ParameterError: the given value is invalid.
     """
     value = parameter.default
     if node.has_parameter(parameter.name):
@@ -179,7 +186,7 @@ def declare_parameter(node: Node, parameter: Parameter) -> Any:
 
 
 def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Give the parameters that were given to a node but are in no table, name to value."""
+    """Return the given parameters that are not in a table, as values by name."""
     names = {parameter.name for parameter in table}
     given = node.get_parameters_by_prefix('')
     return {name: parameter.value for name, parameter in given.items()
@@ -187,15 +194,15 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """Find the name that a misspelt one may stand for, or return ''."""
+    """Return the name that a misspelt one resembles, or ''."""
     return next(iter(difflib.get_close_matches(name, names, 1)), '')
 
 
 def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
-    """Describe a parameter that is not known, and which one may have been meant."""
+    """Return a message about an unknown parameter, with the name that it resembles."""
     names = [parameter.name for parameter in table]
     close = closest_name(name, names)
-    hint = f'did you mean {close}?' if close else f'there are {", ".join(names)}'
+    hint = f'did you mean {close}?' if close else f'the parameters are {", ".join(names)}'
     return f'unknown parameter {printable(name)} is not used; {hint}'
 
 
@@ -204,14 +211,14 @@ def watch_parameters(
     more: Callable[[], Sequence[Parameter]] = tuple,
 ) -> None:
     """
-    Let parameters be changed while the node runs, or refuse with the reason.
+    Apply changes of parameters while the node runs; refuse invalid ones with the reason.
 
-    A value may be written as at the start: 5 where the parameter's type is that of 5.0.
+    Values are converted as at startup, for example 5 to 5.0.
 
-    :param node: whose parameters they are.
-    :param table: the parameters.
-    :param apply: told of those that were changed, name to value.
-    :param more: gives parameters that others apply, as far as there are any by now.
+    :param node: node of the parameters.
+    :param table: parameters that can be changed.
+    :param apply: called with the changed values by name.
+    :param more: returns further parameters, which other callbacks apply.
     """
     known = {parameter.name: parameter for parameter in table}
 
@@ -232,30 +239,30 @@ def watch_parameters(
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
-    def take(changes: list[rclpy.Parameter]) -> None:
+    def apply_changes(changes: list[rclpy.Parameter]) -> None:
         changed = {change.name: change.value for change in changes if change.name in known}
         if changed:
             apply(changed)
 
     node.add_pre_set_parameters_callback(convert)
     node.add_on_set_parameters_callback(check)
-    node.add_post_set_parameters_callback(take)
+    node.add_post_set_parameters_callback(apply_changes)
 
 
 def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
-    """Convert a change to the type of its parameter; what has no such value stays as it is."""
+    """Convert a change to the type of its parameter; return an invalid change unmodified."""
     if parameter is None:
         return change
     value = change.value
     if isinstance(parameter.default, float) and type(value) is int:
-        value = float(value)  # also where it is out of range, which is the better reason
+        value = float(value)  # even if out of range, which is the better reason for a refusal
     with suppress(ParameterError):
         value = parameter.accept(value)
     return rclpy.Parameter(change.name, value=value)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
-    """Write a table of parameters for ``--help``: name, default and description a line."""
+    """Return the lines of ``--help`` for a table: name, description and default."""
     width = max(len(parameter.name) for parameter in table)
     lines = []
     for parameter in table:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a stream of frames goes, said on the console."""
+"""Progress of a stream of frames, on the console."""
 
 from __future__ import annotations
 
@@ -28,90 +28,91 @@ _SECONDS_BETWEEN_LINES = 1.0
 
 
 class Progress:
-    """Count frames and say at most once a second how they go."""
+    """Count frames and log the progress at most once a second."""
 
-    def __init__(self, say: Callable[[str], object], phrase: str) -> None:
+    def __init__(self, write_line: Callable[[str], object], phrase: str) -> None:
         """
         Start counting.
 
-        :param say: takes a line.
-        :param phrase: what is being done, such as ``Publishing video frame``.
+        :param write_line: writes a line.
+        :param phrase: activity, such as ``Publishing video frame``.
         """
         self.count = 0
-        self._say = say
+        self._write_line = write_line
         self._phrase = phrase
-        self._first_at = self._said_at = 0.0
-        self._said_count = 0
+        self._first_at = self._logged_at = 0.0
+        self._logged_count = 0
         self._last_at = 0.0
 
-    def tick(self, what: str, dropped: int, missed: int = 0) -> None:
+    def tick(self, description: str, dropped: int, missed: int = 0) -> None:
         """
         Count a frame.
 
-        :param what: the frame, such as ``640x480 bgr8``.
-        :param dropped: frames lost so far.
-        :param missed: frames that a camera gave so far and nobody took; 0 is not shown.
+        :param description: description of the frame, such as ``640x480 bgr8``.
+        :param dropped: number of frames lost so far.
+        :param missed: number of camera frames not read in time so far; 0 is not shown.
         """
         self.count += 1
         now = self._last_at = time.monotonic()
         self._first_at = self._first_at or now
-        if self._said_at and now - self._said_at < _SECONDS_BETWEEN_LINES:
+        if self._logged_at and now - self._logged_at < _SECONDS_BETWEEN_LINES:
             return
-        since = now - self._said_at
-        rate = f'{(self.count - self._said_count) / since:.1f} Hz, ' if self._said_at else ''
-        self._said_at, self._said_count = now, self.count
-        self._show(f'{what}, {rate}{dropped} dropped' + (f', {missed} missed' if missed else ''))
+        since = now - self._logged_at
+        rate = f'{(self.count - self._logged_count) / since:.1f} Hz, ' if self._logged_at else ''
+        self._logged_at, self._logged_count = now, self.count
+        self._show(f'{description}, {rate}{dropped} dropped'
+                   + (f', {missed} missed' if missed else ''))
 
     def average_rate(self) -> float:
-        """Give the frames per second from the first frame to the last, 0.0 for fewer than two."""
+        """Return the mean frame rate in Hz, 0.0 for fewer than two frames."""
         seconds = self._last_at - self._first_at
         return (self.count - 1) / seconds if seconds > 0 else 0.0
 
     def close(self) -> None:
-        """Say no more."""
+        """End the output."""
 
     def _show(self, state: str) -> None:
-        self._say(f'{self._phrase} {self.count}: {state}')
+        self._write_line(f'{self._phrase} {self.count}: {state}')
 
 
 class ProgressBar(Progress):
-    """Show how frames go in the last line of a terminal, with a bar where the end is known."""
+    """Show the progress in the last line of a terminal, with a bar if the total is known."""
 
     def __init__(self, log: Log, phrase: str, total: int) -> None:
         """
         Start counting.
 
-        :param log: whose lines appear above that of the bar, when they are said through ``info``,
-            ``warning`` and ``error`` here.
-        :param phrase: what is being done.
-        :param total: how many frames there will be, 0 where nobody knows.
+        :param log: log whose lines appear above the bar, if written by ``info``, ``warning`` and
+            ``error`` of this object.
+        :param phrase: activity, such as ``Receiving video frame``.
+        :param total: expected number of frames; 0 if unknown.
         """
-        from tqdm import tqdm  # only a terminal waits for it
+        from tqdm import tqdm  # imported here, as it is slow and only terminals need it
         super().__init__(log.info, phrase)
         self._log = log
-        size = shutil.get_terminal_size()  # terminals of containers may say that they have none
+        size = shutil.get_terminal_size()  # terminals in containers may report a size of 0
         amount = '{n_fmt}/{total_fmt} |{bar}|' if total else '{n_fmt}'
         self._bar: Any = tqdm(
             total=total or None, desc=phrase, bar_format=f'{{desc}} {amount}{{postfix}}',
             file=sys.stderr, ncols=size.columns, nrows=size.lines)
 
     def info(self, message: str) -> None:
-        """Say what is as it should be."""
+        """Log normal progress above the bar."""
         self._bar.clear()
         self._log.info(message)
 
     def warning(self, message: str) -> None:
-        """Say what may not be wanted."""
+        """Log a possible problem above the bar."""
         self._bar.clear()
         self._log.warning(message)
 
     def error(self, message: str) -> None:
-        """Say what failed."""
+        """Log a failure above the bar."""
         self._bar.clear()
         self._log.error(message)
 
     def close(self) -> None:
-        """Leave the line as it is last."""
+        """End the bar with the final count."""
         self._bar.n = self.count
         self._bar.close()
 
@@ -122,11 +123,11 @@ class ProgressBar(Progress):
 
 def open_progress(log: Log, phrase: str, total: int) -> tuple[Log, Progress]:
     """
-    Begin to show progress: on a terminal in its last line, otherwise in the log.
+    Start showing progress: as a bar on a terminal, otherwise in the log.
 
-    :param log: of the node.
-    :param phrase: what is being done.
-    :param total: how many frames there will be, 0 where nobody knows.
+    :param log: log of the node.
+    :param phrase: activity, such as ``Receiving video frame``.
+    :param total: expected number of frames; 0 if unknown.
     :returns: the log to use from now on, and the progress.
     """
     if not sys.stderr.isatty():

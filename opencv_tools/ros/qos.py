@@ -12,20 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-# Copyright 2026 opencv_tools maintainers
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
-
 """Quality of service of an image topic."""
 
 from __future__ import annotations
@@ -48,22 +34,22 @@ _MAX_DEPTH = 10_000
 
 
 def reliable_qos() -> QoSProfile:
-    """Make the profile of frames that arrive whole: what the publisher offers."""
+    """Return the default profile of the publisher: reliable, keep last 10."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def following_qos(offers: Sequence[QoSProfile], depth: int | None) -> QoSProfile:
     """
-    Make the profile that asks for the most that all publishers offer.
+    Return the profile that requests as much as all publishers offer.
 
-    :param offers: what each publisher offers; without any, frames are to arrive whole.
-    :param depth: how many of the newest frames to keep until they are taken; None for every frame,
-        of which Fast DDS keeps 5000 at most. It keeps the memory of as many as were ever kept.
-    :returns: what to subscribe with.
+    :param offers: profiles of the publishers; without any, the result is reliable and volatile.
+    :param depth: number of newest frames to keep; None to keep every frame, of which Fast DDS
+        keeps at most 5000. Fast DDS never frees memory that kept frames have used.
+    :returns: profile of the subscription.
     """
     reliable = all(offer.reliability != ReliabilityPolicy.BEST_EFFORT for offer in offers)
-    # What was published before is sent again to those only who can ask for it.
+    # Older messages are sent again only to subscriptions that are transient local.
     latched = bool(offers) and reliable and all(
         offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
@@ -75,11 +61,11 @@ def following_qos(offers: Sequence[QoSProfile], depth: int | None) -> QoSProfile
 
 def qos_mismatch(offer: QoSProfile, request: QoSProfile) -> str:
     """
-    Say why a subscription receives nothing from a publisher.
+    Return why a subscription receives nothing from a publisher.
 
-    :param offer: the publisher's profile.
-    :param request: the subscription's profile.
-    :returns: the policies that do not match, '' when all do.
+    :param offer: profile of the publisher.
+    :param request: profile of the subscription.
+    :returns: names of the incompatible policies, '' if all are compatible.
     """
     compatibility, reason = qos_check_compatible(offer, request)
     if compatibility != QoSCompatibility.ERROR:
@@ -88,20 +74,20 @@ def qos_mismatch(offer: QoSProfile, request: QoSProfile) -> str:
 
 
 def describe_qos(qos: QoSProfile) -> str:
-    """Name the policies of a subscription that follow its publishers, in a few words."""
+    """Return the policies of a subscription that depend on its publishers, in a few words."""
     words = ['best effort' if qos.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable']
     if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        words.append('with what was published before')
+        words.append('transient local')
     return ', '.join(words)
 
 
 def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publisher:
     """
-    Create a reliable publisher whose history, depth and reliability parameters may override.
+    Create a reliable publisher; parameters may override history, depth and reliability.
 
-    :param node: the node that publishes.
+    :param node: node of the publisher.
     :param message_type: class of the messages.
-    :param topic: where to.
+    :param topic: name of the topic.
     :returns: the publisher.
     :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
     """

@@ -13,13 +13,13 @@
 # limitations under the License.
 
 """
-Image messages given to rcl and taken from it as they lie in memory, without rclpy's copies.
+Publish and take image messages through rcl directly, without rclpy's copies.
 
-rclpy copies a serialised message once before it publishes it and once after it has taken it, and
-holds the interpreter meanwhile. Here rcl gets the address of the pixels, and hands over the bytes
-that it took. The structures are those of rcl/publisher.h, rcl/subscription.h, rmw/types.h,
-rcutils/types/uint8_array.h and, for the message, of the header that rosidl_generator_c makes of
-sensor_msgs/Image. Where these are not as in ROS 2 Jazzy, messages go rclpy's way, with its copies.
+rclpy copies a serialised message once before publishing and once after taking it, and blocks the
+interpreter meanwhile. This module passes the address of the pixels to rcl, and returns the bytes
+that rcl has taken. The structures are those of rcl/publisher.h, rcl/subscription.h, rmw/types.h,
+rcutils/types/uint8_array.h, and of the header that rosidl_generator_c generates for
+sensor_msgs/Image. If their layout differs from ROS 2 Jazzy, rclpy is used with its copies.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import encode_text, image_to_cdr, WireImage
-# Imported first, it loads the libraries below from where they are.
+# This import comes first, because it loads the libraries below from their location.
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from sensor_msgs.msg import Image
 
@@ -41,7 +41,7 @@ _NOTHING_TAKEN = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 _UNKNOWN_NUMBER = 2**64 - 1  # RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
 _GID_SIZE = 16
 
-# What is called, by library.
+# Functions that are called, by library.
 _FUNCTIONS: dict[str, Sequence[str]] = {
     'librcl.so': ('rcl_publish', 'rcl_take_serialized_message'),
     'librcutils.so': ('rcutils_get_default_allocator', 'rcutils_get_error_string',
@@ -67,7 +67,7 @@ class _Bytes(ctypes.Structure):
 
 
 class _Image(ctypes.Structure):
-    """A sensor_msgs__msg__Image; its header lies in it as its fields do."""
+    """A sensor_msgs__msg__Image; the fields of its header come first."""
 
     _fields_ = (
         ('sec', ctypes.c_int32), ('nanosec', ctypes.c_uint32), ('frame_id', _String),
@@ -80,17 +80,17 @@ class _Allocator(ctypes.Structure):
         'allocate', 'deallocate', 'reallocate', 'zero_allocate', 'state'))
 
 
-class _SerializedMessage(ctypes.Structure):
+class _RmwSerializedMessage(ctypes.Structure):
     _fields_ = (('buffer', ctypes.c_void_p), ('length', ctypes.c_size_t),
                 ('capacity', ctypes.c_size_t), ('allocator', _Allocator))
 
 
 class MessageInfo(ctypes.Structure):
     """
-    What the middleware tells of a message.
+    Metadata of a message from the middleware.
 
-    ``source_timestamp`` and ``received_timestamp`` are nanoseconds of the system clock, 0 where
-    they are not known.
+    ``source_timestamp`` and ``received_timestamp`` are nanoseconds of the system clock, 0 if
+    unknown.
     """
 
     source_timestamp: int
@@ -105,13 +105,13 @@ class MessageInfo(ctypes.Structure):
 
     @property
     def number(self) -> int:
-        """Return the publisher's count of its messages, from 1 on; 0 where it is not known."""
+        """Return the sequence number of the publisher, from 1; 0 if unknown."""
         number = int(self.publication_sequence_number)
         return 0 if number == _UNKNOWN_NUMBER else number
 
 
-#: The bytes of a message, (n,) uint8, and what is known of it.
-Taken = tuple[NDArray[np.uint8], MessageInfo]
+#: The serialized message, (n,) uint8, and its metadata.
+SerializedMessage = tuple[NDArray[np.uint8], MessageInfo]
 
 
 class _ErrorText(ctypes.Structure):
@@ -119,7 +119,7 @@ class _ErrorText(ctypes.Structure):
 
 
 class _Buffer:
-    """A message's bytes, which go away with the last view of them."""
+    """Memory of a message, freed with the last view of it."""
 
     def __init__(self, address: int, size: int) -> None:
         self._address = address
@@ -132,9 +132,9 @@ class _Buffer:
 
 def use_rcl() -> str:
     """
-    Check that rcl is the one whose structures are copied here, and use it.
+    Check the layout of rcl's structures and select rcl or rclpy.
 
-    :returns: why it is not used; '' where it is.
+    :returns: reason for the use of rclpy; '' if rcl is used.
     """
     global _rcl, _rcutils
     _rcl = _rcutils = None
@@ -154,30 +154,30 @@ def use_rcl() -> str:
     rcutils.rcutils_get_default_allocator.restype = _Allocator
     rcutils.rcutils_get_error_string.restype = _ErrorText
     if not _is_our_array(rcutils):
-        return 'rmw_serialized_message_t is another'
+        return 'rmw_serialized_message_t has another layout'
     if not _is_our_image():
-        return 'sensor_msgs__msg__Image is another'
+        return 'sensor_msgs__msg__Image has another layout'
     _rcl, _rcutils = rcl, rcutils
     return ''
 
 
 def _is_our_array(rcutils: Any) -> bool:
-    """Return whether a serialized message, which is an array of bytes, has the fields of ours."""
+    """Return whether rcl's serialized message, an array of bytes, has the expected fields."""
     allocator = rcutils.rcutils_get_default_allocator()
-    # As much memory again, should theirs be larger.
-    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_SerializedMessage))
+    # The buffer has twice the size, in case the structure of rcl is larger.
+    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_RmwSerializedMessage))
     if rcutils.rcutils_uint8_array_init(
             made, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _OK:
         return False
-    message = _SerializedMessage.from_buffer(made)
+    message = _RmwSerializedMessage.from_buffer(made)
     found = (bool(message.buffer), message.length, message.capacity, bytes(message.allocator),
-             made.raw[ctypes.sizeof(_SerializedMessage):].strip(b'\0'))
+             made.raw[ctypes.sizeof(_RmwSerializedMessage):].strip(b'\0'))
     rcutils.rcutils_uint8_array_fini(made)
     return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
 
 
 def _is_our_image() -> bool:
-    """Return whether an image that rclpy makes has the fields of ours."""
+    """Return whether an image message of rclpy has the expected fields."""
     given = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
     given.header.stamp.sec, given.header.stamp.nanosec = -1, 2
     given.header.frame_id = 'camera'
@@ -193,7 +193,7 @@ def _is_our_image() -> bool:
         if not (address and convert(given, address)):
             return False
         made = _Image.from_address(address)
-        # Numbers first: no pointer is followed that may be none.
+        # The numbers are compared first, because pointers of another layout may be invalid.
         return (made.sec, made.nanosec, made.height, made.width, made.is_bigendian, made.step,
                 made.frame_id.size, made.encoding.size, made.data.size) == (
                     -1, 2, 3, 4, 5, 6, 6, 5, 7) and (
@@ -206,19 +206,19 @@ _pointer = ctypes.pythonapi.PyCapsule_GetPointer
 _pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
 _pointer.restype = ctypes.c_void_p
 
-#: Why messages go rclpy's way; '' where they do not.
+#: Reason why messages pass through rclpy; '' if they do not.
 reason_for_rclpy = use_rcl()
 
 
 def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -> None:
     """
-    Publish an image message; the middleware copies its data once, to keep them.
+    Publish an image message; the middleware makes the only copy of its data.
 
-    :param publisher: the handle of a publisher of sensor_msgs/Image.
-    :param image: the message; its numbers fit their fields, its data are contiguous and are not
-        written to meanwhile.
-    :raises CdrError: a string that the message cannot hold.
-    :raises RuntimeError: the middleware could not publish it.
+    :param publisher: handle of a publisher of sensor_msgs/Image.
+    :param image: message with numbers in the range of their fields and contiguous data, which
+        must not change during the call.
+    :raises CdrError: a string cannot be part of a message.
+    :raises RuntimeError: the middleware did not publish the message.
     """
     if _rcl is None:
         with publisher:
@@ -233,17 +233,17 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
 
-def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | None:
+def take_serialized(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
     """
-    Take a message as it came over the wire.
+    Take a serialized message.
 
-    :param subscription: the handle of a subscription of any type.
-    :returns: its bytes, (n,) uint8 and read-only, and what is known of it; None if there is none.
-    :raises RuntimeError: the middleware could not give it.
+    :param subscription: handle of a subscription of any type.
+    :returns: the bytes, (n,) uint8 and read-only, and the metadata; None without a message.
+    :raises RuntimeError: the middleware failed.
     """
     if _rcl is None:
         return _take_by_rclpy(subscription)
-    message = _SerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
+    message = _RmwSerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
     info = MessageInfo()
     with subscription:
         result = _rcl.rcl_take_serialized_message(
@@ -256,8 +256,8 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Taken | 
     return np.asarray(taken), info
 
 
-def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Taken | None:
-    """Take a message with what rclpy knows of it, which is not its publisher."""
+def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
+    """Take a message through rclpy, which does not report its publisher."""
     with subscription:
         taken = subscription.take_message(Image, True)
     if taken is None:
@@ -276,9 +276,9 @@ def _string(text: str) -> _String:
 
 def _check(result: int) -> None:
     """
-    Look at what a function of rcl returned.
+    Check the result of a function of rcl.
 
-    :raises RuntimeError: it failed.
+    :raises RuntimeError: the function failed.
     """
     if result != _OK:
         text = _rcutils.rcutils_get_error_string().text.decode(errors='replace')

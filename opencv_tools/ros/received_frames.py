@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image messages as frames of a recording."""
+"""Conversion of image messages to frames of a recording."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
 from opencv_tools.image.text import printable
-from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.messages import FrameMessage
 from sensor_msgs.msg import CompressedImage
 
-_MAX_TEXT = 40  # of what a message says of itself, on the console
+_MAX_TEXT = 40  # characters of a text of a message on the console
 
 
 def message_to_frame(
     bridge: CvBridge, message: FrameMessage, topic: str, receive_ns: int,
     max_pixels: int = MAX_PIXELS,
-) -> Frame:
+) -> ReceivedFrame:
     """
-    Make a frame of a message, without a copy of its data.
+    Convert a message to a frame, without a copy of its data.
 
-    :param bridge: reads images.
-    :param message: an image, or a compressed one.
-    :param topic: where it came from.
-    :param receive_ns: when it came, in nanoseconds of the system's clock.
-    :param max_pixels: how many it may have.
-    :returns: the frame, a view of the message; a compressed one is not decoded.
-    :raises CvBridgeError: it is no image.
-    :raises SizeError: it has more pixels.
+    :param bridge: converter of raw images.
+    :param message: raw or compressed image message.
+    :param topic: topic of the message.
+    :param receive_ns: time of reception in nanoseconds of the system clock.
+    :param max_pixels: maximum number of pixels.
+    :returns: the frame, a view of the message; a compressed image is not decoded.
+    :raises CvBridgeError: the message is not a valid image.
+    :raises SizeError: the image has too many pixels.
     """
     if isinstance(message, WireHeader):
         stamp, frame_id = message, message.frame_id
@@ -52,7 +52,7 @@ def message_to_frame(
         stamp, frame_id = message.header.stamp, message.header.frame_id
     stamp_ns = stamp.sec * NANO + stamp.nanosec
     if isinstance(message, (WireCompressedImage, CompressedImage)):
-        _check_size(*_size_told(message.data), max_pixels)
+        _check_size(*_declared_size(message.data), max_pixels)
         return CompressedFrame(
             stamp_ns, frame_id, message.format, topic, receive_ns, message.data, max_pixels)
     _check_size(message.width, message.height, max_pixels)
@@ -60,8 +60,8 @@ def message_to_frame(
                     bridge.imgmsg_to_cv2(message))
 
 
-def _size_told(data: Any) -> tuple[int, int]:
-    """Read the size of a picture, 0 by 0 of one that tells none, which is not decoded either."""
+def _declared_size(data: Any) -> tuple[int, int]:
+    """Read the size of a compressed image; 0 by 0 if it has none and will not be decoded."""
     try:
         return picture_size(bytes(data))
     except SizeError:
@@ -76,7 +76,7 @@ def _check_size(width: int, height: int, max_pixels: int) -> None:
 
 
 def describe_message(message: FrameMessage) -> str:
-    """Say in a few words what a message has in it."""
+    """Return a short description of the content of a message."""
     if isinstance(message, (WireCompressedImage, CompressedImage)):
         return f'{len(message.data)} bytes {printable(message.format, _MAX_TEXT)}'
     return f'{message.width}x{message.height} {printable(message.encoding, _MAX_TEXT)}'

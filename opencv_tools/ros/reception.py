@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One subscription to frames, which takes them as they come over the wire."""
+"""One subscription to frames, which takes serialized messages."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.ros.frame_sources import FRAME_TYPES, FrameSource
-from opencv_tools.ros.rcl import MessageInfo, take_serialized, Taken
+from opencv_tools.ros.frame_sources import FRAME_TYPES, ImageTopic
+from opencv_tools.ros.rcl import MessageInfo, SerializedMessage, take_serialized
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -31,85 +31,86 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
-# Fast DDS keeps 5000 messages at most.
-_MOST_WAITING = 5001
+# One more than Fast DDS keeps for a subscription.
+_MAX_MESSAGES = 5001
 
 
-class Reception:
-    """A subscription of the middleware, and who takes what it receives."""
+class RawSubscription:
+    """A subscription of the middleware, with the callback for its messages."""
 
     def __init__(
-        self, node: Node, source: FrameSource, qos: QoSProfile,
-        take: Callable[[Reception, NDArray[np.uint8], MessageInfo], None],
+        self, node: Node, image_topic: ImageTopic, qos: QoSProfile,
+        on_message: Callable[[RawSubscription, NDArray[np.uint8], MessageInfo], None],
         on_publishers: Callable[[object], None],
     ) -> None:
         """
         Subscribe.
 
-        :param node: the node that receives, in its default callback group.
-        :param source: what to receive.
-        :param qos: what to ask for.
-        :param take: takes a message's bytes, (n,) uint8, and what is known of it.
-        :param on_publishers: told when publishers come, leave or do not fit.
+        :param node: node that receives, in its default callback group.
+        :param image_topic: topic to subscribe to.
+        :param qos: quality of service to request.
+        :param on_message: called with this object, the bytes of a message, (n,) uint8, and its
+            metadata.
+        :param on_publishers: called when publishers appear, leave or are incompatible.
         """
-        self.source = source
+        self.image_topic = image_topic
         self.qos = qos
         self._node = node
-        self._take = take
-        message_type, self.read = FRAME_TYPES[source.type_name]
+        self._on_message = on_message
+        message_type, self.read = FRAME_TYPES[image_topic.type_name]
         self._subscription = node.create_subscription(
-            message_type, source.name, _leave_alone, qos, raw=True,
-            callback_group=_EventsOnly(),
+            message_type, image_topic.name, _unused_callback, qos, raw=True,
+            callback_group=_EventsOnlyGroup(),
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=on_publishers, matched=on_publishers,
                 use_default_callbacks=False))
         self.topic_name: str = self._subscription.topic_name
-        self._arrival = _Arrival(node, self._subscription, self._receive)
-        node.add_waitable(self._arrival)
+        self._waitable = _RawWaitable(node, self._subscription, self._receive)
+        node.add_waitable(self._waitable)
 
     def publisher_count(self) -> int:
-        """Count the publishers that it receives from."""
+        """Return the number of matched publishers."""
         count: int = self._subscription.get_publisher_count()
         return count
 
     def drain(self) -> None:
-        """Pass on what it has received until now."""
-        for taken in self.waiting(time.time_ns()):
+        """Pass on all messages that were received until now."""
+        for taken in self.received_messages(time.time_ns()):
             self._receive(taken)
 
-    def waiting(
-        self, until: int, is_patient: Callable[[], bool] = lambda: True,
-    ) -> Iterator[Taken]:
+    def received_messages(
+        self, until: int, may_continue: Callable[[], bool] = lambda: True,
+    ) -> Iterator[SerializedMessage]:
         """
-        Take the messages that it has received, and at most one that came later.
+        Yield the messages that were received before a time, and at most one later message.
 
         :param until: nanoseconds of the system clock.
-        :param is_patient: returns whether to take one more.
+        :param may_continue: returns whether to take another message.
         """
-        received = 0
-        for _ in range(_MOST_WAITING):
-            if received >= until or not is_patient():
+        received_ns = 0
+        for _ in range(_MAX_MESSAGES):
+            if received_ns >= until or not may_continue():
                 return
             taken = take_serialized(self._subscription.handle)
             if taken is None:
                 return
-            received = taken[1].received_timestamp
+            received_ns = taken[1].received_timestamp
             yield taken
 
     def destroy(self) -> None:
-        """Receive no more."""
+        """Unsubscribe."""
         if self._node.destroy_subscription(self._subscription):
-            self._node.remove_waitable(self._arrival)
+            self._node.remove_waitable(self._waitable)
 
-    def _receive(self, taken: Taken) -> None:
-        self._take(self, *taken)
+    def _receive(self, taken: SerializedMessage) -> None:
+        self._on_message(self, *taken)
 
 
-class _Arrival(Waitable):
-    """What the executor waits for in place of the subscription, to take without rclpy's copy."""
+class _RawWaitable(Waitable):
+    """Waitable that replaces the subscription in the executor, to avoid rclpy's copy."""
 
     def __init__(
-        self, node: Node, subscription: Subscription, receive: Callable[[Taken], None],
+        self, node: Node, subscription: Subscription, receive: Callable[[SerializedMessage], None],
     ) -> None:
         super().__init__(node.default_callback_group)
         self._handle = subscription.handle
@@ -131,20 +132,20 @@ class _Arrival(Waitable):
     def is_ready(self, wait_set: Any) -> bool:
         return bool(wait_set.is_ready('subscription', self._index))
 
-    def take_data(self) -> Taken | None:
+    def take_data(self) -> SerializedMessage | None:
         return take_serialized(self._handle)
 
-    async def execute(self, taken_data: Taken | None) -> None:
+    async def execute(self, taken_data: SerializedMessage | None) -> None:
         if taken_data is not None:
             self._receive(taken_data)
 
 
-class _EventsOnly(ReentrantCallbackGroup):
-    """Keeps the executor from taking the messages of a subscription, but not its events."""
+class _EventsOnlyGroup(ReentrantCallbackGroup):
+    """Callback group that keeps the executor from taking messages; events still run."""
 
     def can_execute(self, entity: object) -> bool:
         return not isinstance(entity, Subscription)
 
 
-def _leave_alone(_: bytes) -> None:
-    """Take no message: the executor never calls it."""
+def _unused_callback(_: bytes) -> None:
+    """Do nothing; the executor never calls this callback."""

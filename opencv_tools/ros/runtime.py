@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the command line to an exit status: start a node, spin it, end it cleanly."""
+"""Entry point of both executables: parse arguments, run the node, return an exit status."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from opencv_tools.ros import rcl
 from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
-from opencv_tools.ros.transport import HELP, Transport, transport_for_frames
+from opencv_tools.ros.transport import configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup
 from opencv_tools.standard_streams import let_go_of_broken_streams, open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -41,27 +41,28 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 # Exit statuses of both executables.
-DONE = 0
-FAILED = 1
-BAD_USAGE = 2
+EXIT_OK = 0
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-# Python runs its signal handlers when the executor comes back to it, this often at least.
+# Maximum delay of Python's signal handlers, which run when the executor returns.
 _SIGNAL_SECONDS = 0.1
-_PATIENCE_SECONDS = 1.0
+_FORCE_QUIT_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
-class Program:
+class Executable:
     """
-    What ``--help`` says of an executable, and what is known of it before its node is there.
+    Properties of an executable that are needed before its node exists.
 
-    :param name: of the executable.
-    :param node: name of its node.
-    :param description: what it does.
-    :param parameters: of its node.
-    :param example: of ROS arguments, for ``--help``.
-    :param frame_bytes: tells from the command line how large the frames are that it will publish.
+    :param name: name of the executable.
+    :param node: name of the node.
+    :param description: purpose of the executable, for ``--help``.
+    :param parameters: parameters of the node.
+    :param example: example of ROS arguments, for ``--help``.
+    :param frame_bytes: estimates the bytes of a published frame from the command line; 0 for an
+        executable that publishes none.
     """
 
     name: str
@@ -72,73 +73,73 @@ class Program:
     frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
 
 
-class Runnable(Protocol):
+class ClosableNode(Protocol):
     """
-    A node that ends by itself or is ended.
+    A node that ends by itself or is closed.
 
-    ``done`` gets the exit status when there is nothing more to do.
+    ``done`` gets the exit status when the node has nothing left to do.
     """
 
     done: Future
 
     def close(self) -> int:
         """
-        Finish what was begun, say how it went and let go of everything.
+        Finish pending work, log a summary and release all resources.
 
         :returns: the exit status.
         """
 
 
 def run(
-    program: Program, make_node: Callable[[Transport], Runnable], args: Sequence[str] | None,
-    failures: tuple[type[Exception], ...],
+    executable: Executable, create_node: Callable[[FastDdsSetup], ClosableNode],
+    args: Sequence[str] | None, failures: tuple[type[Exception], ...],
 ) -> int:
     """
     Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
 
-    Once there is an exit status these signals change nothing, until somebody else handles them.
+    Signals that arrive after the node has ended do not change the exit status.
 
-    :param program: the executable.
-    :param make_node: makes the node, once ROS is up, and is told how frames go.
-    :param args: command line with the program's name first; None for the process's own.
-    :param failures: what making the node raises, with a sentence for the user, when it cannot do
-        its job.
-    :returns: the exit status: ``DONE``, ``FAILED`` or ``BAD_USAGE``.
+    :param executable: properties of the executable.
+    :param create_node: creates the node after rclpy is initialised, given the Fast DDS setup.
+    :param args: command line, program name first; None for the command line of the process.
+    :param failures: exceptions of ``create_node`` whose message is logged as a failure.
+    :returns: the exit status: ``EXIT_OK``, ``EXIT_FAILURE`` or ``EXIT_USAGE``.
     """
     open_standard_streams()
-    logger = get_logger(program.name)
+    logger = get_logger(executable.name)
     args = list(sys.argv if args is None else args)
     signals = _Signals()
     try:
-        remarks = check_ros_arguments(args, program.name, program.node, program.parameters)
-        _parse_arguments(remove_ros_args(args), program)
+        remarks = check_ros_arguments(
+            args, executable.name, executable.node, executable.parameters)
+        _parse_arguments(remove_ros_args(args), executable)
         remark = replace_log_folder()
         if remark:
             logger.warning(remark)
         for remark in remarks:
             logger.error(remark)
-        with transport_for_frames(program.frame_bytes(args)) as transport:
+        with configured_fastdds(executable.frame_bytes(args)) as fastdds:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(transport.remark + (
-                f'; messages go with the copies of rclpy: {rcl.reason_for_rclpy}'
+            logger.debug(fastdds.summary + (
+                f'; rclpy copies the messages: {rcl.reason_for_rclpy}'
                 if rcl.reason_for_rclpy else ''))
-            if transport.warning:
-                logger.warning(transport.warning)
-            node = make_node(transport)
+            if fastdds.warning:
+                logger.warning(fastdds.warning)
+            node = create_node(fastdds)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
-        return BAD_USAGE
+        return EXIT_USAGE
     except failures as err:
         logger.error(str(err))
-        return FAILED
+        return EXIT_FAILURE
     except KeyboardInterrupt:
-        return FAILED  # asked again: what was begun is not finished
+        return EXIT_FAILURE  # a second request; pending work was not finished
     except RuntimeError as err:
         if rclpy.ok():
             raise
         logger.error(_describe_bad_arguments(err))
-        return BAD_USAGE
+        return EXIT_USAGE
     finally:
         signals.end()
         rclpy.try_shutdown()
@@ -146,9 +147,10 @@ def run(
 
 def keep_exit_status() -> None:
     """
-    Ignore for the rest of the process what would change its exit status: signals, lost terminals.
+    Ignore events that would change the exit status: signals and closed terminals.
 
-    Python's own handlers go away while the interpreter shuts down, which takes half a second.
+    Python removes its own signal handlers while the interpreter shuts down, which takes half a
+    second.
     """
     let_go_of_broken_streams()
     for number in _END_SIGNALS:
@@ -157,10 +159,10 @@ def keep_exit_status() -> None:
 
 class _Signals:
     """
-    Note SIGINT, SIGTERM and SIGHUP, the last unless it was ignored at the start, as by nohup.
+    Record SIGINT, SIGTERM and SIGHUP; SIGHUP stays ignored under nohup.
 
-    rclpy's own handlers shut ROS down at once, under the feet of a node that is being made or has
-    frames to finish. Here the node is told to end while ROS still works.
+    rclpy's handlers shut down the context immediately, even while the node is starting or
+    flushing frames. These handlers only record the time of the first signal.
     """
 
     def __init__(self) -> None:
@@ -172,37 +174,38 @@ class _Signals:
 
     @property
     def received(self) -> bool:
-        """Tell whether the node was asked to end."""
+        """Return whether the node was asked to end."""
         return self._first_at > 0.0
 
     def end(self) -> None:
-        """Ignore what comes from now on."""
+        """Ignore signals from now on."""
         self._has_ended = True
 
     def _receive(self, _number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
         self._first_at = self._first_at or now
-        # ros2 launch sends SIGINT after the terminal did; who asks much later is tired of waiting.
-        if now - self._first_at > _PATIENCE_SECONDS and not self._has_ended:
+        # ros2 launch repeats the SIGINT of the terminal. A much later signal forces an exit.
+        if now - self._first_at > _FORCE_QUIT_SECONDS and not self._has_ended:
             raise KeyboardInterrupt
 
 
-def _parse_arguments(args: list[str], program: Program) -> None:
-    """Answer ``--help`` and refuse words that are no ROS arguments, by leaving the program."""
+def _parse_arguments(args: list[str], executable: Executable) -> None:
+    """Handle ``--help``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
-        prog=program.name, description=program.description,
+        prog=executable.name, description=executable.description,
         formatter_class=argparse.RawTextHelpFormatter,
-        usage=f'{program.name} [--ros-args -p NAME:=VALUE ...]',
-        epilog=f'example:\n  {program.name} --ros-args {program.example}\n\n'
-               f'parameters [default]:\n{describe_parameters(program.parameters)}\n\n{HELP}')
+        usage=f'{executable.name} [--ros-args -p NAME:=VALUE ...]',
+        epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
+               f'parameters [default]:\n{describe_parameters(executable.parameters)}\n\n'
+               f'{ENVIRONMENT_HELP}')
     _, rest = parser.parse_known_args(args[1:])
     if rest:
-        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, program)}')
+        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, executable)}')
 
 
-def _remedy(words: Sequence[str], program: Program) -> str:
-    """Describe how to write a parameter that was written as an option, such as ``--source 0``."""
-    names = {parameter.name for parameter in program.parameters}
+def _remedy(words: Sequence[str], executable: Executable) -> str:
+    """Return how to write a parameter that was given as an option such as ``--source 0``."""
+    names = {parameter.name for parameter in executable.parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
         name = option.lstrip('-').removesuffix(':').replace('-', '_')
@@ -212,7 +215,7 @@ def _remedy(words: Sequence[str], program: Program) -> str:
     return ''
 
 
-def _run(node: Runnable, signals: _Signals) -> int:
+def _run(node: ClosableNode, signals: _Signals) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.done.add_done_callback(lambda _: executor.wake())
@@ -227,7 +230,7 @@ def _run(node: Runnable, signals: _Signals) -> int:
 
 
 def _describe_bad_arguments(err: RuntimeError) -> str:
-    """Say what rcl says of arguments, without its source lines, and how to write a parameter."""
+    """Return an error message of rcl without source lines, with the syntax of a parameter."""
     reason = re.sub(r', at \S+:[0-9]+', '', str(err))
     if 'parameter override' in reason:
         reason += ('; write -p NAME:=VALUE, and a value with braces, brackets or spaces in quotes '

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The service that has a frame written."""
+"""Service ``~/save``, which writes one frame for each call."""
 
 from __future__ import annotations
 
@@ -28,50 +28,50 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-_PATIENCE_SECONDS = 3.0
+_TIMEOUT_SECONDS = 3.0
 _END_SECONDS = 5.0
-# Calls that the middleware keeps until they are taken; ROS's own depth of services is 10.
+# Number of calls that the middleware keeps; the default depth of ROS services is 10.
 _DEPTH = 1000
 
 
 class SaveRequests:
-    """Answer each call of ``~/save`` when the frame that came next is written, or will not be."""
+    """Reply to each call of ``~/save`` when the next frame is written or has failed."""
 
     def __init__(self, node: Node) -> None:
         """
-        Offer the service.
+        Create the service.
 
-        :param node: the node that receives the frames.
+        :param node: node that receives the frames.
         """
         self._node = node
         self._waiting: list[Future] = []
         self._unanswered = 0
         self._is_closed = False
-        # A call that waits would keep the frames of its own group from coming.
+        # In the group of the subscription, a waiting call would block the frames.
         self._service = node.create_service(
             Trigger, '~/save', self._save, qos_profile=QoSProfile(depth=_DEPTH),
             callback_group=ReentrantCallbackGroup())
 
-    def take(self) -> list[Future]:
-        """Give the requests that the frame which came now is for; none is given twice."""
+    def pop_all(self) -> list[Future]:
+        """Return and clear the requests for the present frame."""
         taken, self._waiting = self._waiting, []
         return taken
 
-    def answer(self, requests: list[Future], outcome: Path | str) -> None:
+    def complete(self, requests: list[Future], outcome: Path | str) -> None:
         """
-        Say what became of a frame; any thread may.
+        Complete requests with the outcome of their frame; thread-safe.
 
-        :param requests: those that it was for.
-        :param outcome: where it is, or why it is nowhere.
+        :param requests: requests for the frame.
+        :param outcome: path of the frame, or the reason why it was not written.
         """
         for request in requests:
             request.set_result(outcome)
         self._node.executor.wake()
 
     def close(self) -> None:
-        """Answer the calls that wait, and those that come now, with the end of the node."""
+        """Refuse waiting and new calls, because the node is shutting down."""
         self._is_closed = True
-        self.answer(self.take(), 'the node ends')
+        self.complete(self.pop_all(), 'the node is shutting down')
         deadline = time.monotonic() + _END_SECONDS
         while self._unanswered and time.monotonic() < deadline:
             self._node.executor.spin_once(timeout_sec=0.1)
@@ -80,23 +80,23 @@ class SaveRequests:
         self, _request: Trigger.Request, response: Trigger.Response,
     ) -> Trigger.Response:
         if self._is_closed:
-            response.message = 'the node ends'
+            response.message = 'the node is shutting down'
             return response
         request = Future()
         self._waiting.append(request)
         self._unanswered += 1
-        patience = create_steady_timer(
-            self._node, _PATIENCE_SECONDS, lambda: self._give_up(request))
+        timer = create_steady_timer(
+            self._node, _TIMEOUT_SECONDS, lambda: self._fail(request))
         outcome = await request
-        self._node.destroy_timer(patience)
+        self._node.destroy_timer(timer)
         response.success = isinstance(outcome, Path)
         response.message = (printable(outcome, MAX_PATH) if response.success
                             else plain_reason(str(outcome)))
         self._unanswered -= 1
         return response
 
-    def _give_up(self, request: Future) -> None:
-        """Answer who would wait for ever; a frame of earlier would not show what is there now."""
+    def _fail(self, request: Future) -> None:
+        """Fail a request that timed out. An older frame would not show the current scene."""
         if request in self._waiting:
             self._waiting.remove(request)
-            request.set_result(f'no frame came within {_PATIENCE_SECONDS:g} s')
+            request.set_result(f'no frame arrived within {_TIMEOUT_SECONDS:g} s')

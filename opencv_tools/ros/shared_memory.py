@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shared memory of this machine: how much is free, and what killed processes left in it."""
+"""Shared memory of this machine: free space, and segments of killed processes."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from opencv_tools.regular_files import open_regular
 
 SHARED_MEMORY = Path('/dev/shm')
 
-# Of each participant Fast DDS keeps a segment, and beside it a file that is locked while it lives.
+# Each participant of Fast DDS has a segment, and a lock file that it holds while it runs.
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 
 
 def is_writable() -> bool:
-    """Return whether files can be made in the shared memory."""
+    """Return whether files can be created in the shared memory."""
     return os.access(SHARED_MEMORY, os.W_OK | os.X_OK)
 
 
 def free_bytes() -> int:
-    """Return how many more bytes fit into the shared memory, 0 where it cannot be written to."""
+    """Return the free bytes of the shared memory, 0 if it is not writable."""
     if not is_writable():
         return 0
     status = os.statvfs(SHARED_MEMORY)
@@ -45,25 +45,26 @@ def free_bytes() -> int:
 
 def remove_dead_segments() -> int:
     """
-    Remove what Fast DDS processes that were killed have left behind.
+    Remove segments that killed Fast DDS processes have left behind.
 
-    As ``fastdds shm clean`` does, but without the ports, which the next process takes over.
+    ``fastdds shm clean`` does the same, and also removes ports. Ports stay here, because the next
+    process reuses them.
 
-    :returns: how many segments were removed.
+    :returns: number of removed segments.
     """
     removed = 0
     for lock in SHARED_MEMORY.glob('fastrtps_*_el'):
         if _LOCK.fullmatch(lock.name):
-            with suppress(OSError):  # of another user, or just removed by another process
+            with suppress(OSError):  # it belongs to another user, or was just removed
                 removed += _remove_if_dead(lock)
     return removed
 
 
 def _remove_if_dead(lock: Path) -> bool:
     """
-    Remove a segment and its lock unless somebody holds the lock.
+    Remove a segment and its lock file, unless a process holds the lock.
 
-    Should its owner be about to take it, it takes another name instead.
+    A process that is about to take the lock chooses another name instead.
     """
     with os.fdopen(open_regular(lock, follow=False), 'rb') as file:
         try:

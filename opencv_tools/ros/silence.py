@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that do not come: noticed, and told once with the reason."""
+"""Warning when no frames arrive, logged once with the reason."""
 
 from __future__ import annotations
 
@@ -21,60 +21,60 @@ import time
 
 from opencv_tools.recording.trouble import Log
 
-_LEAST_SECONDS = 3.0
+_MIN_SECONDS = 3.0
 _PERIODS = 3
-# How much of the usual time between frames each frame makes.
+# Weight of each interval in the moving average of the period.
 _PERIOD_WEIGHT = 1 / 8
 
 
-class Silence:
-    """Say why no frame comes, three seconds or three periods after the last one."""
+class NoFramesWarning:
+    """Log why no frame arrives, three seconds or three periods after the last frame."""
 
     def __init__(self, log: Log, describe: Callable[[], str]) -> None:
         """
-        Begin to wait.
+        Start waiting for frames.
 
-        :param log: where it is said.
-        :param describe: gives the reason.
+        :param log: log for the warning.
+        :param describe: returns the reason.
         """
         self._log = log
         self._describe = describe
-        self._said = ''
-        self.forget()
+        self._logged_reason = ''
+        self.reset_period()
 
-    def forget(self) -> None:
-        """Wait for other publishers, of which nothing is known."""
+    def reset_period(self) -> None:
+        """Reset the wait and the period, after a change of the publishers' topic."""
         self._period = 0.0
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
-        """Wait anew, though the frames may come as often as before."""
-        self._frame_at = self._waited = self._told_at = 0.0
+    def reset(self) -> None:
+        """Reset the wait, but keep the period of the frames."""
+        self._frame_at = self._waited = self._logged_at = 0.0
 
-    def end(self, topic: str) -> None:
-        """Take note of a frame."""
+    def frame_received(self, topic: str) -> None:
+        """Record a received frame."""
         now = time.monotonic()
         if self._frame_at:
             interval = now - self._frame_at
             self._period += (interval - self._period) * (_PERIOD_WEIGHT if self._period else 1)
         self._frame_at = now
-        self._waited = self._told_at = 0.0
-        if self._said:
-            self._said = ''
+        self._waited = self._logged_at = 0.0
+        if self._logged_reason:
+            self._logged_reason = ''
             self._log.info(f'Frames arrive on {topic}')
 
-    def watch(self, elapsed: float, is_expected: bool) -> None:
+    def check(self, elapsed: float, is_expected: bool) -> None:
         """
-        Say why there are no frames, and say it again only when the reason is another.
+        Log the reason if frames are missing and the reason is new.
 
-        :param elapsed: seconds that none came.
-        :param is_expected: that is as it should be.
+        :param elapsed: seconds since the last check.
+        :param is_expected: whether silence is normal here; suppresses the warning.
         """
         self._waited += elapsed
-        if self._waited - self._told_at < max(_LEAST_SECONDS, _PERIODS * self._period):
+        if self._waited - self._logged_at < max(_MIN_SECONDS, _PERIODS * self._period):
             return
-        self._told_at = self._waited
+        self._logged_at = self._waited
         reason = '' if is_expected else self._describe()
-        if reason and reason != self._said:
-            self._said = reason
+        if reason and reason != self._logged_reason:
+            self._logged_reason = reason
             self._log.warning(f'No frames: {reason}')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When a frame was captured, in the time of ROS."""
+"""Stamps of frames: capture times in ROS time."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ STAMPS = ('capture', 'publish')
 
 
 class Stamper:
-    """Stamp frames, each later than the one before."""
+    """Create stamps that increase from frame to frame."""
 
     def __init__(self, clock: Clock) -> None:
         """
-        Stamp by a clock.
+        Store the clock.
 
-        :param clock: of the node, which may be simulated.
+        :param clock: clock of the node, which may be simulated.
         """
         self._clock = clock
         self._last_now = 0
@@ -40,16 +40,16 @@ class Stamper:
 
     def stamp(self, captured_ns: int, kind: str, offset: float) -> Time:
         """
-        Stamp a frame.
+        Return the stamp of a frame.
 
-        :param captured_ns: when it was captured, in nanoseconds of CLOCK_MONOTONIC.
-        :param kind: one of ``STAMPS``: what is stamped, the capture or this moment.
-        :param offset: seconds to add, such as the negative delay of a camera.
-        :returns: the stamp, later than the last one unless the clock was set back.
+        :param captured_ns: time of capture in nanoseconds of CLOCK_MONOTONIC.
+        :param kind: one of ``STAMPS``: stamp the time of capture, or the present time.
+        :param offset: seconds to add; negative to compensate the delay of a camera.
+        :returns: the stamp, later than the previous one unless the clock was set back.
         """
         now, monotonic = self._read_clocks()
         age = monotonic - captured_ns if kind == 'capture' else 0
-        stamp = max(0, now - age + round(offset * 1e9))  # simulated time begins at 0
+        stamp = max(0, now - age + round(offset * 1e9))  # simulated time starts at 0
         if now >= self._last_now:
             stamp = max(stamp, self._last + 1)
         self._last_now, self._last = now, stamp
@@ -59,7 +59,8 @@ class Stamper:
         """
         Read the clock and CLOCK_MONOTONIC at the same moment, in nanoseconds.
 
-        Between two readings the process may have to wait for its turn, so it is tried thrice.
+        The process may be preempted between the two readings, so the best of three attempts is
+        used.
         """
         readings = []
         for _ in range(3):

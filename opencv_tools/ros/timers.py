@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Timers of waits, which a clock that is set or simulated must not change."""
+"""Timers on the monotonic clock, independent of simulated time and clock changes."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ from rclpy.timer import Timer
 
 
 class Delay:
-    """Call something once, a time after it was asked for first, however often it was asked."""
+    """Call a function once, some time after the first of several requests."""
 
     def __init__(self, node: Node, seconds: float, call: Callable[[], object]) -> None:
         """
-        Wait to be asked.
+        Create an inactive delay.
 
-        :param node: whose executor calls it.
-        :param seconds: from the first time that it is asked for to the call.
-        :param call: what is called.
+        :param node: node whose executor makes the call.
+        :param seconds: time from the first request to the call, in seconds.
+        :param call: function to call.
         """
         self._call = call
-        self._timer = create_steady_timer(node, seconds, self._ring)
+        self._timer = create_steady_timer(node, seconds, self._fire)
         self._timer.cancel()
 
-    def ask(self) -> None:
-        """Have it called, unless it is going to be."""
+    def request(self) -> None:
+        """Request a call, unless one is pending."""
         if self._timer.is_canceled():
             self._timer.reset()
 
-    def _ring(self) -> None:
+    def _fire(self) -> None:
         self._timer.cancel()
         self._call()
 
 
 def create_steady_timer(node: Node, seconds: float, call: Callable[[], object]) -> Timer:
     """
-    Have something called again and again.
+    Create a periodic timer on the monotonic clock.
 
-    :param node: whose executor calls it.
-    :param seconds: from one call to the next, by a clock that only goes on.
-    :param call: what is called.
+    :param node: node whose executor makes the calls.
+    :param seconds: period in seconds.
+    :param call: function to call.
     :returns: the timer.
     """
     return node.create_timer(seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME))

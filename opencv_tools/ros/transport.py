@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fast DDS and malloc set up for frames, unless the user has set them up otherwise."""
+"""Configuration of Fast DDS and malloc for large frames, unless the user configured them."""
 
 from __future__ import annotations
 
@@ -29,46 +29,47 @@ from opencv_tools.ros.shared_memory import (
     free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY,
 )
 
-#: What ``--help`` says of it.
-HELP = ('environment:\n'
-        '  OPENCV_TOOLS_TRANSPORT=default  leave Fast DDS and malloc as they are, to compare, or\n'
-        '                                  where a profile of your own comes another way than by\n'
-        '                                  the variables of Fast DDS; large frames may be lost')
+#: Text of ``--help`` about the environment.
+ENVIRONMENT_HELP = (
+    'environment:\n'
+    '  OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS and malloc, to compare, or\n'
+    '                                  because your own profile is not set by a variable of\n'
+    '                                  Fast DDS; large frames may be lost')
 
 _MB = 1 << 20
-# Frames that lie in shared memory at the same time, and those without which some are lost.
+# Number of frames for which the segment has room, and the number below which frames are lost.
 _FRAMES = 8
-_LEAST_FRAMES = 3
-_LEAST_SEGMENT = 16 * _MB
-_LARGEST_SEGMENT = 256 * _MB
-_USUAL_SEGMENT = _MB // 2  # what Fast DDS takes for small messages
+_MIN_FRAMES = 3
+_MIN_SEGMENT = 16 * _MB
+_MAX_SEGMENT = 256 * _MB
+_DEFAULT_SEGMENT = _MB // 2  # default of Fast DDS, for small messages
 
-# A reader's port lists the pieces that wait for it, and more are thrown away: Fast DDS's own 512
-# are 1.35 frames of 3840x2160. They are 65482 bytes, as UDP takes no more, and fewer here.
-_PIECE = 65_000
-_LEAST_PIECES = 512
-_MOST_PIECES = 8192
-_UNKNOWN_PIECES = 4096  # eight frames of 3840x2160 and some more, of whoever publishes them
-_DESCRIPTOR_BYTES = 20  # that the port keeps of each piece
-_PORTS_OF_ROOM = 1 / 16  # each participant has two or three ports
+# The port of a reader lists waiting fragments and drops further ones. The default of Fast DDS, 512
+# fragments, holds 1.35 frames of 3840x2160. A fragment has 65482 bytes, the limit of UDP, or less.
+_FRAGMENT_BYTES = 65_000
+_MIN_FRAGMENTS = 512
+_MAX_FRAGMENTS = 8192
+_DEFAULT_FRAGMENTS = 4096  # more than eight frames of 3840x2160, for frames of unknown size
+_DESCRIPTOR_BYTES = 20  # bytes of a port for each fragment
+_PORT_SHARE = 1 / 16  # share of the free memory for a port; a participant has two or three
 
-# Asked of the kernel for what comes over UDP; it gives what net.core.rmem_max allows. As much to
-# send from would let a slow link choke on what is sent again.
+# Requested receive buffer of UDP sockets; the kernel limits it to net.core.rmem_max. A send buffer
+# of this size would overload a slow link with repeated data.
 _SOCKET_BYTES = 4 * _MB
 
-# How often subscribers are asked what they miss. Fast DDS's own 3 s is how long a lost frame, or
-# the confirmation of the last one, may take.
+# Period in which a writer asks readers for missing messages. A lost frame, or the confirmation of
+# the last frame, may take one period. The default of Fast DDS is 3 s.
 _HEARTBEAT_NANOSECONDS = 100_000_000
 
-# Parameters of mallopt(3), and what keeps glibc from giving the memory of a frame back to the
-# kernel, which gives it out again page by page.
+# Parameters of mallopt(3). They keep glibc from returning the memory of each frame to the kernel,
+# which would have to map it again page by page.
 _M_TRIM_THRESHOLD = -1
 _M_TOP_PAD = -2
 _M_MMAP_THRESHOLD = -3
 _KEPT_BYTES = 256 * _MB
 _PADDING_BYTES = 64 * _MB
 
-# What a user may have set; then nothing is touched.
+# Variables and files of the user's own configuration, which is not changed.
 _USER_VARIABLES = (
     'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
     'FASTDDS_BUILTIN_TRANSPORTS')
@@ -107,96 +108,96 @@ _OPTION = """
       <{name}>{value}</{name}>"""
 
 
-# Where rmw_fastrtps adds a transport of its own, Fast DDS tries and prints lines of its own.
+# rmw_fastrtps adds a shared memory transport of its own, for which Fast DDS logs errors.
 _NO_SHARED_MEMORY = (
-    f'{SHARED_MEMORY} cannot be written to, so that frames go over UDP and may come late; errors '
-    'of RTPS_TRANSPORT_SHM below say the same')
+    f'{SHARED_MEMORY} is not writable: frames are sent over UDP and may be late; errors of '
+    'RTPS_TRANSPORT_SHM below have the same cause')
 
-_OTHER_USER = ('user {user} runs nodes here too, and Fast DDS has no shared memory between users: '
-               '{what}; run all nodes as one user')
-_SLOWLY = 'frames go over UDP and may come late'
-_NOT_AT_ALL = 'no frame goes between those nodes and this one while the discovery is LOCALHOST'
+_OTHER_USER = ('user {user} also runs nodes on this machine, and Fast DDS shares no memory '
+               'between users: {what}; run all nodes as one user')
+_UDP_EFFECT = 'frames are sent over UDP and may be late'
+_LOCALHOST_EFFECT = 'with discovery range LOCALHOST those nodes and this one exchange no frames'
 
 
 @dataclass(frozen=True)
-class Transport:
+class FastDdsSetup:
     """
-    How frames go to the subscribers on this machine.
+    Result of the configuration of Fast DDS, for frames to subscribers on this machine.
 
-    :param remark: what was set up and why, in a sentence.
-    :param segment: bytes of shared memory for frames, 0 where they go over UDP; None where that
-        is the user's choice, or nothing would help.
-    :param room: bytes of shared memory that were free.
-    :param warning: what is wrong whatever the size of the frames, in a sentence; '' for nothing.
+    :param summary: summary of the configuration and its reason, as a sentence.
+    :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP; None if the
+        user configured Fast DDS, or another size would not help.
+    :param free_bytes: free bytes of shared memory before the configuration.
+    :param warning: problem that does not depend on the size of the frames; '' if there is none.
     """
 
-    remark: str
+    summary: str
     segment: int | None = None
-    room: int = 0
+    free_bytes: int = 0
     warning: str = ''
 
-    def misfit(self, frame_bytes: int) -> str:
+    def size_warning(self, frame_bytes: int) -> str:
         """
-        Say why frames will be late or lost, and what helps.
+        Return a warning if frames of a size will be late or lost.
 
-        :param frame_bytes: of each frame.
-        :returns: a sentence, '' where they fit.
+        :param frame_bytes: bytes of a frame.
+        :returns: the reason and a remedy as a sentence, '' if the frames fit.
         """
-        if self.segment is None or self.segment >= _LEAST_FRAMES * frame_bytes:
+        if self.segment is None or self.segment >= _MIN_FRAMES * frame_bytes:
             return ''
-        wanted = 2 * _wanted_segment(frame_bytes)
-        if self.room >= wanted:
-            return (f'the shared memory of {_in_mb(self.segment)} that was reserved at the start '
-                    f'is small for frames of {_in_mb(frame_bytes)}, which may come late or not at '
-                    'all: start the node with the size that it publishes')
-        return (f'{SHARED_MEMORY} had {_in_mb(self.room)} free, which is little for frames of '
-                f'{_in_mb(frame_bytes)}: they may come late or not at all; give it '
-                f'{_in_mb(wanted)}, in Docker with --shm-size={math.ceil(wanted / _MB)}m or '
+        target = 2 * _target_segment(frame_bytes)
+        if self.free_bytes >= target:
+            return (f'the shared memory of {_in_mb(self.segment)} reserved at startup is too '
+                    f'small for frames of {_in_mb(frame_bytes)}, which may be late or lost: start '
+                    'the node with the frame size that it publishes')
+        return (f'{SHARED_MEMORY} had {_in_mb(self.free_bytes)} free, too little for frames of '
+                f'{_in_mb(frame_bytes)}, which may be late or lost: increase it to '
+                f'{_in_mb(target)}, in Docker with --shm-size={math.ceil(target / _MB)}m or '
                 '--ipc=host')
 
 
-UNTOUCHED = Transport('nothing was set up')
+NOT_CONFIGURED = FastDdsSetup('Fast DDS is not configured')
 
 
 @contextmanager
-def transport_for_frames(frame_bytes: int) -> Iterator[Transport]:
+def configured_fastdds(frame_bytes: int) -> Iterator[FastDdsSetup]:
     """
-    Give a process a transport that holds several frames, quick heartbeats, and kept memory.
+    Configure Fast DDS for several frames in shared memory and a short heartbeat, and malloc.
 
-    Fast DDS's own segment of 512 KB is smaller than one frame, so that its pieces do not fit, and
-    frames are lost or late; so are its sockets. The profile counts for a process's first node,
-    which has to be made inside the block.
-    Nothing is touched when the user has configured Fast DDS, uses another middleware or has set
+    The default segment of Fast DDS, 512 KB, is smaller than one frame. Its fragments do not fit,
+    and frames are lost or late. The default sockets are too small as well. The profile applies to
+    the first node of the process, which has to be created inside the block. Nothing is configured
+    if the user has configured Fast DDS, uses another middleware or has set
     ``OPENCV_TOOLS_TRANSPORT=default``.
 
-    :param frame_bytes: of each frame that will be published, as far as it is known; 0 for none.
-    :returns: what was set up.
+    :param frame_bytes: expected bytes of a published frame; 0 if no frames are published.
+    :returns: the result of the configuration.
     """
-    reason = _user_choice()
+    reason = _user_configuration()
     if reason:
-        yield Transport(f'Fast DDS and malloc are left as they are: {reason}')
+        yield FastDdsSetup(f'Fast DDS and malloc are not configured: {reason}')
         return
     _keep_memory()
     removed = remove_dead_segments()
-    room = free_bytes()
+    available = free_bytes()
     other_user = find_other_user()
-    if other_user and not _is_local():  # there rmw_fastrtps adds shared memory of its own
+    if other_user and not _is_local():  # if local, rmw_fastrtps adds its own shared memory
         with _profile(_describe_profile(0, 0)):
-            yield Transport('UDP for frames, because of the other user', room=room,
-                            warning=_OTHER_USER.format(user=other_user, what=_SLOWLY))
+            yield FastDdsSetup('UDP for frames, because of the other user', free_bytes=available,
+                               warning=_OTHER_USER.format(user=other_user, what=_UDP_EFFECT))
         return
-    segment = _affordable_segment(frame_bytes, room)
-    with _profile(_describe_profile(segment, _affordable_pieces(frame_bytes, room))):
-        yield Transport(
-            f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}, '
-            f'as {SHARED_MEMORY} has {_in_mb(room)} free; {removed} dead segments removed; '
-            'malloc keeps the memory of frames', segment, room,
+    segment = _segment_bytes(frame_bytes, available)
+    with _profile(_describe_profile(segment, _port_capacity(frame_bytes, available))):
+        yield FastDdsSetup(
+            f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}; '
+            f'{SHARED_MEMORY} has {_in_mb(available)} free; {removed} dead segments removed; '
+            'malloc keeps the memory of frames', segment, available,
             _NO_SHARED_MEMORY if not is_writable() else
-            _OTHER_USER.format(user=other_user, what=_NOT_AT_ALL) if other_user else '')
+            _OTHER_USER.format(user=other_user, what=_LOCALHOST_EFFECT) if other_user else '')
 
 
-def _user_choice() -> str:
-    """Say why the transport is not ours to choose, '' when it is."""
+def _user_configuration() -> str:
+    """Return why Fast DDS must not be configured, '' if it may be."""
     if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
         return 'OPENCV_TOOLS_TRANSPORT is default'
     middleware = os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
@@ -205,35 +206,36 @@ def _user_choice() -> str:
     for variable in _USER_VARIABLES:
         if os.environ.get(variable):
             return f'{variable} is set'
-    return next((f'there is {name}' for name in _USER_FILES
+    return next((f'{name} exists' for name in _USER_FILES
                  if os.access(name, os.F_OK)), '')  # unlike Path.exists() this never raises
 
 
-def _wanted_segment(frame_bytes: int) -> int:
+def _target_segment(frame_bytes: int) -> int:
     if not frame_bytes:
-        return _USUAL_SEGMENT
-    return max(min(max(_FRAMES * frame_bytes, _LEAST_SEGMENT), _LARGEST_SEGMENT),
-               _LEAST_FRAMES * frame_bytes)
+        return _DEFAULT_SEGMENT
+    return max(min(max(_FRAMES * frame_bytes, _MIN_SEGMENT), _MAX_SEGMENT),
+               _MIN_FRAMES * frame_bytes)
 
 
-def _affordable_segment(frame_bytes: int, room: int) -> int:
-    """Give the segment's size: at most half of what is free, 0 when too little would fit."""
-    segment = min(_wanted_segment(frame_bytes), room // 2)
-    return segment if segment >= max(_LEAST_FRAMES * frame_bytes, _USUAL_SEGMENT) else 0
+def _segment_bytes(frame_bytes: int, available: int) -> int:
+    """Return the size of the segment: at most half of the free memory, 0 if that is too little."""
+    segment = min(_target_segment(frame_bytes), available // 2)
+    return segment if segment >= max(_MIN_FRAMES * frame_bytes, _DEFAULT_SEGMENT) else 0
 
 
-def _affordable_pieces(frame_bytes: int, room: int) -> int:
-    """Return how many pieces may wait for this process: those of all frames in the segment."""
-    wanted = math.ceil(_FRAMES * frame_bytes / _PIECE) if frame_bytes else _UNKNOWN_PIECES
-    affordable = int(room * _PORTS_OF_ROOM) // _DESCRIPTOR_BYTES
-    return max(_LEAST_PIECES, min(wanted, affordable, _MOST_PIECES))
+def _port_capacity(frame_bytes: int, available: int) -> int:
+    """Return the number of fragments that may wait in a port: those of all frames of a segment."""
+    target = (math.ceil(_FRAMES * frame_bytes / _FRAGMENT_BYTES) if frame_bytes
+              else _DEFAULT_FRAGMENTS)
+    affordable = int(available * _PORT_SHARE) // _DESCRIPTOR_BYTES
+    return max(_MIN_FRAGMENTS, min(target, affordable, _MAX_FRAGMENTS))
 
 
-def _describe_profile(segment: int, pieces: int) -> str:
-    """Write the profile; a segment that is too small for frames is slower than UDP alone."""
+def _describe_profile(segment: int, fragments: int) -> str:
+    """Return the XML profile; a segment of 0 bytes selects UDP alone, faster than a small one."""
     transports: dict[str, dict[str, int]] = {}
     if segment:
-        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': pieces}
+        transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': fragments}
     if not _is_local():
         transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     participant = _PARTICIPANT.format(
@@ -246,14 +248,14 @@ def _describe_profile(segment: int, pieces: int) -> str:
 
 
 def _is_local() -> bool:
-    """Tell whether rmw_fastrtps adds a UDP transport of its own; a second would send all twice."""
+    """Return whether rmw_fastrtps adds its own UDP transport; a second one would send twice."""
     return (os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
             or os.environ.get('ROS_LOCALHOST_ONLY') == '1')
 
 
 @contextmanager
 def _profile(text: str) -> Iterator[None]:
-    """Let Fast DDS read a profile, if it can be written anywhere, to a file that goes."""
+    """Write a profile to a temporary file, if possible, and set the variable of Fast DDS."""
     variable = _USER_VARIABLES[0]
     with ExitStack() as stack:
         for folder in (SHARED_MEMORY, None):
@@ -268,7 +270,7 @@ def _profile(text: str) -> Iterator[None]:
 
 
 def _keep_memory() -> None:
-    """Let malloc keep what is freed; where there is no glibc, malloc has its own way."""
+    """Configure glibc's malloc to keep freed memory; do nothing with another malloc."""
     mallopt = getattr(ctypes.CDLL(None), 'mallopt', None)
     if mallopt:
         mallopt(_M_MMAP_THRESHOLD, _KEPT_BYTES)

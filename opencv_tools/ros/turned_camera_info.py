@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The calibration of a camera whose pictures are flipped or rotated."""
+"""Calibration of flipped or rotated images."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from numpy.typing import NDArray
 from opencv_tools.ros.calibration_file import CameraInfoError
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
-# Models with numbers k1, k2, p1, p2, k3 ... k6, s1 ... s4 and two of a tilt, as OpenCV has them.
+# Models with the coefficients k1, k2, p1, p2, k3 ... k6, s1 ... s4, tau_x, tau_y of OpenCV.
 _POLYNOMIALS = ('plumb_bob', 'rational_polynomial')
 _POLYNOMIAL_LENGTHS = (4, 5, 8, 12, 14)
 _TILT = 12
-# Where pairs of numbers are that turn as x and y do: (p2, p1), (s1, s3) and (s2, s4).
+# Indices of pairs of coefficients that turn like x and y: (p2, p1), (s1, s3) and (s2, s4).
 _VECTORS = ((3, 2), (8, 10), (9, 11))
-# Models that are the same in all directions.
+# Models with rotational symmetry.
 _SYMMETRIC = ('equidistant',)
 
 
 def turn_camera_info(info: CameraInfo, axes: NDArray[np.float64]) -> CameraInfo:
     """
-    Convert a calibration to that of the same pictures, flipped or rotated.
+    Convert a calibration to flipped or rotated images.
 
-    The optical frame turns with the picture: x still points to its right, and y to its bottom.
+    The optical frame turns with the image: x still points right, and y down.
 
-    :param info: the calibration.
-    :param axes: (2, 2), see ``turned_axes``; transposed it turns back.
-    :returns: a copy for the turned pictures.
-    :raises CameraInfoError: a CameraInfo cannot describe such a turned camera.
+    :param info: calibration to convert.
+    :param axes: (2, 2) matrix of ``turned_axes``; its transpose is the inverse.
+    :returns: a copy for the turned images.
+    :raises CameraInfoError: CameraInfo cannot represent the turned camera.
     """
     turned = copy.deepcopy(info)
     if (axes == np.eye(2)).all():
@@ -59,10 +59,10 @@ def turn_camera_info(info: CameraInfo, axes: NDArray[np.float64]) -> CameraInfo:
     p = pixels @ info.p.reshape(3, 4)
     p[:, :3] = p[:, :3] @ space.T
     if k[1, 0] or p[1, 0]:
-        raise CameraInfoError('a calibration whose pixels are no rectangles cannot be rotated: '
+        raise CameraInfoError('a calibration with skewed pixel axes cannot be rotated: '
                               'set rotate to 0')
     r = space @ info.r.reshape(3, 3) @ space.T
-    # 0.0 is added for -0.0, which is as good but looks odd.
+    # Adding 0.0 converts -0.0 to 0.0.
     turned.k, turned.p, turned.r = ((matrix + 0.0).ravel() for matrix in (k, p, r))
     turned.d = _turn_distortion(info.distortion_model, info.d, axes)
     turned.width, turned.height = map(int, size)
@@ -77,9 +77,9 @@ def _turn_distortion(
     model: str, coefficients: Sequence[float], axes: NDArray[np.float64],
 ) -> list[float]:
     """
-    Turn the coefficients of a distortion.
+    Turn the coefficients of a distortion model.
 
-    :raises CameraInfoError: nobody here knows how.
+    :raises CameraInfoError: the model is not supported.
     """
     turned = np.array(coefficients, np.float64)
     if not turned.any() or model in _SYMMETRIC:
@@ -87,7 +87,7 @@ def _turn_distortion(
     known = model in _POLYNOMIALS and len(turned) in _POLYNOMIAL_LENGTHS
     if not known or turned[_TILT:].any():
         raise CameraInfoError(
-            f'a calibration with {len(turned)} numbers of distortion model {model!r} can be '
+            f'a calibration with {len(turned)} coefficients of distortion model {model!r} can be '
             'neither flipped nor rotated: set flip to none and rotate to 0')
     for pair in _VECTORS:
         if max(pair) < len(turned):

@@ -204,6 +204,6 @@ def test_a_cut_heals_by_itself(
         process.interrupt()
         assert process.finish() == 0, process.output
     received, lost = map(int, re.search(
-        r'Received (\d+) frames .* (\d+) lost on the way', subscriber.output).groups())
+        r'Received (\d+) frames .* (\d+) lost in transit', subscriber.output).groups())
     tell(f'{cut.__name__} for {CUT_SECONDS:g} s: 10 frames within {seconds:.1f} s, '
          f'{received} received, {lost} lost')
