@@ -257,14 +257,14 @@ def test_a_camera_that_stalls_is_opened_anew_until_it_gives_frames(
     # Three waits of 0.1 s, for two are not enough, and a pause; the third camera has a frame.
     assert clock.now - began == pytest.approx(0.3 + 0.1 + 0.3 + 0.2)
     assert [camera.closed for camera in cameras] == [True, True, False]
-    assert log.lines[1:] == ['lost: camera has given no frame for 0.25 s', 'opened', 'opened',
+    assert log.lines[1:] == ['lost: camera sent no frame for 0.25 s', 'opened', 'opened',
                              'returned after 0.90 s']
 
 
 @pytest.mark.parametrize(('reconnect', 'message', 'waits'), [
-    (0.0, 'gone', []), (0.0625, r'not there; given up after 0\.1 s', [0.0625]),
-    (0.5, r'not there; given up after 0\.5 s', [0.1, 0.2, 0.2]),
-    (3.0, r'not there; given up after 3\.0 s', [0.1, 0.2, 0.4, 0.8, 1.0, 0.5])])
+    (0.0, 'gone', []), (0.0625, r'not there; gave up after 0\.1 s', [0.0625]),
+    (0.5, r'not there; gave up after 0\.5 s', [0.1, 0.2, 0.2]),
+    (3.0, r'not there; gave up after 3\.0 s', [0.1, 0.2, 0.4, 0.8, 1.0, 0.5])])
 def test_a_camera_that_stays_away_is_given_up(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, reconnect: float,
         message: str, waits: list[float]) -> None:

@@ -117,7 +117,7 @@ def test_pixels_are_read_without_the_padding(fourcc: str, padding: int) -> None:
     image = read_pixels(known, data, HEIGHT, WIDTH, padded.shape[1])
     assert image.tobytes() == content.tobytes()
     assert image.dtype == encoding.dtype
-    with pytest.raises(BrokenFrameError, match='the camera sent a part of a frame'):
+    with pytest.raises(BrokenFrameError, match='the camera sent an incomplete frame'):
         read_pixels(known, data[:len(data) // 2], HEIGHT, WIDTH, padded.shape[1])
 
 

@@ -238,7 +238,7 @@ def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> N
     spin_until(node, lambda: bool(messages))
     (status,) = messages[-1].status
     assert status.level == b'\2'
-    assert status.message.startswith('there is no camera /dev/video987')
+    assert status.message.startswith('camera /dev/video987 does not exist')
 
 
 # While it runs
@@ -324,7 +324,7 @@ REFUSED = (
     ('source', 'pattern:8x8', 'read-only'), ('camera_info_url', '/x', 'read-only'),
     ('rotate', 91, 'give one of 0, 90, 180, 270'),
     ('encoding', 'bgr9', "parameter encoding is 'bgr9'"),
-    ('fourcc', 'H264', 'the known pixel formats are'), ('jpeg_quality', 0, 'out of range'),
+    ('fourcc', 'H264', 'give a supported pixel format'), ('jpeg_quality', 0, 'out of range'),
     ('publish_rate', 2000, 'out of range'), ('publish_rate', '5', 'Wrong parameter type'),
     ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'))
 

@@ -61,7 +61,7 @@ def test_a_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     bound.listen()
     assert describe_failure(url) == (
         f'{url} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
-        'but sends no video that can be read')
+        'but sends no readable video')
 
 
 @pytest.mark.parametrize(('err', 'reason'), [
@@ -86,7 +86,7 @@ def test_a_server_that_cannot_be_reached_is_named_with_its_usual_port(
 def test_who_cannot_be_called_is_not_called(monkeypatch: pytest.MonkeyPatch, url: str) -> None:
     monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
     assert describe_failure(url) == (
-        f'{url} cannot be opened as a video: it is not reachable, or sends no video')
+        f'{url} cannot be opened as a video: it is unreachable or sends no video')
 
 
 @pytest.mark.parametrize('url', [
@@ -102,5 +102,5 @@ def test_a_closed_port_may_open_later(bound: socket.socket) -> None:
 
 
 def test_a_server_without_a_video_is_told_from_a_closed_port(server: str) -> None:
-    with pytest.raises(CaptureError, match='is reachable, but sends no video'):
+    with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
         open_source(server)

@@ -133,7 +133,7 @@ def test_the_last_frame_is_read_before_the_end_is_told(
     send(capture, 1, None)
     assert source.wait(0.0)
     source.read()
-    with pytest.raises(UnavailableError, match='has ended, or is not reachable any more'):
+    with pytest.raises(UnavailableError, match='ended or is no longer reachable'):
         source.wait(DEADLINE)
     source.close()
     assert capture.released

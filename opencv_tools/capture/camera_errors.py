@@ -56,12 +56,15 @@ def check_device(device: Path) -> None:
     try:
         status = device.stat()
     except OSError as err:
-        present = ', '.join(map(str, list_cameras())) or 'none'
         raise UnavailableError(
-            f'there is no camera {device}; cameras on this machine: {present}. '
-            'To try without one: source:=pattern') from err
+            f'camera {device} does not exist; cameras on this machine: {_present()}. '
+            'To run without a camera: source:=pattern') from err
     if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
-        raise CaptureError(f'{device} is not a camera')
+        raise CaptureError(f'{device} is not a camera; cameras on this machine: {_present()}')
+
+
+def _present() -> str:
+    return ', '.join(map(str, list_cameras())) or 'none'
 
 
 def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
@@ -99,10 +102,10 @@ def _explain(name: str, err: OSError) -> CaptureError:
     if err.errno == errno.EBUSY:
         return UnavailableError(f'camera {name} is used by another program{_users(name)}')
     if err.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
-        return UnavailableError(f'camera {name} has gone; is it still plugged in?')
+        return UnavailableError(f'camera {name} is disconnected; check that it is plugged in')
     if err.errno == errno.ENOTTY:
-        return CaptureError(f'{name} is not a camera that V4L2 knows')
-    return UnavailableError(f'camera {name} has failed: {err.strerror or err}')
+        return CaptureError(f'{name} is not a V4L2 camera; cameras on this machine: {_present()}')
+    return UnavailableError(f'camera {name} failed: {err.strerror or err}')
 
 
 def _group_name(name: str) -> str:

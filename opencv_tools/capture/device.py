@@ -276,5 +276,5 @@ class VideoDevice:
         """Keep the device open while it is asked; a number of a closed file may be another's."""
         with self._lock:
             if self._fd < 0:
-                raise OSError('it was closed')
+                raise OSError('the device is closed')
             yield self._fd

@@ -196,7 +196,7 @@ class Grabber:
         left = self.playback.reconnect - away
         if left <= 0:
             raise CaptureError(
-                f'{err}; given up after {away:.1f} s' if self._delay else str(err)) from err
+                f'{err}; gave up after {away:.1f} s' if self._delay else str(err)) from err
         if str(err) != self.trouble:
             self.trouble = str(err)
             self._watcher.lost(err)
@@ -225,7 +225,7 @@ class Grabber:
             if not source.wait(_SLICE_SECONDS):
                 timeout = self.playback.read_timeout
                 if self._clock.monotonic() - quiet_since > timeout:
-                    raise UnavailableError(f'{source.name} has given no frame for {timeout:g} s')
+                    raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
             self._note_frame(source)
             if pacer.is_due(early) and self._audience.is_there():

@@ -58,15 +58,15 @@ def parse_pattern(spec: str) -> PatternSpec:
     """
     match = _SPEC.fullmatch(spec)
     if not match:
-        raise ValueError('a pattern is written pattern[:WIDTHxHEIGHT[@FPS]], '
-                         'as in pattern:640x480@30')
+        raise ValueError('write a pattern as pattern[:WIDTHxHEIGHT[@FPS]], '
+                         'for example pattern:640x480@30')
     default = PatternSpec()
     parsed = PatternSpec(int(match[1] or default.width), int(match[2] or default.height),
                          float(match[3] or default.rate))
     if not (1 <= parsed.width <= _MAX_SIDE and 1 <= parsed.height <= _MAX_SIDE
             and 0 < parsed.rate <= MAX_RATE):
-        raise ValueError(f'a pattern is 1 to {_MAX_SIDE} pixels wide and high '
-                         f'and has at most {MAX_RATE:g} frames per second')
+        raise ValueError(f'give a pattern a width and a height from 1 to {_MAX_SIDE} pixels '
+                         f'and a rate above 0 and up to {MAX_RATE:g} frames per second')
     return parsed
 
 

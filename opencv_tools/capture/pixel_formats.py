@@ -99,7 +99,7 @@ def check_fourcc(text: str) -> None:
     :raises ValueError: it is none of ``PIXEL_FORMATS`` and not empty.
     """
     if text and text not in PIXEL_FORMATS:
-        raise ValueError(f'the known pixel formats are {", ".join(PIXEL_FORMATS)}')
+        raise ValueError(f'give a supported pixel format: {", ".join(PIXEL_FORMATS)}')
 
 
 def read_pixels(
@@ -120,4 +120,4 @@ def read_pixels(
     try:
         return pixel_format.read(data, height, width, step)
     except (LayoutError, ValueError) as err:
-        raise BrokenFrameError(f'the camera sent a part of a frame: {err}') from err
+        raise BrokenFrameError(f'the camera sent an incomplete frame: {err}') from err

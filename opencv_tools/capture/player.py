@@ -161,7 +161,7 @@ class Player:
             if self._stopped.is_set():
                 return
             if last is None:
-                raise CaptureError(f'{self._source.name} has no frame that can be read')
+                raise CaptureError(f'{self._source.name} has no readable frame')
             playback = self._playback()
             if not playback.plays or played < playback.plays:
                 self._source.rewind()
@@ -195,5 +195,5 @@ class Player:
             yield frame
 
     def _too_short(self, count: int, first: int) -> CaptureError:
-        return CaptureError(f'{self._source.name} has {count} frames, '
-                            f'and none of the number {first}')
+        return CaptureError(f'start_frame is {first}, but {self._source.name} has only {count} '
+                            'frames, numbered from 0')

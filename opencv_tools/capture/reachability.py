@@ -41,7 +41,7 @@ def describe_failure(url: str) -> str:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
         if parts.scheme not in _PORTS or not host or not port:
-            return f'{shown} cannot be opened as a video: it is not reachable, or sends no video'
+            return f'{shown} cannot be opened as a video: it is unreachable or sends no video'
         socket.create_connection((host, port), _ANSWER_SECONDS).close()
     except ValueError as err:
         return f'{shown} is not a URL: {printable(err)}'
@@ -51,5 +51,5 @@ def describe_failure(url: str) -> str:
         reason = err.strerror or str(err)
     else:
         return (f'{shown} cannot be opened as a video: {printable(host)} port {port} is '
-                'reachable, but sends no video that can be read')
+                'reachable, but sends no readable video')
     return f'{shown} is not reachable: {printable(host)} port {port}: {reason}'

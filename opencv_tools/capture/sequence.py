@@ -56,8 +56,8 @@ class PictureSequence:
         :raises CaptureError: there is no file.
         """
         if not paths:
-            raise CaptureError(f'there is no picture in {printable(name, MAX_PATH)}; '
-                               f'pictures end in {", ".join(sorted(PICTURE_SUFFIXES))}')
+            raise CaptureError(f'no image file in {printable(name, MAX_PATH)}; supported '
+                               f'extensions: {", ".join(sorted(PICTURE_SUFFIXES))}')
         self.name = printable(name, MAX_PATH)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
         self._paths = tuple(paths)

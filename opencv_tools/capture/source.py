@@ -46,7 +46,7 @@ def check_source(text: str) -> None:
     :raises ValueError: it is empty, or a pattern that is written wrongly.
     """
     if not text:
-        raise ValueError('name a camera, a file, a folder, a URL, or pattern')
+        raise ValueError('give a camera, a file, a folder, a URL or pattern')
     if _is_pattern(text):
         parse_pattern(text)
 
@@ -150,13 +150,13 @@ def _open_path(path: Path) -> Source:
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
         raise CaptureError(f'{shown} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
-        raise CaptureError(f'no permission to read {shown}')
+        raise CaptureError(f'no permission to read {shown}; check its owner and mode')
     if stat.S_ISDIR(mode):
         return PictureSequence(_pictures(path.iterdir()), str(path))
     is_picture = path.suffix.lower() in PICTURE_SUFFIXES
     kind = describe_kind(mode)
     if kind and (is_picture or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
-        raise CaptureError(f'{shown} is {kind}: give a file or a folder')
+        raise CaptureError(f'{shown} is {kind}; give a file or a folder')
     if is_picture:
         return PictureSequence([path], str(path))
     return VideoSource(str(path), open_video(str(path)))

@@ -53,7 +53,7 @@ class StreamSource:
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._ended, seconds)
             if self._newest is None and self._ended:
-                raise UnavailableError(f'{self.name} has ended, or is not reachable any more')
+                raise UnavailableError(f'{self.name} ended or is no longer reachable')
             return self._newest is not None
 
     def skip(self) -> None:

@@ -113,25 +113,26 @@ class CameraSource:
         try:
             self._device.set_control(control, value)
         except OSError as err:
-            raise UnavailableError(f'camera {self.name} refuses {control.name} {value} '
+            raise UnavailableError(f'camera {self.name} rejected {control.name} {value} '
                                    f'({err.strerror or err}): {control.remedy}') from err
 
     def _start(self, request: CameraRequest) -> None:
         if not self._device.can_capture:
             raise CaptureError(
-                f'{self.name} ({self._device.card}) gives no pictures: cameras have several '
-                'numbers, try the next one')
+                f'{self.name} ({self._device.card}) cannot capture video; a camera can have '
+                'several device numbers, so try the next one')
         modes = self._device.modes((request.width or USUAL_SIZE[0],
                                     request.height or USUAL_SIZE[1]))
         chosen = choose_mode(modes, request, self._device.rates)
         if chosen is None:
             raise CaptureError(
-                f'camera {self.name} gives none of the formats {", ".join(PIXEL_FORMATS)}; '
-                f'it has {describe_modes(modes) or "none at all"}')
+                f'camera {self.name} offers none of the supported pixel formats '
+                f'{", ".join(PIXEL_FORMATS)}; it offers {describe_modes(modes) or "none"}')
         self._format = self._device.set_format(chosen)
         if self._format.fourcc not in PIXEL_FORMATS:
-            raise CaptureError(f'camera {self.name} gives {self._format.fourcc} '
-                               f'where {chosen.fourcc} was asked for')
+            raise CaptureError(
+                f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
+                f'format {self._format.fourcc}; set fourcc to another format')
         self._pixels = PIXEL_FORMATS[self._format.fourcc]
         self.rate = self._device.set_rate(request.fps or USUAL_RATE)
         self._remark(request, modes)
@@ -153,13 +154,14 @@ class CameraSource:
                           request.height or given.height)
             offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
             self.remarks.append(
-                f'camera {self.name} was asked for {wanted.fourcc} {wanted.size} and gives '
-                f'{given.fourcc} {given.size}; it offers {describe_modes(offered)}')
+                f'camera {self.name} cannot send {wanted.fourcc} {wanted.size} and sends '
+                f'{given.fourcc} {given.size} instead; it offers {describe_modes(offered)}')
         if request.fps and abs(self.rate - request.fps) > _RATE_TOLERANCE * request.fps:
             rates = ', '.join(f'{rate:g}' for rate in self._device.rates(given))
             self.remarks.append(
-                f'camera {self.name} was asked for {request.fps:g} Hz and gives {self.rate:g} Hz; '
-                f'in {given.fourcc} {given.size} it offers {rates or "that only"}')
+                f'camera {self.name} cannot send {request.fps:g} Hz and sends {self.rate:g} Hz '
+                f'instead; with {given.fourcc} {given.size} it offers '
+                f'{rates or "only this rate"}')
 
     def _set_controls(self, wanted: dict[str, int]) -> None:
         for control in self._device.controls() if wanted else ():
