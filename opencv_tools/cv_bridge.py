@@ -107,7 +107,7 @@ class CvBridge:
         """
         more_channels, depth = divmod(cvtype, _channel_step())
         if depth not in self.cvdepth_to_numpy_depth or more_channels < 0:
-            raise CvBridgeError(f'{cvtype} is not the number of a type of OpenCV')
+            raise CvBridgeError(f'unknown OpenCV type {cvtype}; give one such as cv2.CV_8UC3')
         return self.cvdepth_to_numpy_depth[depth], more_channels + 1
 
     def encoding_to_cvtype2(self, encoding: str) -> int:

@@ -100,30 +100,30 @@ def encode_picture(
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
     if suffix not in FORMATS:
         raise PictureError(
-            f"'{printable(suffix[1:], _MAX_NAME)}' is not a known picture format; the formats are "
+            f"unknown picture format '{printable(suffix[1:], _MAX_NAME)}'; give one of "
             f'{", ".join(known[1:] for known in FORMATS)}')
     if type_name not in FORMATS[suffix]:
         able = [known[1:] for known, types in FORMATS.items() if type_name in types]
         raise PictureError(
-            f'{described} cannot be kept as {suffix[1:]}'
-            + (f'; {" or ".join(able)} can hold it' if able else ', nor as any other picture'))
+            f'{described} cannot be stored as {suffix[1:]}; '
+            + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
     if not image.size:
-        raise PictureError(f'{described} is empty')
+        raise PictureError(f'{described} is empty and cannot be encoded')
     options: tuple[int, ...] = _OPTIONS.get(suffix, ())
     if suffix == '.png':
         options = (_FAST_PNG if compression == 1
                    else (cv2.IMWRITE_PNG_COMPRESSION, compression))
     if quality is not None:
         if suffix not in _QUALITY or not 1 <= quality <= 100:
-            raise PictureError(f'quality {quality} cannot be used for {suffix[1:]}: '
-                               'jpg and webp have one, from 1 to 100')
+            raise PictureError(f'quality {quality} is invalid for {suffix[1:]}; only jpg and webp '
+                               'have a quality, from 1 to 100')
         options = (_QUALITY[suffix], quality)
     try:
         encoded, content = cv2.imencode(suffix, image, options)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be kept as {suffix[1:]}: {err.err}') from err
+        raise PictureError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
     if not encoded:
-        raise PictureError(f'OpenCV made no {suffix[1:]} of {described}')
+        raise PictureError(f'OpenCV cannot encode {described} as {suffix[1:]}')
     data: NDArray[np.uint8] = content.reshape(-1)
     return data
 
@@ -156,7 +156,7 @@ def decode_picture(
         more = (_decode(with_more_pixels(content, scan_end), flags)
                 if is_jpeg and image is not None and _has_filling(image) else image)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be read as a picture: {err.err}') from err
+        raise PictureError(f'{described} cannot be decoded as a picture: {err.err}') from err
     if image is None:
         raise PictureError(f'{described} are not a picture that OpenCV can read')
     if more is not image and (more is None or not np.array_equal(image, more)):
@@ -233,5 +233,5 @@ def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     try:
         colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)
     except cv2.error as err:
-        raise PictureError(f'{colormap} is not the number of a colormap of OpenCV') from err
+        raise PictureError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
     return colored

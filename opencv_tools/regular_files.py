@@ -46,7 +46,7 @@ def describe_kind(mode: int) -> str:
     :param mode: ``st_mode`` of it.
     :returns: for example ``a named pipe``; '' for a regular file.
     """
-    return '' if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), 'no file')
+    return '' if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), 'not a file')
 
 
 def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> int:

@@ -191,5 +191,5 @@ def test_text_that_is_not_utf_8_is_read() -> None:
     serialized[16:19] = b'\xff\xfe\xfd'
     assert cdr_to_image(serialized).frame_id == '\ufffd' * 3
     serialized[12:16] = struct.pack('<I', 2**32 - 1)
-    with pytest.raises(CdrError, match='takes 4294967295 from 16 on'):
+    with pytest.raises(CdrError, match='needs 4294967295 bytes from offset 16'):
         cdr_to_image(serialized)

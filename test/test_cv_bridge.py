@@ -155,7 +155,7 @@ def test_a_signalling_nan_is_converted_without_a_warning() -> None:
      'encoding specified as mono8, but image has incompatible type 8UC3'),
     (np.zeros((2, 2), np.uint8), 'foo', 'Unrecognized image encoding [foo]'),
     (np.zeros((2, 2), np.int64), 'passthrough', 'An image of dtype int64 has no encoding'),
-    (np.zeros(2, np.uint8), 'passthrough', 'An image has 2 or 3 dimensions'),
+    (np.zeros(2, np.uint8), 'passthrough', 'An image must have 2 or 3 dimensions'),
 ])
 def test_images_that_are_refused(image: np.ndarray, encoding: str, text: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
@@ -171,10 +171,10 @@ def test_no_array_is_refused() -> None:
 @pytest.mark.parametrize(('fields', 'desired', 'text'), [
     ({'encoding': 'bgr9'}, 'passthrough', 'Unrecognized image encoding [bgr9]'),
     ({'encoding': '8UC0'}, 'passthrough', 'Unrecognized image encoding [8UC0]'),
-    ({'step': 5}, 'passthrough', 'a row takes 6 bytes, more than the step'),
+    ({'step': 5}, 'passthrough', 'a row needs 6 bytes, more than the step'),
     ({'encoding': 'mono16', 'step': 5}, 'passthrough', 'not a whole number of pixels of 2 bytes'),
-    ({'height': 3}, 'passthrough', 'takes 18 bytes, but data has 12'),
-    ({'height': 2**32 - 1, 'width': 2**32 - 1, 'step': 2**32 - 1}, 'passthrough', 'a row takes'),
+    ({'height': 3}, 'passthrough', 'needs 18 bytes, but data has 12'),
+    ({'height': 2**32 - 1, 'width': 2**32 - 1, 'step': 2**32 - 1}, 'passthrough', 'a row needs'),
     ({'encoding': '8UC3'}, 'bgr8', '[8UC3] is not a color format. but [bgr8] is. '
                                    'The conversion does not make sense'),
     ({}, '8UC1', '[bgr8] is a color format but [8UC1] is not so they must have the same OpenCV '
@@ -200,13 +200,13 @@ def test_a_step_that_is_not_a_multiple_of_the_pixel_is_refused() -> None:
 
 def test_a_step_that_is_too_small_is_refused() -> None:
     message = Image(height=2, width=3, encoding='mono8', step=2, data=bytes(6))
-    with pytest.raises(CvBridgeError, match='a row takes 3 bytes, more than the step'):
+    with pytest.raises(CvBridgeError, match='a row needs 3 bytes, more than the step'):
         CvBridge().imgmsg_to_cv2(message)
 
 
 def test_short_data_are_refused() -> None:
     message = Image(height=2, width=3, encoding='mono8', step=3, data=bytes(5))
-    with pytest.raises(CvBridgeError, match='takes 6 bytes, but data has 5'):
+    with pytest.raises(CvBridgeError, match='needs 6 bytes, but data has 5'):
         CvBridge().imgmsg_to_cv2(message)
 
 
@@ -269,14 +269,14 @@ def test_odd_width_yuv_422_has_gray_but_no_colours(encoding: str) -> None:
     message = bridge.cv2_to_imgmsg(image, encoding)
     luma = image[..., 1 if encoding in ('yuv422', 'uyvy') else 0]
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message, 'mono8'), luma)
-    with pytest.raises(CvBridgeError, match='a row of 5 pixels has no whole colours'):
+    with pytest.raises(CvBridgeError, match=r'must have an even width .* a row has 5 pixels'):
         bridge.imgmsg_to_cv2(message, 'bgr8')
 
 
 @pytest.mark.parametrize(('height', 'width'), [(2, 3), (3, 2)])
 def test_odd_sizes_of_yuv_420_are_refused(height: int, width: int) -> None:
     message = Image(height=height, width=width, encoding='nv12', step=width, data=bytes(64))
-    with pytest.raises(CvBridgeError, match='two rows and two columns share their chroma'):
+    with pytest.raises(CvBridgeError, match='width and height must be even'):
         CvBridge().imgmsg_to_cv2(message)
     with pytest.raises(CvBridgeError, match='encoding specified as nv21, but image has 4 rows'):
         CvBridge().cv2_to_imgmsg(np.zeros((4, 2), np.uint8), 'nv21')
@@ -331,7 +331,7 @@ def test_types_have_the_numbers_of_the_opencv_in_use() -> None:
     with pytest.raises(CvBridgeError, match=r'Unrecognized image encoding \[foo\]'):
         getCvType('foo')
     for number in (-1, getattr(cv2, 'CV_16F', 7)):  # OpenCV 4.6 has no name for it
-        with pytest.raises(CvBridgeError, match=f'^{number} is not the number of a type'):
+        with pytest.raises(CvBridgeError, match=f'^unknown OpenCV type {number};'):
             bridge.cvtype2_to_dtype_with_channels(number)
 
 

@@ -163,13 +163,14 @@ def test_format_strings(text: str, expected: CompressedFormat) -> None:
 
 @pytest.mark.parametrize(('image', 'text', 'quality', 'reason'), [
     (np.zeros((2, 3), np.uint16), 'jpg', None,
-     'a 3x2 16UC1 image cannot be kept as jpg; png or tif or tiff or pgm can hold it'),
-    (np.zeros((2, 3, 4), np.uint8), 'jpeg', None, 'a 3x2 8UC4 image cannot be kept as jpeg; png'),
-    (np.zeros((2, 3, 2), np.float32), 'png', None, 'nor as any other picture'),
-    (np.zeros((2, 3), np.uint8), 'gif2', None, "'gif2' is not a known picture format"),
-    (np.zeros((2, 3), np.uint8), '', None, "'' is not a known picture format"),
-    (np.zeros((2, 3), np.uint8), 'jpg', 101, 'quality 101 cannot be used for jpg'),
-    (np.zeros((2, 3), np.uint8), 'png', 50, 'quality 50 cannot be used for png'),
+     'a 3x2 16UC1 image cannot be stored as jpg; use png or tif or tiff or pgm'),
+    (np.zeros((2, 3, 4), np.uint8), 'jpeg', None,
+     'a 3x2 8UC4 image cannot be stored as jpeg; use png'),
+    (np.zeros((2, 3, 2), np.float32), 'png', None, 'no picture format can store it'),
+    (np.zeros((2, 3), np.uint8), 'gif2', None, "unknown picture format 'gif2'; give one of png"),
+    (np.zeros((2, 3), np.uint8), '', None, "unknown picture format ''"),
+    (np.zeros((2, 3), np.uint8), 'jpg', 101, 'quality 101 is invalid for jpg'),
+    (np.zeros((2, 3), np.uint8), 'png', 50, 'quality 50 is invalid for png'),
     (np.zeros((2, 3, 3), np.uint8), 'mono8; png compressed mono8', None,
      'encoding specified as mono8, but image has incompatible type 8UC3'),
 ])
@@ -234,7 +235,7 @@ def test_a_colormap_colours_what_is_scaled() -> None:
     expected = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_JET)
     assert shown[0, :3].tolist() == expected[0, :, ::-1].tolist()
     assert shown[0, 3].tolist() == [0, 0, 0]
-    with pytest.raises(CvBridgeError, match='999 is not the number of a colormap'):
+    with pytest.raises(CvBridgeError, match='unknown colormap 999; give one of'):
         cvtColorForDisplay(image, '32FC1', 'rgb8', True, colormap=999)
 
 
@@ -313,5 +314,5 @@ def test_half_a_pair_of_pixels_is_treated_as_without_opencv(source: str) -> None
         colors = convert_picture(image, left, ENCODINGS['bgr8'])
         np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
         return
-    with pytest.raises(ImageError, match='a row of 5 pixels has no whole colours'):
+    with pytest.raises(ImageError, match=r'must have an even width .* a row has 5 pixels'):
         convert_picture(image, left, ENCODINGS['bgr8'])

@@ -167,7 +167,8 @@ def encode_text(text: str) -> bytes:
     except UnicodeEncodeError as err:
         raise CdrError(f'{text[:80]!r} cannot be encoded: {err.reason}') from err
     if b'\0' in encoded:
-        raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
+        raise CdrError(f'{text[:80]!r} has a NUL character; remove it, because a message cannot '
+                       'hold one')
     return encoded
 
 
@@ -201,7 +202,7 @@ class _Reader:
         self._bytes = memoryview(serialized).cast('B')
         encapsulation = bytes(self._bytes[:2])
         if self._bytes.nbytes < _HEAD_SIZE:
-            raise CdrError(f'{self._bytes.nbytes} bytes are no message')
+            raise CdrError(f'{self._bytes.nbytes} bytes are too few for a message')
         if encapsulation not in _ORDERS:
             raise EncapsulationError(f'encapsulation {encapsulation.hex()} is not plain CDR')
         self._order = _ORDERS[encapsulation]
@@ -228,8 +229,8 @@ class _Reader:
         end = self._position + size
         if end > self._bytes.nbytes:
             raise CdrError(
-                f'the message ends after {self._bytes.nbytes} bytes, but its next field '
-                f'takes {size} from {self._position} on')
+                f'the message ends after {self._bytes.nbytes} bytes, but its next field needs '
+                f'{size} bytes from offset {self._position}')
         field = self._bytes[self._position:end]
         self._position = end
         return field

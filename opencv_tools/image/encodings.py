@@ -162,7 +162,8 @@ def generic_encoding(image: NDArray[Any]) -> Encoding:
     :raises EncodingError: OpenCV has no such type (bool, int64, float16, ...), or no such shape.
     """
     if image.ndim not in (2, 3):
-        raise EncodingError(f'An image has 2 or 3 dimensions, not the shape {image.shape}')
+        raise EncodingError(f'An image must have 2 or 3 dimensions, but its shape is '
+                            f'{image.shape}')
     return _generic_encoding(image.dtype, image.shape[2] if image.ndim == 3 else 1)
 
 
@@ -194,7 +195,7 @@ def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
     height = declared.height(rows)
     if declared.rows(height) != rows or not declared.is_possible(height, width):
         raise EncodingError(f'encoding specified as {name}, '
-                            f'but image has {rows} rows of {width}, which it cannot have')
+                            f'but image has {rows} rows of {width} pixels, which do not fit it')
     return declared
 
 

@@ -173,7 +173,7 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     for _ in range(most):
         found = _MARKER.search(jpeg, position)
         if not found:
-            raise JpegError('a picture whose end is missing')
+            raise JpegError('a JPEG picture whose end is missing')
         marker, position = found[1][0], found.end()
         if marker == _END:
             return
@@ -215,7 +215,7 @@ def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
                 end -= 1
             return end, stuffed
         stuffed += np.count_nonzero(following == 0)
-    raise JpegError('a picture whose end is missing')
+    raise JpegError('a JPEG picture whose end is missing')
 
 
 def _read_frame(marker: int, content: bytes) -> _Frame:

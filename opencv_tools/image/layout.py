@@ -50,15 +50,15 @@ def view_pixels(
     pixel = encoding.pixel_bytes
     row = width * pixel
     if step < row:
-        raise error(f': a row takes {row} bytes, more than the step')
+        raise error(f': a row needs {row} bytes, more than the step')
     if step % pixel:
         raise error(f': the step is not a whole number of pixels of {pixel} bytes')
     if not encoding.is_possible(height, width):
-        raise error(': two rows and two columns share their chroma, so neither size can be odd')
+        raise error(': width and height must be even, because the chroma is subsampled 2x2')
     rows = encoding.rows(height)
     content = _view_bytes(data)
     if content.size < rows * step:
-        raise error(f' takes {rows * step} bytes, but data has {content.size}')
+        raise error(f' needs {rows * step} bytes, but data has {content.size}')
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
     shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
     if step == row or not row:
@@ -78,7 +78,8 @@ def _view_bytes(data: Any) -> NDArray[np.uint8]:
     try:
         return np.frombuffer(data if not isinstance(data, list) else bytes(data), np.uint8)
     except (BufferError, TypeError, ValueError) as err:
-        raise LayoutError(f'data of the type {type(data).__name__} are not bytes: {err}') from err
+        raise LayoutError(f'data must be bytes, but its type is {type(data).__name__}: '
+                          f'{err}') from err
 
 
 def pack_pixels(image: NDArray[Any]) -> memoryview:

@@ -45,8 +45,8 @@ def orient(
     if flip == 'none' and not degrees:
         return image, encoding
     if encoding.kind == 'yuv':
-        raise ConversionError(f'a {encoding.name} image can be neither flipped nor rotated, for '
-                              'its pixels share their colour: set encoding to bgr8 or mono8')
+        raise ConversionError(f'a {encoding.name} image cannot be flipped or rotated, because its '
+                              'pixels share their chroma; set encoding to bgr8 or mono8')
     if encoding.kind == 'bayer':
         height, width = image.shape[:2]
         cells = np.tile(np.array(list(encoding.order)).reshape(2, 2), (2, 2))

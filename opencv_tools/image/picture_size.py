@@ -72,7 +72,7 @@ def check_size(width: int, height: int, max_pixels: int) -> None:
     :raises SizeError: it has more pixels than allowed.
     """
     if width * height > max_pixels:
-        raise SizeError(f'{width}x{height} pixels are more than max_pixels, {max_pixels}')
+        raise SizeError(f'{width}x{height} pixels are more than max_pixels={max_pixels}')
 
 
 def _png(content: bytes) -> tuple[int, int]:

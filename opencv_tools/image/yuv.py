@@ -60,8 +60,8 @@ def yuv_to_color(image: NDArray[Any], encoding: Encoding, target: str) -> NDArra
         return _luma(image, encoding, height)
     if packed and width % 2:
         raise ConversionError(
-            f'[{encoding.name}] has its chroma once in two pixels, so a row of {width} pixels '
-            f'has no whole colours; only its gray can be had')
+            f'a [{encoding.name}] image must have an even width for a conversion to colours, '
+            f'but a row has {width} pixels; convert it to mono8')
     colors = np.empty((height, width, len(target)), np.uint8)
     if target.endswith('a'):
         colors[..., 3] = 255
