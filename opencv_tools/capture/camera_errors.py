@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a camera cannot be used, in words, and which cameras there are."""
+"""Errors of cameras in plain words, and the list of cameras on this machine."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ from opencv_tools.image.text import printable
 @contextmanager
 def explained(name: str) -> Iterator[None]:
     """
-    Convert an error of a device to one that says what helps.
+    Convert each OSError of a device to a CaptureError with a remedy.
 
-    :raises UnavailableError: it is not there, busy, or not ours to use.
-    :raises CaptureError: it is no camera.
+    :param name: path of the device, for the message.
+    :raises UnavailableError: the camera is disconnected, busy, or the user has no permission.
+    :raises CaptureError: the device is not a camera.
     """
     try:
         yield
@@ -48,10 +49,11 @@ def explained(name: str) -> Iterator[None]:
 
 def check_device(device: Path) -> None:
     """
-    Check that a camera is there.
+    Check that a path is a V4L2 device.
 
-    :raises UnavailableError: there is no such device.
-    :raises CaptureError: it is something else.
+    :param device: path of the device.
+    :raises UnavailableError: the path does not exist.
+    :raises CaptureError: the path is another kind of file.
     """
     try:
         status = device.stat()
@@ -64,27 +66,36 @@ def check_device(device: Path) -> None:
 
 
 def _present() -> str:
+    """Return the cameras of this machine as text."""
     return ', '.join(map(str, list_cameras())) or 'none'
 
 
 def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
     """
-    List the devices that capture video, and those that may not be opened to find out.
+    Return the devices that can capture video.
 
-    :param folder: where the devices are.
-    :returns: their paths, ``video2`` before ``video10``.
+    A device that cannot be opened, for example for lack of permission, is included.
+
+    :param folder: folder of the devices.
+    :returns: paths in natural order: ``video2`` before ``video10``.
     """
     cameras = []
     for path in sorted(folder.glob('video*'), key=natural_order):
-        with suppress(OSError):  # it has gone meanwhile
+        with suppress(OSError):  # the device was removed after the listing
             if _captures(path, path.stat().st_ctime_ns):
                 cameras.append(path)
     return cameras
 
 
-@lru_cache(maxsize=64)  # asked for while a camera is away; opening another may wake that up
+# Cached, because opening another camera can wake that camera up, and the publisher lists the
+# cameras repeatedly while its own is disconnected.
+@lru_cache(maxsize=64)
 def _captures(path: Path, _changed_ns: int) -> bool:
-    """Return whether a device captures video, as far as it may be opened."""
+    """
+    Return whether a device can capture video; True for a device that cannot be opened.
+
+    :param _changed_ns: change time of the device in nanoseconds; a new device has a new one.
+    """
     try:
         device = VideoDevice(path)
     except OSError as err:
@@ -94,7 +105,7 @@ def _captures(path: Path, _changed_ns: int) -> bool:
 
 
 def _explain(name: str, err: OSError) -> CaptureError:
-    """Convert an error of a camera to one that says what it means and what helps."""
+    """Convert an OSError of a camera to a CaptureError that says the cause and the remedy."""
     if err.errno in (errno.EACCES, errno.EPERM):
         return UnavailableError(
             f'no permission to use camera {name}; add yourself to its group: '
@@ -109,7 +120,12 @@ def _explain(name: str, err: OSError) -> CaptureError:
 
 
 def _group_name(name: str) -> str:
-    """Name the group of a device; one that has no name, as in some containers, by its number."""
+    """
+    Return the name of the group that owns a device.
+
+    :returns: the name; the number of a group without a name, which exists in some containers;
+        ``video`` when the device does not exist.
+    """
     try:
         number = Path(name).stat().st_gid
         return grp.getgrgid(number).gr_name
@@ -120,7 +136,7 @@ def _group_name(name: str) -> str:
 
 
 def _users(name: str) -> str:
-    """Name the programs that hold a device, as far as we may know."""
+    """Return the programs that have a device open, as far as this user can see them."""
     try:
         device = Path(name).stat().st_rdev
     except OSError:
@@ -133,5 +149,5 @@ def _users(name: str) -> str:
                 command = (process / 'comm').read_text(errors='replace')
                 users.append(f'{printable(command.strip())} (pid {process.name})')
         except OSError:
-            continue  # it has ended, or is not ours to look at
+            continue  # the process has ended, or belongs to another user
     return f': {", ".join(users)}' if users else ''

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A V4L2 capture device: opened, asked for its formats and controls, and streamed from."""
+"""A V4L2 capture device: its formats, controls and memory-mapped buffers."""
 
 from __future__ import annotations
 
@@ -35,13 +35,20 @@ from opencv_tools.capture.offers import list_modes, list_rates, per_second
 from opencv_tools.capture.videodev import ask, ask_about
 from opencv_tools.image.text import printable
 
-# Enough to capture into while one is read and one waits.
+# Enough for the driver to capture while one buffer is read and another one waits to be read.
 _BUFFERS = 4
 
 
 @dataclass(frozen=True)
 class StreamFormat:
-    """What a device really sends: ``step`` is bytes from one line to the next."""
+    """
+    The format that a device sends.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param step: bytes from the start of one line to the start of the next.
+    """
 
     fourcc: str
     width: int
@@ -52,14 +59,15 @@ class StreamFormat:
 @dataclass(frozen=True)
 class Captured:
     """
-    A filled buffer.
+    A filled buffer that the driver has handed over.
 
-    :param index: which one, for ``VideoDevice.requeue``.
-    :param start: the first byte of the picture in it.
-    :param stop: the byte behind the last one.
-    :param sequence: the device's count of frames.
-    :param stamp_ns: the driver's stamp in nanoseconds of CLOCK_MONOTONIC, 0 when it has another.
-    :param broken: the device says that the data are damaged.
+    :param index: index of the buffer, for ``VideoDevice.requeue``.
+    :param start: offset of the first byte of the image in the buffer.
+    :param stop: offset after the last byte of the image.
+    :param sequence: the driver's number of the frame.
+    :param stamp_ns: the driver's stamp in nanoseconds of CLOCK_MONOTONIC; 0 when the driver uses
+        another clock.
+    :param broken: whether the driver reports the data as damaged.
     """
 
     index: int
@@ -71,13 +79,18 @@ class Captured:
 
 
 class VideoDevice:
-    """A capture device; its methods may be called from several threads."""
+    """
+    A V4L2 capture device. All methods are thread-safe.
+
+    ``card`` is the name of the device, ``can_capture`` whether it can stream video.
+    """
 
     def __init__(self, path: Path) -> None:
         """
         Open a device.
 
-        :raises OSError: it cannot be opened, with ENOTTY when it is no V4L2 device.
+        :param path: path of the device.
+        :raises OSError: the device cannot be opened; ENOTTY when it is not a V4L2 device.
         """
         self._lock = RLock()
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -93,12 +106,13 @@ class VideoDevice:
         able = capability.device_caps if has_own else capability.capabilities
         captures = able & (videodev.CAN_CAPTURE | videodev.CAN_CAPTURE_PLANES)
         self.can_capture = bool(captures and able & videodev.CAN_STREAM)
-        # The image processors of some boards tell of each plane, if there is but one.
+        # The image processors of some boards only have the multi-planar interface, even for
+        # formats with one plane.
         self._planar = captures == videodev.CAN_CAPTURE_PLANES
         self._type = videodev.CAPTURE_PLANES if self._planar else videodev.CAPTURE
 
     def close(self) -> None:
-        """Stop and let go of the device; closing twice is allowed."""
+        """Stop streaming and close the device. A second call has no effect."""
         with self._lock:
             if self._fd < 0:
                 return
@@ -110,28 +124,36 @@ class VideoDevice:
 
     def modes(self, near: tuple[int, int]) -> list[Mode]:
         """
-        List formats and sizes; where any size goes, the one nearest to ``near`` (width, height).
+        Return the supported formats and sizes.
 
-        :raises OSError: the device is gone.
+        :param near: width and height in pixels; for a format with a range of sizes, only the
+            size nearest to ``near`` is returned.
+        :returns: one mode for each combination.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return list(list_modes(fd, self._type, near))
 
     def rates(self, mode: Mode) -> list[float]:
         """
-        List the frames per second of a mode; of a range its ends; empty when it is not told.
+        Return the frame rates of a mode.
 
-        :raises OSError: the device is gone.
+        :param mode: format and size.
+        :returns: rates in Hz in ascending order; the two ends of a range; empty when the device
+            does not report rates.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return sorted(list_rates(fd, mode))
 
     def set_format(self, mode: Mode) -> StreamFormat:
         """
-        Ask for a format.
+        Request a format.
 
-        :returns: what the device made of it.
-        :raises OSError: the device refuses, with EBUSY when another program streams from it.
+        :param mode: format and size.
+        :returns: the format that the device has set, which may differ.
+        :raises OSError: the device rejects the request; EBUSY when another program streams from
+            the device.
         """
         structure = videodev.PlanarFormat if self._planar else videodev.Format
         wanted: Any = structure(
@@ -145,10 +167,11 @@ class VideoDevice:
 
     def set_rate(self, rate: float) -> float:
         """
-        Ask for a rate in frames per second.
+        Request a frame rate.
 
-        :returns: what the device made of it, 0.0 when it does not tell.
-        :raises OSError: the device is gone.
+        :param rate: frames per second.
+        :returns: the rate in Hz that the device has set; 0.0 when the device does not report it.
+        :raises OSError: the device is disconnected.
         """
         parameters = videodev.StreamParameters(type=self._type)
         with self._opened() as fd:
@@ -161,19 +184,19 @@ class VideoDevice:
 
     def controls(self, changed: bool = False) -> list[Control]:
         """
-        List the settings that can be changed and are one number.
+        Return the controls that can be read and written and have a single number.
 
-        :param changed: only those that were changed since they were listed.
-        :raises OSError: the device is gone.
+        :param changed: whether to return only the controls that changed since the last call.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return list(changed_controls(fd) if changed else list_controls(fd))
 
     def control(self, control: Control) -> int:
         """
-        Read a setting.
+        Read the value of a control.
 
-        :raises OSError: the device refuses.
+        :raises OSError: the device rejects the request.
         """
         value = videodev.ControlValue(control.number)
         with self._opened() as fd:
@@ -182,18 +205,19 @@ class VideoDevice:
 
     def set_control(self, control: Control, value: int) -> None:
         """
-        Change a setting.
+        Write the value of a control.
 
-        :raises OSError: the device refuses.
+        :raises OSError: the device rejects the value.
         """
         with self._opened() as fd:
             ask(fd, videodev.S_CTRL, videodev.ControlValue(control.number, value))
 
     def start(self) -> None:
         """
-        Begin to stream.
+        Map the buffers, queue them and start streaming.
 
-        :raises OSError: the device refuses, with EBUSY when another program streams from it.
+        :raises OSError: the device rejects the request; EBUSY when another program streams from
+            the device.
         """
         with self._opened() as fd:
             request = videodev.BufferRequest(_BUFFERS, self._type, videodev.MMAP)
@@ -208,30 +232,31 @@ class VideoDevice:
 
     @property
     def buffers(self) -> int:
-        """Count the buffers that the device may fill before one is given back."""
+        """Number of buffers that the driver can fill before one must be requeued."""
         return len(self._maps)
 
     def wait(self, seconds: float) -> bool:
         """
         Wait until a buffer is filled.
 
-        :returns: False when none was in this time.
-        :raises OSError: the device is gone, or its stream has broken.
+        :param seconds: timeout in seconds.
+        :returns: False when the timeout has passed.
+        :raises OSError: the device is disconnected or its stream has failed.
         """
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         events = poll.poll(seconds * 1000)
         if events and not events[0][1] & select.POLLIN:
-            self.dequeue()  # tells what has happened, most often that the device is gone
+            self.dequeue()  # raises the cause, most often ENODEV for a disconnected device
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return bool(events)
 
     def dequeue(self) -> Captured | None:
         """
-        Take the oldest filled buffer.
+        Dequeue the oldest filled buffer.
 
-        :returns: None when none is filled yet.
-        :raises OSError: the device is gone, or its stream has broken.
+        :returns: the buffer, or None when no buffer is filled.
+        :raises OSError: the device is disconnected or its stream has failed.
         """
         buffer, plane = self._make_buffer()
         with self._opened() as fd:
@@ -247,14 +272,15 @@ class VideoDevice:
             bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
 
     def content(self, captured: Captured) -> bytes:
-        """Copy the picture in a buffer."""
+        """Return a copy of the image in a buffer."""
         return self._maps[captured.index][captured.start:captured.stop]
 
     def requeue(self, index: int) -> None:
         """
-        Give a buffer back to be filled.
+        Queue a buffer, so that the driver can fill it again.
 
-        :raises OSError: the device is gone.
+        :param index: index of the buffer.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             ask(fd, videodev.QBUF, self._make_buffer(index)[0])
@@ -262,18 +288,29 @@ class VideoDevice:
     def _make_buffer(
         self, index: int = 0,
     ) -> tuple[videodev.Buffer, videodev.Buffer | videodev.Plane]:
-        """Make the description of a buffer, and of its plane, which may be the same."""
+        """
+        Create the structures that describe a buffer and its only plane.
+
+        :returns: the buffer and its plane; the same object twice unless the device is
+            multi-planar.
+        """
         buffer = videodev.Buffer(index=index, type=self._type, memory=videodev.MMAP)
         if not self._planar:
             return buffer, buffer
         planes = (videodev.Plane * 1)()
         buffer.offset, buffer.length = ctypes.addressof(planes), len(planes)
-        buffer.planes = planes  # which has to live as long
+        buffer.planes = planes  # a reference that keeps the planes alive
         return buffer, planes[0]
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
-        """Keep the device open while it is asked; a number of a closed file may be another's."""
+        """
+        Return the descriptor, and keep the device open while the caller uses the descriptor.
+
+        The number of a closed descriptor can belong to another file.
+
+        :raises OSError: the device is closed.
+        """
         with self._lock:
             if self._fd < 0:
                 raise OSError('the device is closed')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Keep a source open: show the newest frame of a camera, and find it again when it was away."""
+"""Keep a source open: read the newest frame of a camera, and reconnect after an outage."""
 
 from __future__ import annotations
 
@@ -26,46 +26,46 @@ from opencv_tools.capture.frame import (
 )
 from opencv_tools.capture.player import Pacer, Playback, Player
 
-# How long one wait for a frame, or for a change of mind, may last.
+# Longest wait for a frame before pause, stop and reopen requests are checked again.
 _SLICE_SECONDS = 0.1
 
-# A camera that is away is looked for after the first delay, twice that, ..., the last delay.
+# Seconds between two attempts to open a disconnected camera: doubled from the first to the last.
 _FIRST_DELAY = 0.1
 _LAST_DELAY = 1.0
 
 
 class Watcher(Protocol):
-    """Who wants to know how it goes with a source; told from the thread that reads it."""
+    """Receiver of the events of a source. All methods run in the thread that reads the source."""
 
     def opened(self, source: Source) -> None:
-        """Hear that a source is open."""
+        """Handle a source that has been opened."""
 
     def lost(self, reason: UnavailableError) -> None:
-        """Hear why a source is not there, each time that the reason is another."""
+        """Handle a source that is unavailable; called again only when the reason changes."""
 
     def returned(self, source: Source, seconds: float) -> None:
-        """Hear that a source gives frames again, after so many seconds."""
+        """Handle a source that sends frames again after an outage of some seconds."""
 
     def broken(self, reason: BrokenFrameError) -> None:
-        """Hear of a frame that is left out."""
+        """Handle a frame that is unreadable and therefore skipped."""
 
 
 class Audience(Protocol):
-    """Whom the frames are for."""
+    """The demand for the frames of a source."""
 
     def is_there(self) -> bool:
-        """Tell whether the show may begin, and go on."""
+        """Return whether publishing may run."""
 
     def is_looking(self) -> bool:
-        """Tell whether anybody would see the next frame."""
+        """Return whether any topic has a subscriber."""
 
 
 class Grabber:
     """
-    The frames of a source, which is opened, and opened again when it comes back.
+    A source that is opened, read, and opened again after an outage.
 
-    One thread runs through ``frames``; the other methods are for any thread. ``trouble`` says why
-    the source is away, until it gives frames again.
+    One thread iterates over ``frames``; the other methods are thread-safe. ``trouble`` is the
+    reason why the source is unavailable; it is empty while the source sends frames.
     """
 
     def __init__(
@@ -73,14 +73,14 @@ class Grabber:
         watcher: Watcher, audience: Audience, clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
-        Prepare to open.
+        Create a grabber; ``frames`` opens the source.
 
-        :param open_source: opens the source, and raises ``UnavailableError`` as long as it is not
-            there.
-        :param playback: how it is shown; may be replaced at any time.
-        :param watcher: told how it goes.
-        :param audience: whom the frames are for; a camera's that nobody sees are not decoded.
-        :param clock: tells when a frame is due, and how long a source is away.
+        :param open_source: function that opens the source; raises ``UnavailableError`` while the
+            source is unavailable.
+        :param playback: playback settings; the attribute may be replaced at any time.
+        :param watcher: receiver of the events of the source.
+        :param audience: demand for frames; camera frames without a subscriber are not decoded.
+        :param clock: clock that paces frames and measures outages.
         """
         self.playback = playback
         self.source: Source | None = None
@@ -101,49 +101,50 @@ class Grabber:
 
     @property
     def stopped(self) -> bool:
-        """Tell whether it was asked to stop."""
+        """Whether ``stop`` was called."""
         return self._stopped.is_set()
 
     def stop(self) -> None:
-        """End ``frames``."""
+        """Stop the iteration over ``frames``."""
         self._stopped.set()
 
     def pause(self, seconds: float) -> bool:
         """
-        Show nothing, and let a camera or stream go, for others to use.
+        Stop publishing, and close a camera or stream so that other programs can use it.
 
-        :param seconds: how long to wait until it has gone.
-        :returns: whether it has.
+        :param seconds: longest wait for the source to close, in seconds.
+        :returns: whether the source is closed; always True for a file, which stays open.
         """
         self._paused.set()
         source = self.source
         return (source is not None and not source.live) or self._released.wait(seconds)
 
     def resume(self) -> None:
-        """Go on after a pause."""
+        """End a pause."""
         self._heard_at = self._clock.monotonic()
         self._paused.clear()
 
     @property
     def paused(self) -> bool:
-        """Tell whether nothing is to be shown."""
+        """Whether publishing is paused."""
         return self._paused.is_set()
 
     @property
     def missed(self) -> int:
-        """Count the frames that a camera gave and nobody could take, for want of time."""
+        """Number of camera frames that were lost because the publisher was too slow."""
         source = self.source
         return self._missed + (source.missed if source is not None and source.live else 0)
 
     def reopen(self) -> None:
-        """Close a camera or stream and open it as it is wanted now."""
+        """Request that a camera or stream is closed and opened with the current settings."""
         self._reopened.set()
 
     def frames(self) -> Iterator[Frame | None]:
         """
-        Yield each frame when it is due; None for one of a camera that nobody wants to see.
+        Yield each frame when it is due, and None for a camera frame without a subscriber.
 
-        :raises CaptureError: the source cannot be opened, has broken, or stayed away too long.
+        :raises CaptureError: the source cannot be opened, has failed, or was unavailable for
+            longer than the reconnect time.
         """
         while (source := self._open()) is not None:
             try:
@@ -165,10 +166,11 @@ class Grabber:
 
     def _open(self) -> Source | None:
         """
-        Open the source as soon as it is there.
+        Open the source, and retry while it is unavailable.
 
-        :returns: the source, or None when it was asked to stop.
-        :raises CaptureError: it cannot be opened, or stayed away too long.
+        :returns: the source, or None after ``stop``.
+        :raises CaptureError: the source cannot be opened, or was unavailable for longer than the
+            reconnect time.
         """
         while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
@@ -188,9 +190,10 @@ class Grabber:
 
     def _note_loss(self, err: UnavailableError) -> None:
         """
-        Take note that the source is away.
+        Report an outage to the watcher, and set the delay of the next attempt.
 
-        :raises CaptureError: it has been for too long.
+        :param err: the reason of the outage.
+        :raises CaptureError: the source was unavailable for longer than the reconnect time.
         """
         away = self._clock.monotonic() - self._heard_at
         left = self.playback.reconnect - away
@@ -203,7 +206,7 @@ class Grabber:
         self._delay = min(self._delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
 
     def _note_frame(self, source: LiveSource) -> None:
-        """Take note that a frame came."""
+        """Record that a frame has come, and report the end of an outage to the watcher."""
         if self.trouble:
             self.reconnects += 1
             self._watcher.returned(source, self._clock.monotonic() - self._heard_at)
@@ -213,12 +216,12 @@ class Grabber:
 
     def _show(self, source: LiveSource) -> Iterator[Frame | None]:
         """
-        Yield the newest frame whenever one is due, until the source is let go.
+        Yield the newest frame whenever one is due, until the source has to be closed.
 
-        :raises UnavailableError: the source has gone or stalled.
+        :raises UnavailableError: the source is disconnected or has stalled.
         """
         pacer = Pacer(self._clock)
-        # A frame that comes half its period early is nearer to its slot than the next.
+        # A frame that is up to half a period early is nearer to the due time than the next frame.
         early = 0.5 / source.rate if source.rate else 0.0
         quiet_since = self._clock.monotonic()
         while not (self._stopped.is_set() or self._paused.is_set() or self._reopened.is_set()):
@@ -242,9 +245,10 @@ class Grabber:
 
     def _take(self, source: LiveSource) -> Frame | None:
         """
-        Read a frame if anybody looks.
+        Read the frame, or skip it if there is no subscriber.
 
-        :raises BrokenFrameError: it is unreadable.
+        :returns: the frame, or None when it was skipped.
+        :raises BrokenFrameError: the frame is unreadable.
         """
         if self._audience.is_looking():
             return source.read()
@@ -252,7 +256,7 @@ class Grabber:
         return None
 
     def _period(self, source: LiveSource) -> float:
-        """Give the seconds between frames that are shown, 0.0 for each that comes."""
+        """Return the seconds between published frames; 0.0 to publish every frame."""
         rate = self.playback.rate
         if rate and source.rate:
             rate = min(rate, source.rate)

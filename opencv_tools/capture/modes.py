@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which of a camera's formats, sizes and rates to ask it for."""
+"""Choice of the format, size and rate that a camera is asked for."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from opencv_tools.capture.frame import JPEG
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS
 from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 
-#: What OpenCV asks a camera for, which most can do: width and height, frames per second.
+#: Default size in pixels (width, height) and rate in Hz. Most cameras support these defaults of
+#: OpenCV.
 USUAL_SIZE = (640, 480)
 USUAL_RATE = 30.0
 
@@ -31,14 +32,16 @@ USUAL_RATE = 30.0
 @dataclass(frozen=True)
 class CameraRequest:
     """
-    What is wanted of a camera; of what is left out the usual, or what comes nearest to it.
+    Requested camera settings. Unset fields use the default or the closest supported value.
 
-    :param width: in pixels; 0 for the usual one.
-    :param height: in pixels; 0 for the usual one.
-    :param fps: frames per second; 0.0 for the usual ones.
-    :param fourcc: four letters of a pixel format; '' for the best one.
-    :param encoding: what the frames are wanted in, which a raw format may already have.
-    :param controls: settings to make, name and value; those that the camera lacks are passed by.
+    :param width: width in pixels; 0 for the default (640).
+    :param height: height in pixels; 0 for the default (480).
+    :param fps: frames per second; 0.0 for the default (30).
+    :param fourcc: pixel format, one of ``PIXEL_FORMATS``; '' to choose the best one.
+    :param encoding: encoding in which frames are published; a raw format that already has this
+        encoding is preferred. '' for no preference.
+    :param controls: name and value of each control to set; controls that the camera does not
+        have are ignored.
     """
 
     width: int = 0
@@ -49,13 +52,19 @@ class CameraRequest:
     controls: tuple[tuple[str, int], ...] = ()
 
 
-#: What is wanted when nothing is said.
+#: The request with all defaults.
 NO_WISHES = CameraRequest()
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A pixel format in a size that a camera offers."""
+    """
+    A pixel format and size that a camera supports.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    """
 
     fourcc: str
     width: int
@@ -63,7 +72,7 @@ class Mode:
 
     @property
     def size(self) -> str:
-        """Write the size as ``640x480``."""
+        """Size as text, such as ``640x480``."""
         return f'{self.width}x{self.height}'
 
 
@@ -71,15 +80,17 @@ def choose_mode(
     modes: Sequence[Mode], request: CameraRequest, rates: Callable[[Mode], Sequence[float]],
 ) -> Mode | None:
     """
-    Choose the mode that comes nearest to what is wanted.
+    Return the mode that is closest to a request.
 
-    The format that was named counts most, then an encoding that no other format can become, then
-    the size, then the rate: at full size many cameras are slow but for one format.
+    Criteria in order: the requested pixel format; an encoding to which other formats cannot be
+    converted; the size; the rate; the requested encoding; the order of ``PIXEL_FORMATS``. The
+    rate matters because many cameras reach their full rate at full size in one format only.
 
-    :param modes: what the camera offers.
-    :param request: what is wanted.
-    :param rates: gives the rates of a mode, empty when the camera does not tell.
-    :returns: the mode, or None when there is none of a known format.
+    :param modes: modes that the camera supports.
+    :param request: requested settings.
+    :param rates: function that returns the rates of a mode in Hz; empty when the camera does not
+        report them.
+    :returns: the mode, or None when the camera supports no known pixel format.
     """
     order = list(PIXEL_FORMATS)
     known = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
@@ -97,14 +108,14 @@ def choose_mode(
 
 
 def _is_sent(mode: Mode, encoding: str) -> bool:
-    """Return whether the frames of a mode have the layout of an encoding, by any of its names."""
+    """Return whether the frames of a mode have the layout of an encoding."""
     sent = PIXEL_FORMATS[mode.fourcc].encoding
     return (sent != JPEG and bool(encoding)
             and find_encoding(sent).has_layout_of(find_encoding(encoding)))
 
 
 def _can_be_made(encoding: str) -> bool:
-    """Tell whether frames of any format can be converted to an encoding with nothing missing."""
+    """Return whether all pixel formats can be converted to an encoding without loss of depth."""
     return not encoding or (encoding in COLOR_ENCODINGS and not encoding.endswith('16'))
 
 
@@ -124,7 +135,12 @@ def _rate_distance(rates: Sequence[float], wanted: float) -> float:
 
 
 def describe_modes(modes: Sequence[Mode]) -> str:
-    """List what a camera offers, the formats with the same sizes together."""
+    """
+    Return modes as text for a message.
+
+    :returns: for example ``YUYV MJPG in 640x480 320x240; GREY in 640x480``: formats with the same
+        sizes are grouped.
+    """
     sizes: dict[str, list[str]] = {}
     for mode in modes:
         sizes.setdefault(mode.fourcc, []).append(mode.size)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The formats, sizes and rates that a V4L2 camera offers."""
+"""Enumeration of the formats, sizes and rates that a V4L2 camera supports."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ from opencv_tools.capture.videodev import ask_about
 
 def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mode]:
     """
-    Give the formats and sizes of an open device.
+    Yield the formats and sizes of an open device.
 
+    :param fd: descriptor of the device.
     :param buffer_type: ``videodev.CAPTURE`` or ``CAPTURE_PLANES``.
-    :param near: width and height; of a format in which any size goes, the nearest to it is given.
-    :raises OSError: the device is gone.
+    :param near: width and height in pixels; for a format with a range of sizes, only the size
+        nearest to ``near`` is yielded.
+    :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
         description = videodev.FormatDescription(index=index, type=buffer_type)
@@ -43,9 +45,13 @@ def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mod
 
 def list_rates(fd: int, mode: Mode) -> Iterator[float]:
     """
-    Give the frames per second of a mode; of a range its ends; none when it is not told.
+    Yield the frame rates of a mode in Hz.
 
-    :raises OSError: the device is gone.
+    Yields both ends of a range of rates, and nothing when the device does not report rates.
+
+    :param fd: descriptor of the device.
+    :param mode: format and size.
+    :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
         interval = videodev.FrameInterval(
@@ -58,12 +64,12 @@ def list_rates(fd: int, mode: Mode) -> Iterator[float]:
 
 
 def per_second(interval: videodev.Fraction) -> float:
-    """Give the rate of an interval, 0.0 when the device does not tell it."""
+    """Return the rate of a frame interval in Hz; 0.0 when the device does not report it."""
     return interval.denominator / interval.numerator if interval.numerator else 0.0
 
 
 def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Give the sizes of a format; ``near`` itself when the device does not tell any."""
+    """Yield the sizes of a format; ``near`` itself when the device does not report sizes."""
     for index in itertools.count():
         size = videodev.FrameSize(index=index, pixelformat=videodev.pack_fourcc(fourcc))
         if not ask_about(fd, videodev.ENUM_FRAMESIZES, size):
@@ -77,5 +83,13 @@ def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, i
 
 
 def _step_to(wanted: int, least: int, most: int, step: int) -> int:
-    """Give the number from least to most, in steps, that is nearest below the wanted one."""
+    """
+    Round a number down to a step, within a range.
+
+    :param wanted: the number.
+    :param least: first number of the range.
+    :param most: last number of the range.
+    :param step: difference between neighbouring numbers; 0 is read as 1.
+    :returns: the largest number of the range that is not above ``wanted``; ``least`` when all are.
+    """
     return least + (min(max(wanted, least), most) - least) // max(1, step) * max(1, step)

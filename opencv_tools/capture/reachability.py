@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a stream cannot be opened: its server cannot be reached, or sends no video."""
+"""Diagnosis of a stream that cannot be opened: server unreachable, or no video."""
 
 from __future__ import annotations
 
@@ -21,20 +21,23 @@ from urllib.parse import urlsplit
 
 from opencv_tools.image.text import printable, without_password
 
-# What FFmpeg opens over TCP, and the port where none is named.
+# URL schemes that FFmpeg opens over TCP, with their default ports.
 _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
           'ftp': 21, 'tcp': 0}
 
-# How long each address of the server may take to answer.
+# Timeout of the connection to each address of the server.
 _ANSWER_SECONDS = 2.0
 
 
 def describe_failure(url: str) -> str:
     """
-    Describe why a stream was not opened, for which its server is called once more.
+    Return the reason why a stream could not be opened.
 
-    :param url: of the stream.
-    :returns: a sentence with the host, the port and the reason, as far as they can be known.
+    Connects to the server of the stream once, to find out whether the server is reachable.
+
+    :param url: URL of the stream.
+    :returns: a sentence with the host, the port and the reason, as far as they are known; without
+        the password of the URL.
     """
     shown = without_password(url)
     try:

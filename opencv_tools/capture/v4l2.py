@@ -30,28 +30,31 @@ from opencv_tools.capture.modes import (
 )
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS, read_pixels
 
-# A driver may give a frame away before its end, which it stamps: vivid does, by most of a period.
+# Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
+# before the end of its period and stamp it with that end; vivid does so by most of a period.
 _AHEAD_NANOSECONDS = 100_000_000
 
-# A rate is a fraction in the kernel: 30000/1001 is what 30 may become.
+# Relative tolerance of a rate: a camera may use 30000/1001 Hz for 30 Hz.
 _RATE_TOLERANCE = 0.01
 
 
 class CameraSource:
-    """A camera's frames, each with the time at which its driver captured it."""
+    """
+    A V4L2 camera. Each frame has the capture time of its driver.
+
+    ``remarks`` contains a warning for each requested setting that the camera has not applied.
+    """
 
     live: Literal[True] = True
 
     def __init__(self, device: Path, request: CameraRequest) -> None:
         """
-        Open a camera and let it stream.
+        Open a camera and start streaming.
 
-        ``remarks`` says what of the request the camera made something else of.
-
-        :param device: such as ``/dev/video0`` or a link below ``/dev/v4l/by-id``.
-        :param request: what is wanted of it.
-        :raises UnavailableError: it is not there, busy, or not ours to use.
-        :raises CaptureError: it is no camera, or gives nothing that can be read.
+        :param device: path such as ``/dev/video0``, or a link below ``/dev/v4l/by-id``.
+        :param request: requested settings.
+        :raises UnavailableError: the camera is disconnected, busy, or the user has no permission.
+        :raises CaptureError: the device is not a camera, or has no supported pixel format.
         """
         self.name = str(device)
         self.missed = 0
@@ -93,22 +96,23 @@ class CameraSource:
 
     def controls(self, changed: bool = False) -> dict[Control, int]:
         """
-        Read the settings that can be changed, or those that were since they were read.
+        Return the controls of the camera with their values.
 
-        :raises UnavailableError: the camera has gone.
+        :param changed: whether to return only the controls that changed since the last call.
+        :raises UnavailableError: the camera is disconnected.
         """
         values = {}
         with explained(self.name):
             for control in self._device.controls(changed):
-                with suppress(OSError):  # some that a camera lists it does not have
+                with suppress(OSError):  # some cameras list controls that they do not have
                     values[control] = self._device.control(control)
         return values
 
     def set_control(self, control: Control, value: int) -> None:
         """
-        Change a setting.
+        Write the value of a control.
 
-        :raises UnavailableError: the camera refuses, or has gone.
+        :raises UnavailableError: the camera rejects the value, or is disconnected.
         """
         try:
             self._device.set_control(control, value)
@@ -145,7 +149,7 @@ class CameraSource:
         return Mode(self._format.fourcc, self._format.width, self._format.height)
 
     def _remark(self, request: CameraRequest, modes: list[Mode]) -> None:
-        """Take note of what the camera made something else of, and what it has to offer."""
+        """Record a warning for each setting that the camera changed, with the supported values."""
         given = self._mode
         if ((request.width or given.width, request.height or given.height)
                 != (given.width, given.height)
@@ -174,9 +178,9 @@ class CameraSource:
 
     def _hold_newest(self) -> None:
         """
-        Take the newest filled buffer and give the older ones back.
+        Dequeue the newest filled buffer and requeue the older ones.
 
-        :raises OSError: the device is gone.
+        :raises OSError: the device is disconnected.
         """
         self._give_back()
         filled = 0
@@ -189,15 +193,16 @@ class CameraSource:
             self._held, self._sequence = captured, captured.sequence
             filled += 1
         if filled == self._device.buffers:
-            # The camera had nowhere to put what came after: the next frame will be the newest.
+            # All buffers were full, so the driver has dropped newer frames than these. This frame
+            # is old; the next one will be the newest.
             self._give_back()
             self.missed += 1
 
     def _copy(self, captured: Captured) -> Frame:
         """
-        Copy a frame out of its buffer.
+        Return a copy of the frame in a buffer.
 
-        :raises BrokenFrameError: it is damaged.
+        :raises BrokenFrameError: the driver reports the frame as damaged, or it is incomplete.
         """
         if captured.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
@@ -210,9 +215,9 @@ class CameraSource:
 
     def _give_back(self) -> None:
         """
-        Let the held buffer be filled again.
+        Requeue the held buffer.
 
-        :raises OSError: the device is gone.
+        :raises OSError: the device is disconnected.
         """
         if self._held:
             held, self._held = self._held, None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kernel's interface to cameras, V4L2: structures and request numbers of <videodev2.h>."""
+"""The kernel's camera interface V4L2: structures and requests of ``<linux/videodev2.h>``."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ OWN_CHANGES_TOO = 0x0002  # V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK
 
 
 class ControlType(enum.IntEnum):
-    """``enum v4l2_ctrl_type``, as far as a control's value is one number."""
+    """The values of ``enum v4l2_ctrl_type`` for controls with a single number."""
 
     INTEGER = 1
     BOOLEAN = 2
@@ -85,7 +85,7 @@ class Fraction(ctypes.Structure):
 
 
 class FrameSize(ctypes.Structure):
-    """``struct v4l2_frmsizeenum``; of a discrete size the first two numbers count."""
+    """``struct v4l2_frmsizeenum``; a discrete size uses the first two numbers only."""
 
     _fields_ = [
         ('index', c_uint32), ('pixelformat', c_uint32), ('type', c_uint32),
@@ -93,7 +93,7 @@ class FrameSize(ctypes.Structure):
 
 
 class FrameInterval(ctypes.Structure):
-    """``struct v4l2_frmivalenum``; of a discrete interval the first fraction counts."""
+    """``struct v4l2_frmivalenum``; a discrete interval uses the first fraction only."""
 
     _fields_ = [
         ('index', c_uint32), ('pixelformat', c_uint32), ('width', c_uint32),
@@ -102,7 +102,7 @@ class FrameInterval(ctypes.Structure):
 
 
 class Format(ctypes.Structure):
-    """``struct v4l2_format`` of a capture device whose pixels lie in one plane."""
+    """``struct v4l2_format`` of a single-planar capture device."""
 
     _fields_ = [
         ('type', c_uint32), ('align', c_uint32 * (ctypes.sizeof(ctypes.c_void_p) // 8)),
@@ -118,7 +118,7 @@ class PlaneFormat(ctypes.Structure):
 
 
 class PlanarFormat(ctypes.Structure):
-    """``struct v4l2_format`` of a device that describes each plane of its pixels."""
+    """``struct v4l2_format`` of a multi-planar capture device."""
 
     _fields_ = [
         ('type', c_uint32), ('align', c_uint32 * (ctypes.sizeof(ctypes.c_void_p) // 8)),
@@ -152,7 +152,7 @@ class Plane(ctypes.Structure):
 
 
 class Buffer(ctypes.Structure):
-    """``struct v4l2_buffer``; of a planar device ``offset`` points to ``length`` planes."""
+    """``struct v4l2_buffer``; for multi-planar devices ``offset`` points to ``length`` planes."""
 
     _fields_ = [
         ('index', c_uint32), ('type', c_uint32), ('bytesused', c_uint32), ('flags', c_uint32),
@@ -172,7 +172,7 @@ class ControlQuery(ctypes.Structure):
 
 
 class MenuQuery(ctypes.Structure):
-    """``struct v4l2_querymenu``; the name of an integer menu's entry is its value."""
+    """``struct v4l2_querymenu``; for an integer menu ``name`` holds the value of the entry."""
 
     _fields_ = [
         ('id', c_uint32), ('index', c_uint32), ('name', c_char * 32), ('reserved', c_uint32)]
@@ -192,7 +192,7 @@ class EventSubscription(ctypes.Structure):
 
 
 class Event(ctypes.Structure):
-    """``struct v4l2_event``; ``id`` is that of the control which has changed."""
+    """``struct v4l2_event``; ``id`` is the ID of the control that has changed."""
 
     _fields_ = [
         ('type', c_uint32), ('data', c_int64 * 8), ('pending', c_uint32), ('sequence', c_uint32),
@@ -205,7 +205,13 @@ _WRITE, _READ = 1, 2
 
 def _request(number: int, argument: type[ctypes.Structure] | type[ctypes._SimpleCData[int]],
              direction: int = _WRITE | _READ) -> int:
-    """Make a request's number as ``_IOC`` of <asm-generic/ioctl.h> does."""
+    """
+    Return the number of an ioctl request, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does.
+
+    :param number: number of the request within V4L2.
+    :param argument: type of the argument.
+    :param direction: ``_WRITE``, ``_READ`` or both.
+    """
     return direction << 30 | ctypes.sizeof(argument) << 16 | ord('V') << 8 | number
 
 
@@ -233,19 +239,25 @@ QUERY_EXT_CTRL = _request(103, ControlQuery)
 
 def ask(fd: int, request: int, argument: ctypes.Structure | ctypes._SimpleCData[int]) -> None:
     """
-    Send a request to a device, which fills its argument.
+    Send a request to a device.
 
-    :raises OSError: the device refuses.
+    :param fd: descriptor of the device.
+    :param request: number of the request.
+    :param argument: argument of the request; the kernel writes the answer to it.
+    :raises OSError: the device rejects the request.
     """
     fcntl.ioctl(fd, request, argument)
 
 
 def ask_about(fd: int, request: int, argument: ctypes.Structure) -> bool:
     """
-    Ask for one entry of a list.
+    Send a request that a device may not support, such as for one entry of a list.
 
-    :returns: False when the device has no such entry, or no such list.
-    :raises OSError: the device refuses for another reason.
+    :param fd: descriptor of the device.
+    :param request: number of the request.
+    :param argument: argument of the request; the kernel writes the answer to it.
+    :returns: False when the device has no such entry, or does not support the request.
+    :raises OSError: the device rejects the request for another reason.
     """
     try:
         ask(fd, request, argument)
@@ -256,19 +268,19 @@ def ask_about(fd: int, request: int, argument: ctypes.Structure) -> bool:
     return True
 
 
-# Set in the number of a pixel format whose words have their most significant byte first.
+# Flag in the number of a pixel format with big-endian words: v4l2_fourcc_be().
 _BIG_ENDIAN = 1 << 31
 _BIG_ENDIAN_SUFFIX = '-BE'
 
 
 def pack_fourcc(text: str) -> int:
-    """Give the number of a pixel format that is written as by ``unpack_fourcc``."""
+    """Return the V4L2 number of a pixel format from its text, as ``unpack_fourcc`` writes it."""
     letters = text.removesuffix(_BIG_ENDIAN_SUFFIX)
     number = int.from_bytes(letters.ljust(4).encode('latin-1'), 'little')
     return number if letters == text else number | _BIG_ENDIAN
 
 
 def unpack_fourcc(number: int) -> str:
-    """Write a pixel format: its letters without blanks behind them, and ``-BE`` for big-endian."""
+    """Return a pixel format as text without trailing blanks, with ``-BE`` if big-endian."""
     letters = (number & ~_BIG_ENDIAN).to_bytes(4, 'little').decode('latin-1').rstrip()
     return letters + _BIG_ENDIAN_SUFFIX if number & _BIG_ENDIAN else letters
