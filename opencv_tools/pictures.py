@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures: arrays encoded as JPEG, PNG and other formats and decoded again, by OpenCV."""
+"""Encoding and decoding of image files (JPEG, PNG and others) with OpenCV."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from opencv_tools.image.text import printable
 
 
 class PictureError(ImageError):
-    """A picture that cannot be encoded or decoded; the message says why."""
+    """An image file cannot be encoded or decoded. The message contains the reason."""
 
 
 def _types(depths: str, channels: str) -> frozenset[str]:
@@ -44,10 +44,11 @@ def _types(depths: str, channels: str) -> frozenset[str]:
 
 
 _BYTES = _types('8U', '1 3')
-# OpenCV 4.6 cannot read the 64FC3 that it writes.
+# OpenCV 4.6 cannot read the 64FC3 TIFF that it writes.
 _TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
 
-#: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
+#: OpenCV types that each format stores without conversion. All formats are lossless, except JPEG,
+#: and WebP with a quality.
 FORMATS = {
     '.png': _types('8U 16U', '1 3 4'),
     '.jpg': _BYTES,
@@ -57,28 +58,28 @@ FORMATS = {
     '.tiff': _TIFF,
     '.bmp': _BYTES,
     '.dib': _BYTES,
-    '.webp': _types('8U', '3'),  # of what is transparent it drops the colours
+    '.webp': _types('8U', '3'),  # with alpha it loses the colours of transparent pixels
     '.sr': _BYTES,
     '.ras': _BYTES,
     '.pgm': _types('8U 16U', '1'),
     '.ppm': _types('8U 16U', '3'),
 }
 
-# Left alone, OpenCV 4 packs 32FC3 TIFF as LogLuv, which loses; 5 is lossless LZW.
+# The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _TIFF_OPTIONS: tuple[int, ...] = (cv2.IMWRITE_TIFF_COMPRESSION, 5)
 _OPTIONS = {'.tif': _TIFF_OPTIONS, '.tiff': _TIFF_OPTIONS}
-# OpenCV 4 is quickest when it is asked for no level; 5 takes a filter too, and this one is quicker
-# still and makes smaller files.
+# OpenCV 4 is fastest without a compression level. OpenCV 5 also has filters; with UP it is faster
+# and writes smaller files.
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY,
              cv2.IMWRITE_PNG_STRATEGY_RLE, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP,
              ) if hasattr(cv2, 'IMWRITE_PNG_FILTER') else ()
 _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
             '.jpe': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
 
-# As they stand in OpenCV's names of conversions.
+# Names of the encodings in OpenCV's names of conversions, such as COLOR_BGR2RGB.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
-_MAX_NAME = 80  # of a format that is not known, in an error
+_MAX_NAME = 80  # characters of an unknown format in an error message
 _SCAN_BEGINS = b'\xff\xda'
 _FILLING = 128
 
@@ -87,14 +88,14 @@ def encode_picture(
     image: NDArray[Any], suffix: str, quality: int | None = None, compression: int = 1,
 ) -> NDArray[np.uint8]:
     """
-    Make the content of a picture file.
+    Encode an image as the content of an image file.
 
     :param image: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array in native byte order.
-    :param suffix: the format, one of ``FORMATS``.
-    :param quality: of JPEG and WebP, 1 to 100; None for OpenCV's own, 95 for JPEG.
-    :param compression: of PNG, 0 to 9; 1 is the quickest but for 0, which packs nothing.
-    :returns: the bytes of the file.
-    :raises PictureError: the format is not known or cannot hold the image without changing it.
+    :param suffix: extension of the format, one of ``FORMATS``.
+    :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for JPEG).
+    :param compression: compression level of PNG, 0 (none) to 9; 1 is the fastest that compresses.
+    :returns: content of the file, (n,) uint8.
+    :raises PictureError: the format is unknown, or cannot store the image without a conversion.
     """
     type_name = generic_encoding(image).name
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
@@ -132,13 +133,13 @@ def decode_picture(
     data: Any, upright: bool = False, max_pixels: int = MAX_PIXELS,
 ) -> NDArray[Any]:
     """
-    Read the content of a picture file, with the depth and channels it has.
+    Decode the content of an image file, with its own depth and channels.
 
-    :param data: a buffer with the bytes of the file.
-    :param upright: turn a JPEG the way up that it says itself, as a camera held on its side does.
-    :param max_pixels: more than so many are refused by the header, before anything is decoded.
-    :returns: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array, fresh.
-    :raises PictureError: it is no picture, not a whole one, or too large.
+    :param data: buffer with the content of the file.
+    :param upright: whether to rotate a JPEG by its Exif orientation.
+    :param max_pixels: largest allowed number of pixels; the header is checked before decoding.
+    :returns: a new array: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA.
+    :raises PictureError: the content is not an image file, is incomplete, or has too many pixels.
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
@@ -148,7 +149,8 @@ def decode_picture(
         raise PictureError(str(err)) from err
     is_jpeg = content.startswith(JPEG_BEGINS)
     scan_end = check_whole(content) if is_jpeg else 0
-    # OpenCV turns what it reads only where it may change the channels, too, which JPEG has not.
+    # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
+    # channels, but not those of a JPEG.
     flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
              else cv2.IMREAD_UNCHANGED)
     try:
@@ -166,12 +168,13 @@ def decode_picture(
 
 def check_whole(jpeg: bytes) -> int:
     """
-    Check that the end of a JPEG is not missing, as far as its markers tell.
+    Check that a JPEG is complete, as far as that is possible without decoding.
 
-    :returns: where the data of its last scan end.
-    :raises PictureError: it is.
+    :param jpeg: content of the file.
+    :returns: offset after the data of the last scan.
+    :raises PictureError: the JPEG is incomplete or damaged.
     """
-    end = jpeg.rfind(JPEG_ENDS)  # a thumbnail before it has an end of its own
+    end = jpeg.rfind(JPEG_ENDS)  # the last one, because a thumbnail has its own end marker
     if end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0:
         raise PictureError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
     try:
@@ -187,31 +190,32 @@ def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
 
 
 def _has_filling(image: NDArray[Any]) -> bool:
-    """Return whether a corner has the gray that libjpeg fills in for pixels that are missing."""
+    """Return whether a corner pixel has the gray that libjpeg writes for missing pixels."""
     return any((image[row, column] == _FILLING).all() for row in (0, -1) for column in (0, -1))
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
     """
-    Convert an image as ``opencv_tools.image.color.convert`` does, by OpenCV where it is quicker.
+    Convert an image between encodings, with OpenCV where OpenCV is faster.
 
-    :param image: as for ``convert``; of what OpenCV converts, in native byte order.
-    :param source: the encoding of the image.
-    :param target: the wanted encoding.
-    :returns: a fresh array, the same as from ``convert``.
-    :raises ConversionError: no such conversion.
+    :param image: array as for ``opencv_tools.image.color.convert``, in native byte order.
+    :param source: encoding of the image.
+    :param target: encoding of the result.
+    :returns: a new array, equal to that of ``opencv_tools.image.color.convert``.
+    :raises ConversionError: the conversion is not supported.
     """
     code = _conversion_code(source, target)
-    half_a_pair = source.kind == 'yuv' and image.shape[1] % 2  # which OpenCV makes anything of
+    # OpenCV returns arbitrary pixels for YUV with an odd width.
+    half_a_pair = source.kind == 'yuv' and image.shape[1] % 2
     if code is None or half_a_pair or not image.size:
         return convert(image, source, target)
     converted: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
     return converted
 
 
-@lru_cache  # it is asked for every frame
+@lru_cache  # called for each frame
 def _conversion_code(source: Encoding, target: Encoding) -> int | None:
-    """Find OpenCV's number of a conversion between bytes, None where it has none."""
+    """Return OpenCV's code of a conversion from 8 bits to 8 bits; None if it has none."""
     into = _COLORS.get(target.name)
     if into is None or source.dtype != 'uint8' or source == target:
         return None
@@ -223,12 +227,12 @@ def _conversion_code(source: Encoding, target: Encoding) -> int | None:
 
 def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     """
-    Colour a gray image by one of OpenCV's colormaps.
+    Convert a gray image to colours with a colormap of OpenCV.
 
-    :param gray: (h, w) array.
+    :param gray: (h, w) uint8 array.
     :param colormap: number of the colormap, such as ``cv2.COLORMAP_JET``.
-    :returns: (h, w, 3) BGR array.
-    :raises PictureError: there is no such colormap.
+    :returns: (h, w, 3) uint8 array in BGR.
+    :raises PictureError: the colormap is unknown.
     """
     try:
         colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)

@@ -232,7 +232,7 @@ class VideoDevice:
 
     @property
     def buffers(self) -> int:
-        """Number of buffers that the driver can fill before one must be requeued."""
+        """Count of the buffers that the driver can fill before one must be requeued."""
         return len(self._maps)
 
     def wait(self, seconds: float) -> bool:

@@ -131,7 +131,7 @@ class Grabber:
 
     @property
     def missed(self) -> int:
-        """Number of camera frames that were lost because the publisher was too slow."""
+        """Count of the camera frames that were lost because the publisher was too slow."""
         source = self.source
         return self._missed + (source.missed if source is not None and source.live else 0)
 

@@ -72,7 +72,7 @@ class Rendition:
     @property
     def image(self) -> NDArray[Any]:
         """
-        Converted pixels, (h, w) or (h, w, c) array.
+        Pixels after the conversion, (h, w) or (h, w, c) array.
 
         :raises ImageError: the frame cannot be decoded, or cannot be converted.
         """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""JPEG as far as its markers tell: the size, and whether its data can be all of it."""
+"""The size of a JPEG, and a check for truncated data, without decoding."""
 
 from __future__ import annotations
 
@@ -27,30 +27,38 @@ from opencv_tools.image.errors import ImageError
 
 BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
 
-# Those that begin a frame; three in their row mean something else.
+# Start-of-frame markers SOF0 to SOF15, without DHT, JPG and DAC, which lie between them.
 _FRAMES = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
 _SEQUENTIAL, _PROGRESSIVE = frozenset((0xc0, 0xc1)), 0xc2
 _TABLES, _BEGIN, _END, _SCAN = 0xc4, 0xd8, 0xd9, 0xda
 _STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
-# What libjpeg takes for a marker: it passes over what stands before one.
+# A marker as libjpeg finds it. libjpeg skips all bytes before a marker.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
-# Of the bytes behind 0xff: what ends the data of a scan, neither stuffed, a restart nor filling.
+# For each byte after 0xff, whether the two end the data of a scan. A stuffed zero, a restart
+# marker and a fill byte do not.
 _ENDS_A_SCAN = np.ones(256, np.bool_)
 _ENDS_A_SCAN[[0x00, *range(0xd0, 0xd8), 0xff]] = False
-_BLOCK = 1 << 16  # bytes that are searched at once
-_MAX_SEGMENTS = 1000  # before the size, and as many behind it
-_LENGTHS = 16  # of codes, in bits
-# Bits that decode to blocks of many kinds, and are no marker.
+_BLOCK = 1 << 16  # bytes of a scan that are searched at once
+_MAX_SEGMENTS = 1000  # largest number of segments before the size, and again after it
+_LENGTHS = 16  # longest code of a Huffman table in bits
+# Bytes that decode to many different blocks and contain no marker.
 _RUBBISH = bytes(range(0x11, 0xff)) * 8
 
 
 class JpegError(ImageError):
-    """A JPEG that is not a whole one; the message says why."""
+    """A JPEG is incomplete or damaged. The message contains the reason."""
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """Size and components: horizontal and vertical sampling by the component's number."""
+    """
+    The frame header of a JPEG.
+
+    :param marker: second byte of the start-of-frame marker.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param sampling: horizontal and vertical sampling factor of each component, by its number.
+    """
 
     marker: int
     width: int
@@ -59,30 +67,32 @@ class _Frame:
 
 
 class _Segment(NamedTuple):
-    """What follows a marker; behind that of a scan stand its data."""
+    """A segment of a JPEG; a scan segment is followed by its entropy-coded data."""
 
-    marker: int
-    start: int  # of the content, behind its length
-    end: int
-    data_end: int = 0
-    stuffed: int = 0  # bytes among the data that follow an 0xff which is no marker
+    marker: int  # second byte of the marker
+    start: int  # offset of the content, after the length
+    end: int  # offset after the content, where the data of a scan begin
+    data_end: int = 0  # offset after the data of a scan
+    stuffed: int = 0  # stuffed zero bytes in the data of a scan
 
 
 @dataclass
 class _Scans:
-    """What the scans of a JPEG have shown so far."""
+    """The state of the check of a JPEG after some of its segments."""
 
     frame: _Frame | None = None
-    ends: int = 0  # of the last scan's data
-    seen: set[int] = field(default_factory=set)  # components
-    shortest: dict[int, int] = field(default_factory=dict)  # bits of a symbol, by table
+    ends: int = 0  # offset after the data of the last scan
+    seen: set[int] = field(default_factory=set)  # components of the scans so far
+    shortest: dict[int, int] = field(default_factory=dict)  # fewest bits of a symbol, by table
 
 
 def jpeg_size(jpeg: bytes) -> tuple[int, int]:
     """
     Read the width and height of a JPEG.
 
-    :raises JpegError: it has none.
+    :param jpeg: content of the file.
+    :returns: width and height in pixels.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     frame = _find_frame(jpeg)
     return frame.width, frame.height
@@ -90,18 +100,19 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int]:
 
 def jpeg_components(jpeg: bytes) -> int:
     """
-    Read how many components the picture in a JPEG has: 1 for gray, 3 for colours.
+    Read the number of components of a JPEG: 1 for gray, 3 for colours.
 
-    :raises JpegError: it has no header.
+    :param jpeg: content of the file.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     return len(_find_frame(jpeg).sampling)
 
 
 def _find_frame(jpeg: bytes) -> _Frame:
     """
-    Read the header of the picture, and no more.
+    Read the frame header of a JPEG, and nothing after it.
 
-    :raises JpegError: it has none.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     try:
         for segment in _segments(jpeg):
@@ -114,13 +125,14 @@ def _find_frame(jpeg: bytes) -> _Frame:
 
 def check_jpeg(jpeg: bytes) -> int:
     """
-    Check that the markers of a JPEG are those of a whole one.
+    Check that a JPEG is complete, as far as that is possible without decoding.
 
-    Between them stand the bits of the pixels, which are counted: a scan is broken off when it has
-    fewer than its blocks take at least, each with the shortest codes of its tables.
+    The segments are read, and the bits of each scan are counted. A scan is truncated when it has
+    fewer bits than its blocks need with the shortest codes of their Huffman tables.
 
-    :returns: where the data of its last scan end.
-    :raises JpegError: it lacks a header, a scan or its end, or a scan is too short.
+    :param jpeg: content of the file.
+    :returns: offset after the data of the last scan.
+    :raises JpegError: a header, a scan or the end is missing, or a scan is too short.
     """
     found = _Scans()
     try:
@@ -144,13 +156,13 @@ def check_jpeg(jpeg: bytes) -> int:
 
 def with_more_pixels(jpeg: bytes, scan_end: int) -> bytes:
     """
-    Put rubbish behind the last scan of a JPEG.
+    Return a JPEG with meaningless data after its last scan.
 
-    A decoder that has all pixels does not look at it. One that lacks some takes it for them.
+    A decoder ignores these data if the last scan is complete. Otherwise it decodes them to
+    pixels. The two JPEGs then differ when decoded, which shows that the first one is truncated.
 
-    :param jpeg: the picture.
-    :param scan_end: what ``check_jpeg`` returned.
-    :returns: another picture.
+    :param jpeg: content of the file.
+    :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
     following = (_restarts(jpeg[:scan_end]) + 1) % 8
     restart = bytes((0xff, 0xd0 + following))
@@ -158,16 +170,19 @@ def with_more_pixels(jpeg: bytes, scan_end: int) -> bytes:
 
 
 def _restarts(scan: bytes) -> int:
-    """Find the number of the last restart marker, -1 for none."""
+    """Return the number of the last restart marker, 0 to 7; -1 if there is none."""
     last = max((scan.rfind(bytes((0xff, 0xd0 + number))), number) for number in range(8))
     return last[1] if last[0] >= 0 else -1
 
 
 def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     """
-    Yield the segments up to the end.
+    Yield the segments of a JPEG up to its end marker.
 
-    :raises JpegError: there are too many, or the end is missing.
+    :param jpeg: content of the file.
+    :param most: largest number of markers to read.
+    :raises JpegError: there are more markers, or the end marker is missing.
+    :raises struct.error: a segment is damaged.
     """
     position = len(BEGINS)
     for _ in range(most):
@@ -196,10 +211,12 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
 
 def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
     """
-    Find the end of the data of a scan.
+    Return where the data of a scan end.
 
-    :returns: where the marker behind them begins, and how many bytes are stuffed.
-    :raises JpegError: there is no marker behind them.
+    :param jpeg: content of the file.
+    :param start: offset of the data.
+    :returns: offset after the data, and the number of stuffed zero bytes in the data.
+    :raises JpegError: no marker follows the data.
     """
     data = np.frombuffer(jpeg, np.uint8)
     stuffed = 0
@@ -211,7 +228,7 @@ def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
         if markers.size:
             stuffed += np.count_nonzero(following[:markers[0]] == 0)
             end = begin + int(positions[markers[0]])
-            while end > start and jpeg[end - 1] == 0xff:  # filling before the marker
+            while end > start and jpeg[end - 1] == 0xff:  # fill bytes before the marker
                 end -= 1
             return end, stuffed
         stuffed += np.count_nonzero(following == 0)
@@ -231,7 +248,13 @@ def _read_frame(marker: int, content: bytes) -> _Frame:
 
 
 def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
-    """Find the fewest bits of a symbol with the number that follows it, for each table."""
+    """
+    Read Huffman tables, and keep the fewest bits of a symbol of each one.
+
+    :param content: content of a DHT segment.
+    :param shortest: fewest bits of a symbol and of the number after it, by table; written to.
+    :raises struct.error: a table is truncated.
+    """
     position = 0
     while position < len(content):
         table, *counts = struct.unpack_from('17B', content, position)
@@ -247,9 +270,14 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
 
 def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
     """
-    Take account of a scan.
+    Check the length of a scan, and add the scan to the state.
 
-    :raises JpegError: it is too short for its blocks.
+    :param content: content of an SOS segment.
+    :param segment: the segment.
+    :param found: state of the check, written to.
+    :raises JpegError: the scan has fewer bits than its blocks need.
+    :raises struct.error: the scan header is damaged.
+    :raises KeyError: a component of the scan is not in the frame header.
     """
     count, = struct.unpack_from('B', content)
     selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
@@ -260,7 +288,7 @@ def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
     found.seen.update(number for number, _ in selectors)
     has_ac = found.frame.marker in _SEQUENTIAL
     if not has_ac and (found.frame.marker != _PROGRESSIVE or first or approximation >> 4):
-        return  # many blocks may share a bit
+        return  # in other scans one bit can stand for many blocks
     bits = 0
     for number, tables in selectors:
         block = found.shortest.get(tables >> 4, 0)
@@ -272,7 +300,14 @@ def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
 
 
 def _blocks(frame: _Frame, component: int, is_interleaved: bool) -> int:
-    """Count the blocks of 8x8 that a scan has of a component."""
+    """
+    Return the number of 8x8 blocks of a component in a scan.
+
+    :param frame: frame header of the JPEG.
+    :param component: number of the component.
+    :param is_interleaved: whether the scan has several components, so that the image is padded to
+        whole units of all components.
+    """
     across, down = frame.sampling[component]
     most_across = max(sampling[0] for sampling in frame.sampling.values())
     most_down = max(sampling[1] for sampling in frame.sampling.values())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The size of a picture as its header tells it, before anything is decoded."""
+"""The size of an image file, read from its header without decoding."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
 
 PNG_BEGINS = b'\x89PNG\r\n\x1a\n'
-#: Pixels of a picture that is decoded, unless another number is asked for.
+#: Default limit of the number of pixels of an image to decode.
 MAX_PIXELS = 2**27
 
-_HEADER_BYTES = 65536  # of those formats whose header is a text
-_MAX_PLACES = 100  # where a format may tell a size
+_HEADER_BYTES = 65536  # largest header that is searched in formats with a text header
+_MAX_PLACES = 100  # largest number of sizes in a file of nested boxes
 _BLANK = rb'(?:\s|#[^\r\n]*[\r\n])+'
 _PNM = re.compile(rb'P[1-6Ff]' + _BLANK + rb'([0-9]{1,9})' + _BLANK + rb'([0-9]{1,9})\s')
 _PAM = re.compile(rb'(WIDTH|HEIGHT)\s+([0-9]{1,9})\s')
@@ -37,21 +37,21 @@ _JPEG_2000 = re.compile(rb'\xff\x4f\xff\x51')
 _AVIF = re.compile(rb'ispe')
 _EXR = re.compile(rb'(?:dataWindow|displayWindow)\0box2i\0')
 _TIFF_NUMBERS = {1: 'B', 3: 'H', 4: 'I', 16: 'Q'}
-# Width and height of the picture, and of its tiles, which may be larger.
+# Tags of the image size and of the tile size. Tiles can be larger than the image.
 _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
 
 class SizeError(ImageError):
-    """A picture whose size is not known, or too large; the message says why."""
+    """The size of an image file is unknown or too large. The message contains the reason."""
 
 
 def picture_size(content: bytes) -> tuple[int, int]:
     """
-    Read the size of a picture.
+    Read the size of an image file.
 
-    :param content: a picture file of a kind that OpenCV reads.
-    :returns: width and height; the largest, where the file tells several.
-    :raises SizeError: it is no such file, or tells no size.
+    :param content: content of a file in a format that OpenCV can read.
+    :returns: width and height in pixels; the largest ones, if the file contains several sizes.
+    :raises SizeError: the format is unknown, or the header contains no size.
     """
     for begins, read in _READERS:
         if begins.match(content):
@@ -67,9 +67,12 @@ def picture_size(content: bytes) -> tuple[int, int]:
 
 def check_size(width: int, height: int, max_pixels: int) -> None:
     """
-    Refuse what is too large.
+    Check the size of an image.
 
-    :raises SizeError: it has more pixels than allowed.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param max_pixels: largest allowed number of pixels.
+    :raises SizeError: the image has more pixels.
     """
     if width * height > max_pixels:
         raise SizeError(f'{width}x{height} pixels are more than max_pixels={max_pixels}')
@@ -150,14 +153,21 @@ def _radiance(content: bytes) -> tuple[int, int]:
 def _anywhere(
     mark: re.Pattern[bytes], layout: str, skip: int,
 ) -> Callable[[bytes], tuple[int, int]]:
-    """Make a reader of formats that are boxes within boxes: the size may stand anywhere."""
+    """
+    Create a reader for formats of nested boxes, in which the size can be at any offset.
+
+    :param mark: pattern before each size.
+    :param layout: ``struct`` format: width and height, or left, top, right and bottom.
+    :param skip: bytes between the mark and the size.
+    :returns: function that returns the largest width and height.
+    """
     def read(content: bytes) -> tuple[int, int]:
         width = height = 0
         for index, found in enumerate(mark.finditer(content)):
             if index >= _MAX_PLACES:
                 raise ValueError('too many sizes')
             place = found.end() + skip
-            if place + struct.calcsize(layout) <= len(content):  # else no box, but pixels
+            if place + struct.calcsize(layout) <= len(content):  # otherwise the mark is pixel data
                 *begins, right, bottom = struct.unpack_from(layout, content, place)
                 left, top, more = (*begins, 1) if begins else (0, 0, 0)
                 width, height = max(width, right - left + more), max(height, bottom - top + more)
