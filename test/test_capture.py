@@ -33,7 +33,7 @@ from opencv_tools.capture import camera_errors
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, Playback, Player
+from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
 from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.source import check_source, expected_size, open_source
 from opencv_tools.capture.video import VideoSource
@@ -46,7 +46,7 @@ def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytes
          stopped: Event | None = None, clock: SteppedClock | None = None,
          **settings: Any) -> Player:
     """Make a player that nothing holds, by a clock whose waits take no time."""
-    return Player(source, lambda: Playback(**settings), stopped or Event(), lambda: False,
+    return Player(source, lambda: PlaybackSettings(**settings), stopped or Event(), lambda: False,
                   on_broken, clock or SteppedClock())
 
 
@@ -406,7 +406,8 @@ def test_the_clock_of_the_system_waits_for_an_event_or_a_time() -> None:
 def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClock) -> None:
     held = Event()
     source = PatternSource(PatternSpec(200, 3, 64.0))
-    player = Player(source, lambda: Playback(stop=20), Event(), held.is_set, pytest.fail, clock)
+    player = Player(
+        source, lambda: PlaybackSettings(stop=20), Event(), held.is_set, pytest.fail, clock)
     stamps, images = [], []
     for frame in player.frames():
         stamps.append(frame.stamp_ns / 1e9 - BEGAN)

@@ -24,8 +24,8 @@ import numpy as np
 from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
 )
-from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.player import Playback
+from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
+from opencv_tools.capture.player import PlaybackSettings
 import pytest
 from stepped_clock import BEGAN, SteppedClock
 
@@ -97,10 +97,10 @@ class Log:
     def broken(self, reason: BrokenFrameError) -> None:
         self.lines.append(f'broken: {reason}')
 
-    def is_there(self) -> bool:
+    def may_publish(self) -> bool:
         return self.there
 
-    def is_looking(self) -> bool:
+    def has_subscribers(self) -> bool:
         return self.looking
 
 
@@ -122,7 +122,7 @@ def camera(clock: SteppedClock) -> Camera:
 @pytest.fixture
 def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
     """Make grabbers of a sequence of cameras and failures to open one."""
-    def _grab(*attempts: Camera | Exception, **settings: float) -> Grabber:
+    def _grab(*attempts: Camera | Exception, rate: float = 0.0, **policy: float) -> Grabber:
         coming = iter(attempts)
 
         def _open() -> Source:
@@ -131,7 +131,8 @@ def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
                 raise attempt
             return attempt
 
-        return Grabber(_open, Playback(**settings), log, log, clock)
+        return Grabber(
+            _open, PlaybackSettings(rate=rate), ReconnectPolicy(**policy), log, log, clock)
 
     return _grab
 
@@ -223,7 +224,7 @@ def test_a_camera_that_goes_is_closed_and_opened_again(
     assert log.lines[1:] == ['lost: gone', 'lost: not there', 'lost: not ours', 'lost: not there',
                              'opened', 'returned after 3.50 s']
     assert grabber.reconnects == 1
-    assert not grabber.trouble
+    assert not grabber.unavailable_reason
 
 
 def test_a_camera_that_is_not_there_yet_is_the_same_case(
@@ -269,7 +270,7 @@ def test_a_camera_that_stays_away_is_given_up(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, reconnect: float,
         message: str, waits: list[float]) -> None:
     frames = grab(camera, *itertools.repeat(UnavailableError('not there'), 20),
-                  reconnect=reconnect).frames()
+                  reconnect_timeout=reconnect).frames()
     next(frames)
     clock.waits.clear()
     camera.fault = UnavailableError('gone')

@@ -381,25 +381,25 @@ def test_the_subscribers_that_are_awaited_are_given_a_moment(
     topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), UNTOUCHED, 2)
     now = 100.0
     clock = SimpleNamespace(monotonic=lambda: now)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
     spin_until(node, lambda: topics.images.get_subscription_count() == 2)
     monkeypatch.setattr('opencv_tools.ros.frame_topics.time', clock)
-    assert [topics.is_there() for _ in range(2)] == [False, False]
+    assert [topics.may_publish() for _ in range(2)] == [False, False]
     now += 0.19
-    assert not topics.is_there()
+    assert not topics.may_publish()
     node.destroy_subscription(first)  # and the time begins anew with the next
     spin_until(node, lambda: topics.images.get_subscription_count() == 1)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     node.create_subscription(Image, 'video_frames', print, 10)
     spin_until(node, lambda: topics.images.get_subscription_count() == 2)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     now += 0.19
-    assert not topics.is_there()
+    assert not topics.may_publish()
     now += 0.02
-    assert topics.is_there()
+    assert topics.may_publish()
     now -= 1.0
-    assert topics.is_there()
+    assert topics.may_publish()
 
 
 def test_a_node_without_subscribers_says_so(start: Start) -> None:

@@ -33,7 +33,7 @@ from opencv_tools.image.text import printable
 
 
 @contextmanager
-def explained(name: str) -> Iterator[None]:
+def capture_errors(name: str) -> Iterator[None]:
     """
     Convert each OSError of a device to a CaptureError with a remedy.
 
@@ -44,7 +44,7 @@ def explained(name: str) -> Iterator[None]:
     try:
         yield
     except OSError as err:
-        raise _explain(name, err) from err
+        raise _to_capture_error(name, err) from err
 
 
 def check_device(device: Path) -> None:
@@ -82,7 +82,7 @@ def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
     cameras = []
     for path in sorted(folder.glob('video*'), key=natural_order):
         with suppress(OSError):  # the device was removed after the listing
-            if _captures(path, path.stat().st_ctime_ns):
+            if _can_capture(path, path.stat().st_ctime_ns):
                 cameras.append(path)
     return cameras
 
@@ -90,7 +90,7 @@ def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
 # Cached, because opening another camera can wake that camera up, and the publisher lists the
 # cameras repeatedly while its own is disconnected.
 @lru_cache(maxsize=64)
-def _captures(path: Path, _changed_ns: int) -> bool:
+def _can_capture(path: Path, _changed_ns: int) -> bool:
     """
     Return whether a device can capture video; True for a device that cannot be opened.
 
@@ -104,7 +104,7 @@ def _captures(path: Path, _changed_ns: int) -> bool:
     return device.can_capture
 
 
-def _explain(name: str, err: OSError) -> CaptureError:
+def _to_capture_error(name: str, err: OSError) -> CaptureError:
     """Convert an OSError of a camera to a CaptureError that says the cause and the remedy."""
     if err.errno in (errno.EACCES, errno.EPERM):
         return UnavailableError(

@@ -57,7 +57,7 @@ class StreamFormat:
 
 
 @dataclass(frozen=True)
-class Captured:
+class DequeuedBuffer:
     """
     A filled buffer that the driver has handed over.
 
@@ -251,7 +251,7 @@ class VideoDevice:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return bool(events)
 
-    def dequeue(self) -> Captured | None:
+    def dequeue(self) -> DequeuedBuffer | None:
         """
         Dequeue the oldest filled buffer.
 
@@ -266,14 +266,14 @@ class VideoDevice:
                 return None
         stamp_ns = buffer.seconds * 10**9 + buffer.microseconds * 1000
         monotonic = buffer.flags & videodev.BUFFER_CLOCK == videodev.BUFFER_CLOCK_MONOTONIC
-        return Captured(
+        return DequeuedBuffer(
             buffer.index, plane.data_offset if isinstance(plane, videodev.Plane) else 0,
             plane.bytesused or plane.length, buffer.sequence, stamp_ns if monotonic else 0,
             bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
 
-    def content(self, captured: Captured) -> bytes:
+    def content(self, buffer: DequeuedBuffer) -> bytes:
         """Return a copy of the image in a buffer."""
-        return self._maps[captured.index][captured.start:captured.stop]
+        return self._maps[buffer.index][buffer.start:buffer.stop]
 
     def requeue(self, index: int) -> None:
         """

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import math
 from threading import Event
 from typing import Protocol
 
@@ -24,17 +26,31 @@ from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, LiveSource, Source, UnavailableError,
 )
-from opencv_tools.capture.player import Pacer, Playback, Player
+from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
-_SLICE_SECONDS = 0.1
+_POLL_SECONDS = 0.1
 
 # Seconds between two attempts to open a disconnected camera: doubled from the first to the last.
 _FIRST_DELAY = 0.1
 _LAST_DELAY = 1.0
 
 
-class Watcher(Protocol):
+@dataclass(frozen=True)
+class ReconnectPolicy:
+    """
+    When a camera or stream is opened again.
+
+    :param read_timeout: seconds without a frame after which the source is opened again.
+    :param reconnect_timeout: seconds after which an unavailable source is an error; infinity to
+        retry forever.
+    """
+
+    read_timeout: float = 2.0
+    reconnect_timeout: float = math.inf
+
+
+class SourceListener(Protocol):
     """Receiver of the events of a source. All methods run in the thread that reads the source."""
 
     def opened(self, source: Source) -> None:
@@ -50,13 +66,13 @@ class Watcher(Protocol):
         """Handle a frame that is unreadable and therefore skipped."""
 
 
-class Audience(Protocol):
+class Demand(Protocol):
     """The demand for the frames of a source."""
 
-    def is_there(self) -> bool:
+    def may_publish(self) -> bool:
         """Return whether publishing may run."""
 
-    def is_looking(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
 
 
@@ -64,13 +80,14 @@ class Grabber:
     """
     A source that is opened, read, and opened again after an outage.
 
-    One thread iterates over ``frames``; the other methods are thread-safe. ``trouble`` is the
-    reason why the source is unavailable; it is empty while the source sends frames.
+    One thread iterates over ``frames``; the other methods are thread-safe. ``unavailable_reason``
+    is empty while the source sends frames.
     """
 
     def __init__(
-        self, open_source: Callable[[], Source], playback: Playback,
-        watcher: Watcher, audience: Audience, clock: Clock = SYSTEM_CLOCK,
+        self, open_source: Callable[[], Source], playback: PlaybackSettings,
+        reconnect: ReconnectPolicy, listener: SourceListener, demand: Demand,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
         Create a grabber; ``frames`` opens the source.
@@ -78,25 +95,27 @@ class Grabber:
         :param open_source: function that opens the source; raises ``UnavailableError`` while the
             source is unavailable.
         :param playback: playback settings; the attribute may be replaced at any time.
-        :param watcher: receiver of the events of the source.
-        :param audience: demand for frames; camera frames without a subscriber are not decoded.
+        :param reconnect: policy for outages; the attribute may be replaced at any time.
+        :param listener: receiver of the events of the source.
+        :param demand: demand for frames; camera frames without a subscriber are not decoded.
         :param clock: clock that paces frames and measures outages.
         """
         self.playback = playback
+        self.reconnect = reconnect
         self.source: Source | None = None
         self.reconnects = 0
         self._missed = 0
         self._open_source = open_source
-        self._watcher = watcher
-        self._audience = audience
+        self._listener = listener
+        self._demand = demand
         self._clock = clock
         self._stopped = Event()
         self._paused = Event()
         self._reopened = Event()
         self._released = Event()
         self._released.set()
-        self.trouble = ''
-        self._heard_at = self._clock.monotonic()
+        self.unavailable_reason = ''
+        self._last_frame_at = self._clock.monotonic()
         self._delay = 0.0
 
     @property
@@ -121,7 +140,7 @@ class Grabber:
 
     def resume(self) -> None:
         """End a pause."""
-        self._heard_at = self._clock.monotonic()
+        self._last_frame_at = self._clock.monotonic()
         self._paused.clear()
 
     @property
@@ -149,20 +168,21 @@ class Grabber:
         while (source := self._open()) is not None:
             try:
                 if not source.live:
-                    yield from Player(source, lambda: self.playback, self._stopped, self._is_held,
-                                      self._watcher.broken, self._clock).frames()
+                    yield from Player(
+                        source, lambda: self.playback, self._stopped, self._is_suspended,
+                        self._listener.broken, self._clock).frames()
                     return
-                yield from self._show(source)
+                yield from self._live_frames(source)
             except UnavailableError as err:
-                self._note_loss(err)
+                self._handle_unavailable(err)
             finally:
                 self._missed = self.missed
                 self.source = None
                 source.close()
                 self._released.set()
 
-    def _is_held(self) -> bool:
-        return self._paused.is_set() or not self._audience.is_there()
+    def _is_suspended(self) -> bool:
+        return self._paused.is_set() or not self._demand.may_publish()
 
     def _open(self) -> Source | None:
         """
@@ -174,7 +194,7 @@ class Grabber:
         """
         while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
-                self._delay = _SLICE_SECONDS
+                self._delay = _POLL_SECONDS
                 continue
             self._reopened.clear()
             self._released.clear()
@@ -182,39 +202,39 @@ class Grabber:
                 self.source = self._open_source()
             except UnavailableError as err:
                 self._released.set()
-                self._note_loss(err)
+                self._handle_unavailable(err)
                 continue
-            self._watcher.opened(self.source)
+            self._listener.opened(self.source)
             return self.source
         return None
 
-    def _note_loss(self, err: UnavailableError) -> None:
+    def _handle_unavailable(self, err: UnavailableError) -> None:
         """
-        Report an outage to the watcher, and set the delay of the next attempt.
+        Report an outage to the listener, and set the delay of the next attempt.
 
         :param err: the reason of the outage.
         :raises CaptureError: the source was unavailable for longer than the reconnect time.
         """
-        away = self._clock.monotonic() - self._heard_at
-        left = self.playback.reconnect - away
+        away = self._clock.monotonic() - self._last_frame_at
+        left = self.reconnect.reconnect_timeout - away
         if left <= 0:
             raise CaptureError(
                 f'{err}; gave up after {away:.1f} s' if self._delay else str(err)) from err
-        if str(err) != self.trouble:
-            self.trouble = str(err)
-            self._watcher.lost(err)
+        if str(err) != self.unavailable_reason:
+            self.unavailable_reason = str(err)
+            self._listener.lost(err)
         self._delay = min(self._delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
 
-    def _note_frame(self, source: LiveSource) -> None:
-        """Record that a frame has come, and report the end of an outage to the watcher."""
-        if self.trouble:
+    def _mark_alive(self, source: LiveSource) -> None:
+        """Record that a frame has come, and report the end of an outage to the listener."""
+        if self.unavailable_reason:
             self.reconnects += 1
-            self._watcher.returned(source, self._clock.monotonic() - self._heard_at)
-        self.trouble = ''
+            self._listener.returned(source, self._clock.monotonic() - self._last_frame_at)
+        self.unavailable_reason = ''
         self._delay = 0.0
-        self._heard_at = self._clock.monotonic()
+        self._last_frame_at = self._clock.monotonic()
 
-    def _show(self, source: LiveSource) -> Iterator[Frame | None]:
+    def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
         """
         Yield the newest frame whenever one is due, until the source has to be closed.
 
@@ -225,17 +245,17 @@ class Grabber:
         early = 0.5 / source.rate if source.rate else 0.0
         quiet_since = self._clock.monotonic()
         while not (self._stopped.is_set() or self._paused.is_set() or self._reopened.is_set()):
-            if not source.wait(_SLICE_SECONDS):
-                timeout = self.playback.read_timeout
+            if not source.wait(_POLL_SECONDS):
+                timeout = self.reconnect.read_timeout
                 if self._clock.monotonic() - quiet_since > timeout:
                     raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
-            self._note_frame(source)
-            if pacer.is_due(early) and self._audience.is_there():
+            self._mark_alive(source)
+            if pacer.is_due(early) and self._demand.may_publish():
                 try:
-                    frame = self._take(source)
+                    frame = self._read(source)
                 except BrokenFrameError as err:
-                    self._watcher.broken(err)
+                    self._listener.broken(err)
                 else:
                     pacer.advance(self._period(source))
                     yield frame
@@ -243,14 +263,14 @@ class Grabber:
                 source.skip()
             quiet_since = self._clock.monotonic()
 
-    def _take(self, source: LiveSource) -> Frame | None:
+    def _read(self, source: LiveSource) -> Frame | None:
         """
         Read the frame, or skip it if there is no subscriber.
 
         :returns: the frame, or None when it was skipped.
         :raises BrokenFrameError: the frame is unreadable.
         """
-        if self._audience.is_looking():
+        if self._demand.has_subscribers():
             return source.read()
         source.skip()
         return None

@@ -25,8 +25,8 @@ from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 
 #: Default size in pixels (width, height) and rate in Hz. Most cameras support these defaults of
 #: OpenCV.
-USUAL_SIZE = (640, 480)
-USUAL_RATE = 30.0
+DEFAULT_SIZE = (640, 480)
+DEFAULT_RATE = 30.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class CameraRequest:
 
 
 #: The request with all defaults.
-NO_WISHES = CameraRequest()
+DEFAULT_REQUEST = CameraRequest()
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ def choose_mode(
                    key=lambda mode: _size_distance(mode, request))
                for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
 
-    def badness(mode: Mode) -> tuple[object, ...]:
+    def cost(mode: Mode) -> tuple[object, ...]:
         same = _is_sent(mode, request.encoding)
         return (not same and not _can_be_made(request.encoding), _size_distance(mode, request),
                 _rate_distance(rates(mode), request.fps), not same, order.index(mode.fourcc))
 
-    return min(nearest, key=badness, default=None)
+    return min(nearest, key=cost, default=None)
 
 
 def _is_sent(mode: Mode, encoding: str) -> bool:
@@ -120,18 +120,18 @@ def _can_be_made(encoding: str) -> bool:
 
 
 def _size_distance(mode: Mode, request: CameraRequest) -> tuple[int, int]:
-    usual_width, usual_height = USUAL_SIZE
-    wanted = ((abs(mode.width - request.width) if request.width else 0)
-              + (abs(mode.height - request.height) if request.height else 0))
-    return wanted, abs(mode.width - usual_width) + abs(mode.height - usual_height)
+    default_width, default_height = DEFAULT_SIZE
+    distance = ((abs(mode.width - request.width) if request.width else 0)
+                + (abs(mode.height - request.height) if request.height else 0))
+    return distance, abs(mode.width - default_width) + abs(mode.height - default_height)
 
 
-def _rate_distance(rates: Sequence[float], wanted: float) -> float:
+def _rate_distance(rates: Sequence[float], requested: float) -> float:
     if not rates:
         return 0.0
-    if wanted:
-        return min(abs(rate - wanted) for rate in rates)
-    return max(0.0, USUAL_RATE - max(rates))
+    if requested:
+        return min(abs(rate - requested) for rate in rates)
+    return max(0.0, DEFAULT_RATE - max(rates))
 
 
 def describe_modes(modes: Sequence[Mode]) -> str:

@@ -79,17 +79,18 @@ def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, i
         if size.type == videodev.DISCRETE:
             yield size.numbers[0], size.numbers[1]
         else:
-            yield _step_to(near[0], *size.numbers[:3]), _step_to(near[1], *size.numbers[3:])
+            yield (_round_down(near[0], *size.numbers[:3]),
+                   _round_down(near[1], *size.numbers[3:]))
 
 
-def _step_to(wanted: int, least: int, most: int, step: int) -> int:
+def _round_down(number: int, least: int, most: int, step: int) -> int:
     """
     Round a number down to a step, within a range.
 
-    :param wanted: the number.
+    :param number: the number.
     :param least: first number of the range.
     :param most: last number of the range.
     :param step: difference between neighbouring numbers; 0 is read as 1.
-    :returns: the largest number of the range that is not above ``wanted``; ``least`` when all are.
+    :returns: the largest number of the range that is not above ``number``; ``least`` when all are.
     """
-    return least + (min(max(wanted, least), most) - least) // max(1, step) * max(1, step)
+    return least + (min(max(number, least), most) - least) // max(1, step) * max(1, step)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-import math
 from threading import Event
 
 from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
@@ -27,11 +26,11 @@ from opencv_tools.capture.frame import BrokenFrameError, CaptureError, FileSourc
 ON_END = ('stop', 'loop', 'hold')
 PICTURE_RATE = 10.0  # frames per second of image files, which have no native rate
 
-_HELD_SECONDS = 0.02
+_PAUSE_POLL_SECONDS = 0.02
 
 
-@dataclass(frozen=True)
-class Playback:
+@dataclass(frozen=True, kw_only=True)
+class PlaybackSettings:
     """
     How a source is played.
 
@@ -41,8 +40,6 @@ class Playback:
     :param plays: number of times that a file is played before ``on_end`` applies; 0 for endless.
     :param first: number of the first frame of a file to play, from 0.
     :param stop: number of the first frame of a file not to play; 0 to play to the end.
-    :param read_timeout: seconds without a frame after which a camera is opened again.
-    :param reconnect: seconds after which an unavailable camera is an error; infinity for never.
     """
 
     rate: float = 0.0
@@ -50,8 +47,6 @@ class Playback:
     plays: int = 1
     first: int = 0
     stop: int = 0
-    read_timeout: float = 2.0
-    reconnect: float = math.inf
 
 
 class Pacer:
@@ -104,8 +99,8 @@ class Player:
     """Playback of every frame of a file, at a fixed rate or with the times of the file."""
 
     def __init__(
-        self, source: FileSource, playback: Callable[[], Playback], stopped: Event,
-        is_held: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
+        self, source: FileSource, playback: Callable[[], PlaybackSettings], stopped: Event,
+        is_paused: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
@@ -114,14 +109,14 @@ class Player:
         :param source: source of the frames.
         :param playback: function that returns the current settings; called for each frame.
         :param stopped: event that another thread sets to end the playback.
-        :param is_held: function that returns whether playback is paused.
+        :param is_paused: function that returns whether playback is paused.
         :param on_broken: function that is called for each unreadable frame, which is skipped.
         :param clock: clock that paces the frames.
         """
         self._source = source
         self._playback = playback
         self._stopped = stopped
-        self._is_held = is_held
+        self._is_paused = is_paused
         self._on_broken = on_broken
         self._clock = clock
 
@@ -136,7 +131,7 @@ class Player:
         for frame in self._sequence():
             if last is not None:
                 pacer.advance(self._interval(last, frame))
-            while self._is_held() and not self._clock.wait(self._stopped, _HELD_SECONDS):
+            while self._is_paused() and not self._clock.wait(self._stopped, _PAUSE_POLL_SECONDS):
                 pacer.restart()
             due_ns = pacer.wait(self._stopped)
             if self._stopped.is_set():
@@ -158,7 +153,7 @@ class Player:
         played = 0
         while True:
             last = None
-            for frame in self._pass():
+            for frame in self._readable_frames():
                 last = frame
                 yield frame
             played += 1
@@ -174,7 +169,7 @@ class Player:
                 yield last
             return
 
-    def _pass(self) -> Iterator[Frame]:
+    def _readable_frames(self) -> Iterator[Frame]:
         """
         Yield the readable frames of one pass.
 

@@ -34,7 +34,7 @@ _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
 
 
 @dataclass(frozen=True)
-class Look:
+class OutputSettings:
     """
     How frames are converted before they are published.
 
@@ -50,24 +50,24 @@ class Look:
     jpeg_quality: int = 95
 
     @property
-    def turns(self) -> bool:
+    def is_transformed(self) -> bool:
         """Whether frames are flipped or rotated."""
         return self.flip != 'none' or self.rotate != 0
 
 
-class Rendition:
+class OutputImage:
     """The forms of a frame that can be published, computed on first use and cached."""
 
-    def __init__(self, frame: Frame, look: Look) -> None:
+    def __init__(self, frame: Frame, settings: OutputSettings) -> None:
         """
         Keep a frame; nothing is converted yet.
 
         :param frame: the captured frame.
-        :param look: how the frame is converted.
+        :param settings: how the frame is converted.
         """
         self._frame = frame
         #: How the frame is converted.
-        self.look = look
+        self.settings = settings
 
     @property
     def image(self) -> NDArray[Any]:
@@ -106,25 +106,25 @@ class Rendition:
 
         :raises ImageError: the frame cannot be decoded, or cannot be converted.
         """
-        if self._is_ready():
+        if self._can_pass_jpeg_through():
             if self._is_gray_jpeg:
                 return self._frame.image, 'mono8; jpeg compressed mono8'
-            return self._frame.image, f'{self.look.encoding or "bgr8"}; jpeg compressed bgr8'
+            return self._frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
             image = convert_picture(image, actual, stored)
-        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.look.jpeg_quality)
+        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
         # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
         # string contains the encoding that is stored.
-        told = actual.name if actual.name in _AS_JPEG else stored.name
-        return data, f'{told}; jpeg compressed {stored.name}'
+        declared = actual.name if actual.name in _AS_JPEG else stored.name
+        return data, f'{declared}; jpeg compressed {stored.name}'
 
-    def _is_ready(self) -> bool:
+    def _can_pass_jpeg_through(self) -> bool:
         """Return whether the camera's own JPEG can be published unchanged."""
-        return (self._frame.encoding == JPEG and not self.look.turns
-                and (self.look.encoding in _AS_JPEG
-                     or (self.look.encoding == 'mono8' and self._is_gray_jpeg)))
+        return (self._frame.encoding == JPEG and not self.settings.is_transformed
+                and (self.settings.encoding in _AS_JPEG
+                     or (self.settings.encoding == 'mono8' and self._is_gray_jpeg)))
 
     @cached_property
     def _is_gray_jpeg(self) -> bool:
@@ -141,7 +141,7 @@ class Rendition:
             encoding = picture_encoding(image)
         else:
             encoding = find_encoding(self._frame.encoding)
-        wanted = find_encoding(self.look.encoding) if self.look.encoding else encoding
-        if not wanted.has_layout_of(encoding):
-            image = convert_picture(image, encoding, wanted)
-        return orient(image, wanted, self.look.flip, self.look.rotate)
+        target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
+        if not target.has_layout_of(encoding):
+            image = convert_picture(image, encoding, target)
+        return orient(image, target, self.settings.flip, self.settings.rotate)

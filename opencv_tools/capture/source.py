@@ -26,7 +26,7 @@ import stat
 
 import cv2
 from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
-from opencv_tools.capture.modes import CameraRequest, NO_WISHES, USUAL_SIZE
+from opencv_tools.capture.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.stream import StreamSource
@@ -66,7 +66,7 @@ def is_camera(text: str) -> bool:
 
 
 def open_source(
-    text: str, request: CameraRequest = NO_WISHES, timeout: float = 2.0,
+    text: str, request: CameraRequest = DEFAULT_REQUEST, timeout: float = 2.0,
 ) -> Source:
     """
     Open a source.
@@ -91,7 +91,7 @@ def open_source(
     return _open_path(_path(text))
 
 
-def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, int] | None:
+def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[int, int] | None:
     """
     Return the expected size of the frames of a source.
 
@@ -108,7 +108,7 @@ def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, i
         spec = parse_pattern(text)
         return spec.width, spec.height
     if is_camera(text):
-        return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
+        return request.width or DEFAULT_SIZE[0], request.height or DEFAULT_SIZE[1]
     if _is_url(text) or _path(text).is_fifo():
         return None
     source = open_source(text)

@@ -21,12 +21,12 @@ from pathlib import Path
 import time
 from typing import Literal
 
-from opencv_tools.capture.camera_errors import check_device, explained
+from opencv_tools.capture.camera_errors import capture_errors, check_device
 from opencv_tools.capture.controls import Control
-from opencv_tools.capture.device import Captured, VideoDevice
+from opencv_tools.capture.device import DequeuedBuffer, VideoDevice
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
 from opencv_tools.capture.modes import (
-    CameraRequest, choose_mode, describe_modes, Mode, USUAL_RATE, USUAL_SIZE,
+    CameraRequest, choose_mode, DEFAULT_RATE, DEFAULT_SIZE, describe_modes, Mode,
 )
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS, read_pixels
 
@@ -42,7 +42,7 @@ class CameraSource:
     """
     A V4L2 camera. Each frame has the capture time of its driver.
 
-    ``remarks`` contains a warning for each requested setting that the camera has not applied.
+    ``warnings`` contains a warning for each requested setting that the camera has not applied.
     """
 
     live: Literal[True] = True
@@ -58,38 +58,38 @@ class CameraSource:
         """
         self.name = str(device)
         self.missed = 0
-        self.remarks: list[str] = []
+        self.warnings: list[str] = []
         self._sequence = -1
-        self._held: Captured | None = None
+        self._held: DequeuedBuffer | None = None
         check_device(device)
-        with explained(self.name):
+        with capture_errors(self.name):
             self._device = VideoDevice(device)
         try:
-            with explained(self.name):
+            with capture_errors(self.name):
                 self._start(request)
         except CaptureError:
             self.close()
             raise
 
     def wait(self, seconds: float) -> bool:
-        with explained(self.name):
+        with capture_errors(self.name):
             if self._device.wait(seconds):
-                self._hold_newest()
+                self._keep_newest()
         return self._held is not None
 
     def skip(self) -> None:
-        with explained(self.name):
-            self._give_back()
+        with capture_errors(self.name):
+            self._requeue()
 
     def read(self) -> Frame:
         if self._held is None:
             raise BrokenFrameError(f'camera {self.name} has no frame yet')
         held = self._held
-        with explained(self.name):
+        with capture_errors(self.name):
             try:
                 return self._copy(held)
             finally:
-                self._give_back()
+                self._requeue()
 
     def close(self) -> None:
         self._device.close()
@@ -102,7 +102,7 @@ class CameraSource:
         :raises UnavailableError: the camera is disconnected.
         """
         values = {}
-        with explained(self.name):
+        with capture_errors(self.name):
             for control in self._device.controls(changed):
                 with suppress(OSError):  # some cameras list controls that they do not have
                     values[control] = self._device.control(control)
@@ -125,8 +125,8 @@ class CameraSource:
             raise CaptureError(
                 f'{self.name} ({self._device.card}) cannot capture video; a camera can have '
                 'several device numbers, so try the next one')
-        modes = self._device.modes((request.width or USUAL_SIZE[0],
-                                    request.height or USUAL_SIZE[1]))
+        modes = self._device.modes((request.width or DEFAULT_SIZE[0],
+                                    request.height or DEFAULT_SIZE[1]))
         chosen = choose_mode(modes, request, self._device.rates)
         if chosen is None:
             raise CaptureError(
@@ -138,8 +138,8 @@ class CameraSource:
                 f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
                 f'format {self._format.fourcc}; set fourcc to another format')
         self._pixels = PIXEL_FORMATS[self._format.fourcc]
-        self.rate = self._device.set_rate(request.fps or USUAL_RATE)
-        self._remark(request, modes)
+        self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
+        self._warn_about_changes(request, modes)
         self._set_controls(dict(request.controls))
         self._device.start()
         self.description = f'{self._format.fourcc} {self._mode.size} at {self.rate:g} Hz'
@@ -148,72 +148,72 @@ class CameraSource:
     def _mode(self) -> Mode:
         return Mode(self._format.fourcc, self._format.width, self._format.height)
 
-    def _remark(self, request: CameraRequest, modes: list[Mode]) -> None:
+    def _warn_about_changes(self, request: CameraRequest, modes: list[Mode]) -> None:
         """Record a warning for each setting that the camera changed, with the supported values."""
         given = self._mode
         if ((request.width or given.width, request.height or given.height)
                 != (given.width, given.height)
                 or request.fourcc not in ('', given.fourcc)):
-            wanted = Mode(request.fourcc or given.fourcc, request.width or given.width,
-                          request.height or given.height)
+            requested = Mode(request.fourcc or given.fourcc, request.width or given.width,
+                             request.height or given.height)
             offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
-            self.remarks.append(
-                f'camera {self.name} cannot send {wanted.fourcc} {wanted.size} and sends '
+            self.warnings.append(
+                f'camera {self.name} cannot send {requested.fourcc} {requested.size} and sends '
                 f'{given.fourcc} {given.size} instead; it offers {describe_modes(offered)}')
         if request.fps and abs(self.rate - request.fps) > _RATE_TOLERANCE * request.fps:
             rates = ', '.join(f'{rate:g}' for rate in self._device.rates(given))
-            self.remarks.append(
+            self.warnings.append(
                 f'camera {self.name} cannot send {request.fps:g} Hz and sends {self.rate:g} Hz '
                 f'instead; with {given.fourcc} {given.size} it offers '
                 f'{rates or "only this rate"}')
 
-    def _set_controls(self, wanted: dict[str, int]) -> None:
-        for control in self._device.controls() if wanted else ():
-            if control.name not in wanted:
+    def _set_controls(self, requested: dict[str, int]) -> None:
+        for control in self._device.controls() if requested else ():
+            if control.name not in requested:
                 continue
             try:
-                self.set_control(control, wanted[control.name])
+                self.set_control(control, requested[control.name])
             except UnavailableError as err:
-                self.remarks.append(str(err))
+                self.warnings.append(str(err))
 
-    def _hold_newest(self) -> None:
+    def _keep_newest(self) -> None:
         """
         Dequeue the newest filled buffer and requeue the older ones.
 
         :raises OSError: the device is disconnected.
         """
-        self._give_back()
+        self._requeue()
         filled = 0
-        while (captured := self._device.dequeue()) is not None:
+        while (buffer := self._device.dequeue()) is not None:
             if self._held:
-                self._give_back()
+                self._requeue()
                 self.missed += 1
             if self._sequence >= 0:
-                self.missed += max(0, captured.sequence - self._sequence - 1)
-            self._held, self._sequence = captured, captured.sequence
+                self.missed += max(0, buffer.sequence - self._sequence - 1)
+            self._held, self._sequence = buffer, buffer.sequence
             filled += 1
         if filled == self._device.buffers:
             # All buffers were full, so the driver has dropped newer frames than these. This frame
             # is old; the next one will be the newest.
-            self._give_back()
+            self._requeue()
             self.missed += 1
 
-    def _copy(self, captured: Captured) -> Frame:
+    def _copy(self, buffer: DequeuedBuffer) -> Frame:
         """
         Return a copy of the frame in a buffer.
 
         :raises BrokenFrameError: the driver reports the frame as damaged, or it is incomplete.
         """
-        if captured.broken:
+        if buffer.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
-        stamp_ns, now_ns = captured.stamp_ns, time.monotonic_ns()
+        stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
-        image = read_pixels(self._pixels, self._device.content(captured), self._format.height,
+        image = read_pixels(self._pixels, self._device.content(buffer), self._format.height,
                             self._format.width, self._format.step)
         return Frame(image, self._pixels.encoding, stamp_ns)
 
-    def _give_back(self) -> None:
+    def _requeue(self) -> None:
         """
         Requeue the held buffer.
 
