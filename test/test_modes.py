@@ -16,11 +16,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from opencv_tools.capture import videodev
 from opencv_tools.capture.frame import BrokenFrameError
 from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.capture.pixel_formats import check_fourcc, PIXEL_FORMATS, read_pixels
-from opencv_tools.capture.videodev import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.pixel_formats import (
+    check_fourcc, pack_fourcc, PIXEL_FORMATS, read_pixels, unpack_fourcc,
+)
 from opencv_tools.image.encodings import find_encoding
 import pytest
 
@@ -137,3 +139,25 @@ def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) ->
 def test_a_jpeg_is_left_as_it_is() -> None:
     image = read_pixels(PIXEL_FORMATS['MJPG'], b'\xff\xd8 and so on', 48, 64, 0)
     assert image.tobytes() == b'\xff\xd8 and so on'
+
+
+@pytest.mark.parametrize(('name', 'number'), [
+    ('QUERYCAP', 0x80685600), ('ENUM_FMT', 0xc0405602), ('S_FMT', 0xc0d05605),
+    ('REQBUFS', 0xc0145608), ('QUERYBUF', 0xc0585609), ('QBUF', 0xc058560f),
+    ('DQBUF', 0xc0585611), ('STREAMON', 0x40045612), ('G_PARM', 0xc0cc5615),
+    ('S_PARM', 0xc0cc5616), ('G_CTRL', 0xc008561b), ('S_CTRL', 0xc008561c),
+    ('QUERYMENU', 0xc02c5625), ('ENUM_FRAMESIZES', 0xc02c564a),
+    ('ENUM_FRAMEINTERVALS', 0xc034564b), ('DQEVENT', 0x80885659),
+    ('SUBSCRIBE_EVENT', 0x4020565a), ('QUERY_EXT_CTRL', 0xc0e85667)])
+def test_ioctl_numbers_of_64_bit_linux(name: str, number: int) -> None:
+    assert getattr(videodev, f'VIDIOC_{name}') == number
+
+
+def test_offsets_in_v4l2_structures() -> None:
+    assert videodev.v4l2_format.fmt.offset == 8
+    assert videodev.v4l2_pix_format.bytesperline.offset == 16
+    assert videodev.v4l2_pix_format_mplane.plane_fmt.offset == 20
+    assert videodev.v4l2_buffer.timestamp.offset == 24
+    assert videodev.v4l2_buffer.m.offset == 64
+    assert videodev.v4l2_plane.m.offset == 8
+    assert videodev.v4l2_event.id.offset == 96

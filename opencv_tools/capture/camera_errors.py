@@ -28,7 +28,7 @@ import stat
 from opencv_tools.capture.device import VideoDevice
 from opencv_tools.capture.frame import CaptureError, UnavailableError
 from opencv_tools.capture.sequence import natural_order
-from opencv_tools.capture.videodev import MAJOR
+from opencv_tools.capture.videodev import VIDEO_MAJOR
 from opencv_tools.image.text import printable
 
 
@@ -61,7 +61,7 @@ def check_device(device: Path) -> None:
         raise UnavailableError(
             f'camera {device} does not exist; cameras on this machine: {_present()}. '
             'To run without a camera: source:=pattern') from err
-    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
+    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != VIDEO_MAJOR:
         raise CaptureError(f'{device} is not a camera; cameras on this machine: {_present()}')
 
 

@@ -19,17 +19,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+import enum
 
 from opencv_tools.capture import videodev
-from opencv_tools.capture.videodev import ask, ask_about, ControlType
+from opencv_tools.capture.videodev import ioctl, try_ioctl
 from opencv_tools.image.text import printable
 
-_UNUSABLE = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
-             | videodev.CONTROL_IS_WRITE_ONLY)
+_UNUSABLE = (videodev.V4L2_CTRL_FLAG_DISABLED | videodev.V4L2_CTRL_FLAG_READ_ONLY
+             | videodev.V4L2_CTRL_FLAG_WRITE_ONLY)
 
 # Events that are read in one call. The limit ends the loop when another program changes controls
 # without pause. The kernel queues one event a control.
 _EVENTS = 1000
+
+
+class ControlType(enum.IntEnum):
+    """The values of ``enum v4l2_ctrl_type`` for controls with a single number."""
+
+    INTEGER = 1
+    BOOLEAN = 2
+    MENU = 3
+    INTEGER_MENU = 9
 
 
 @dataclass(frozen=True)
@@ -73,12 +83,12 @@ def list_controls(fd: int) -> Iterator[Control]:
     :param fd: descriptor of an open device.
     :raises OSError: the device is disconnected.
     """
-    query = videodev.ControlQuery(id=videodev.NEXT_CONTROL)
-    while ask_about(fd, videodev.QUERY_EXT_CTRL, query):
+    query = videodev.v4l2_query_ext_ctrl(id=videodev.V4L2_CTRL_FLAG_NEXT_CTRL)
+    while try_ioctl(fd, videodev.VIDIOC_QUERY_EXT_CTRL, query):
         if _is_usable(query):
             _subscribe(fd, query.id)
             yield _describe_control(fd, query)
-        query.id |= videodev.NEXT_CONTROL
+        query.id |= videodev.V4L2_CTRL_FLAG_NEXT_CTRL
 
 
 def changed_controls(fd: int) -> Iterator[Control]:
@@ -91,42 +101,42 @@ def changed_controls(fd: int) -> Iterator[Control]:
     numbers: dict[int, None] = {}
     with suppress(FileNotFoundError):  # ENOENT: no event is left
         for _ in range(_EVENTS):
-            event = videodev.Event()
-            if not ask_about(fd, videodev.DQEVENT, event):
+            event = videodev.v4l2_event()
+            if not try_ioctl(fd, videodev.VIDIOC_DQEVENT, event):
                 break
-            if event.type == videodev.CONTROL_EVENT:
+            if event.type == videodev.V4L2_EVENT_CTRL:
                 numbers[event.id] = None
     for number in numbers:
-        query = videodev.ControlQuery(id=number)
-        if ask_about(fd, videodev.QUERY_EXT_CTRL, query) and _is_usable(query):
+        query = videodev.v4l2_query_ext_ctrl(id=number)
+        if try_ioctl(fd, videodev.VIDIOC_QUERY_EXT_CTRL, query) and _is_usable(query):
             yield _describe_control(fd, query)
 
 
-def _is_usable(query: videodev.ControlQuery) -> bool:
+def _is_usable(query: videodev.v4l2_query_ext_ctrl) -> bool:
     return query.type in list(ControlType) and not query.flags & _UNUSABLE
 
 
 def _subscribe(fd: int, number: int) -> None:
     """Subscribe to the changes of a control, if the driver supports events."""
     with suppress(OSError):
-        ask(fd, videodev.SUBSCRIBE_EVENT, videodev.EventSubscription(
-            videodev.CONTROL_EVENT, number, videodev.OWN_CHANGES_TOO))
+        ioctl(fd, videodev.VIDIOC_SUBSCRIBE_EVENT, videodev.v4l2_event_subscription(
+            videodev.V4L2_EVENT_CTRL, number, videodev.V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK))
 
 
-def _describe_control(fd: int, query: videodev.ControlQuery) -> Control:
+def _describe_control(fd: int, query: videodev.v4l2_query_ext_ctrl) -> Control:
     name = ''.join(char if char.isalnum() else ' ' for char in query.name.decode('latin-1'))
     kind = ControlType(query.type)
     return Control(
         '_'.join(name.lower().split()), query.id, kind, query.minimum, query.maximum, query.step,
         query.default_value, tuple(_menu(fd, query)) if 'MENU' in kind.name else (),
-        not query.flags & videodev.CONTROL_IS_INACTIVE)
+        not query.flags & videodev.V4L2_CTRL_FLAG_INACTIVE)
 
 
-def _menu(fd: int, query: videodev.ControlQuery) -> Iterator[tuple[int, str]]:
+def _menu(fd: int, query: videodev.v4l2_query_ext_ctrl) -> Iterator[tuple[int, str]]:
     """Yield the value and the text of each entry of a menu."""
     for index in range(query.minimum, query.maximum + 1):
-        entry = videodev.MenuQuery(id=query.id, index=index)
-        if ask_about(fd, videodev.QUERYMENU, entry):
+        entry = videodev.v4l2_querymenu(id=query.id, index=index)
+        if try_ioctl(fd, videodev.VIDIOC_QUERYMENU, entry):
             if query.type == ControlType.INTEGER_MENU:
                 raw = bytes(entry)[8:16]
                 yield index, str(int.from_bytes(raw, 'little', signed=True))

@@ -26,37 +26,20 @@ import os
 from pathlib import Path
 import select
 from threading import RLock
-from typing import Any
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.controls import changed_controls, Control, list_controls
-from opencv_tools.capture.modes import Mode
+from opencv_tools.capture.modes import Mode, StreamFormat
 from opencv_tools.capture.offers import list_modes, list_rates, per_second
-from opencv_tools.capture.videodev import ask, ask_about
+from opencv_tools.capture.pixel_formats import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.videodev import ioctl, try_ioctl
 from opencv_tools.image.text import printable
 
 # Enough for the driver to capture while one buffer is read and another one waits to be read.
 _BUFFERS = 4
 
 
-@dataclass(frozen=True)
-class StreamFormat:
-    """
-    The format that a device sends.
-
-    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
-    :param width: width in pixels.
-    :param height: height in pixels.
-    :param step: bytes from the start of one line to the start of the next.
-    """
-
-    fourcc: str
-    width: int
-    height: int
-    step: int
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DequeuedBuffer:
     """
     A filled buffer that the driver has handed over.
@@ -95,21 +78,23 @@ class VideoDevice:
         self._lock = RLock()
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         self._maps: list[mmap.mmap] = []
-        capability = videodev.Capability()
+        capability = videodev.v4l2_capability()
         try:
-            ask(self._fd, videodev.QUERYCAP, capability)
+            ioctl(self._fd, videodev.VIDIOC_QUERYCAP, capability)
         except OSError:
             os.close(self._fd)
             raise
         self.card = printable(capability.card.decode('utf-8', 'replace'))
-        has_own = capability.capabilities & videodev.HAS_DEVICE_CAPS
+        has_own = capability.capabilities & videodev.V4L2_CAP_DEVICE_CAPS
         able = capability.device_caps if has_own else capability.capabilities
-        captures = able & (videodev.CAN_CAPTURE | videodev.CAN_CAPTURE_PLANES)
-        self.can_capture = bool(captures and able & videodev.CAN_STREAM)
+        captures = able & (
+            videodev.V4L2_CAP_VIDEO_CAPTURE | videodev.V4L2_CAP_VIDEO_CAPTURE_MPLANE)
+        self.can_capture = bool(captures and able & videodev.V4L2_CAP_STREAMING)
         # The image processors of some boards only have the multi-planar interface, even for
         # formats with one plane.
-        self._planar = captures == videodev.CAN_CAPTURE_PLANES
-        self._type = videodev.CAPTURE_PLANES if self._planar else videodev.CAPTURE
+        self._is_multiplanar = captures == videodev.V4L2_CAP_VIDEO_CAPTURE_MPLANE
+        self._type = (videodev.V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE if self._is_multiplanar
+                      else videodev.V4L2_BUF_TYPE_VIDEO_CAPTURE)
 
     def close(self) -> None:
         """Stop streaming and close the device. A second call has no effect."""
@@ -152,18 +137,16 @@ class VideoDevice:
 
         :param mode: format and size.
         :returns: the format that the device has set, which may differ.
-        :raises OSError: the device rejects the request; EBUSY when another program streams from
-            the device.
+        :raises OSError: the device rejects the request; EBUSY when another program streams.
         """
-        structure = videodev.PlanarFormat if self._planar else videodev.Format
-        wanted: Any = structure(
-            type=self._type, width=mode.width, height=mode.height,
-            pixelformat=videodev.pack_fourcc(mode.fourcc), field=videodev.FIELD_ANY)
+        request = videodev.v4l2_format(type=self._type)
+        pix = request.fmt.pix_mp if self._is_multiplanar else request.fmt.pix
+        pix.width, pix.height = mode.width, mode.height
+        pix.pixelformat, pix.field = pack_fourcc(mode.fourcc), videodev.V4L2_FIELD_ANY
         with self._opened() as fd:
-            ask(fd, videodev.S_FMT, wanted)
-        step = wanted.planes[0].bytesperline if self._planar else wanted.bytesperline
-        return StreamFormat(
-            videodev.unpack_fourcc(wanted.pixelformat), wanted.width, wanted.height, step)
+            ioctl(fd, videodev.VIDIOC_S_FMT, request)
+        step = (pix.plane_fmt[0] if self._is_multiplanar else pix).bytesperline
+        return StreamFormat(unpack_fourcc(pix.pixelformat), pix.width, pix.height, step)
 
     def set_rate(self, rate: float) -> float:
         """
@@ -173,14 +156,15 @@ class VideoDevice:
         :returns: the rate in Hz that the device has set; 0.0 when the device does not report it.
         :raises OSError: the device is disconnected.
         """
-        parameters = videodev.StreamParameters(type=self._type)
+        parameters = videodev.v4l2_streamparm(type=self._type)
+        capture = parameters.parm.capture
         with self._opened() as fd:
-            if not ask_about(fd, videodev.G_PARM, parameters):
+            if not try_ioctl(fd, videodev.VIDIOC_G_PARM, parameters):
                 return 0.0
-            if parameters.capability & videodev.HAS_TIME_PER_FRAME:
-                parameters.timeperframe = videodev.Fraction(1000, round(rate * 1000))
-                ask_about(fd, videodev.S_PARM, parameters)
-        return per_second(parameters.timeperframe)
+            if capture.capability & videodev.V4L2_CAP_TIMEPERFRAME:
+                capture.timeperframe = videodev.v4l2_fract(1000, round(rate * 1000))
+                try_ioctl(fd, videodev.VIDIOC_S_PARM, parameters)
+        return per_second(capture.timeperframe)
 
     def controls(self, changed: bool = False) -> list[Control]:
         """
@@ -198,9 +182,9 @@ class VideoDevice:
 
         :raises OSError: the device rejects the request.
         """
-        value = videodev.ControlValue(control.number)
+        value = videodev.v4l2_control(control.number)
         with self._opened() as fd:
-            ask(fd, videodev.G_CTRL, value)
+            ioctl(fd, videodev.VIDIOC_G_CTRL, value)
         return int(value.value)
 
     def set_control(self, control: Control, value: int) -> None:
@@ -210,25 +194,25 @@ class VideoDevice:
         :raises OSError: the device rejects the value.
         """
         with self._opened() as fd:
-            ask(fd, videodev.S_CTRL, videodev.ControlValue(control.number, value))
+            ioctl(fd, videodev.VIDIOC_S_CTRL, videodev.v4l2_control(control.number, value))
 
     def start(self) -> None:
         """
         Map the buffers, queue them and start streaming.
 
-        :raises OSError: the device rejects the request; EBUSY when another program streams from
-            the device.
+        :raises OSError: the device rejects the request; EBUSY when another program streams.
         """
         with self._opened() as fd:
-            request = videodev.BufferRequest(_BUFFERS, self._type, videodev.MMAP)
-            ask(fd, videodev.REQBUFS, request)
+            request = videodev.v4l2_requestbuffers(
+                _BUFFERS, self._type, videodev.V4L2_MEMORY_MMAP)
+            ioctl(fd, videodev.VIDIOC_REQBUFS, request)
             for index in range(request.count):
                 buffer, plane = self._make_buffer(index)
-                ask(fd, videodev.QUERYBUF, buffer)
-                self._maps.append(mmap.mmap(
-                    fd, plane.length, prot=mmap.PROT_READ, offset=plane.offset))
+                ioctl(fd, videodev.VIDIOC_QUERYBUF, buffer)
+                offset = plane.m.mem_offset if self._is_multiplanar else plane.m.offset
+                self._maps.append(mmap.mmap(fd, plane.length, prot=mmap.PROT_READ, offset=offset))
                 self.requeue(index)
-            ask(fd, videodev.STREAMON, ctypes.c_int32(self._type))
+            ioctl(fd, videodev.VIDIOC_STREAMON, ctypes.c_int32(self._type))
 
     @property
     def buffers(self) -> int:
@@ -261,15 +245,17 @@ class VideoDevice:
         buffer, plane = self._make_buffer()
         with self._opened() as fd:
             try:
-                ask(fd, videodev.DQBUF, buffer)
+                ioctl(fd, videodev.VIDIOC_DQBUF, buffer)
             except BlockingIOError:
                 return None
-        stamp_ns = buffer.seconds * 10**9 + buffer.microseconds * 1000
-        monotonic = buffer.flags & videodev.BUFFER_CLOCK == videodev.BUFFER_CLOCK_MONOTONIC
+        seconds, microseconds = buffer.timestamp
+        clock = buffer.flags & videodev.V4L2_BUF_FLAG_TIMESTAMP_MASK
+        is_monotonic = clock == videodev.V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC
         return DequeuedBuffer(
-            buffer.index, plane.data_offset if isinstance(plane, videodev.Plane) else 0,
-            plane.bytesused or plane.length, buffer.sequence, stamp_ns if monotonic else 0,
-            bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
+            index=buffer.index, start=plane.data_offset if self._is_multiplanar else 0,
+            stop=plane.bytesused or plane.length, sequence=buffer.sequence,
+            stamp_ns=seconds * 10**9 + microseconds * 1000 if is_monotonic else 0,
+            broken=bool(buffer.flags & videodev.V4L2_BUF_FLAG_ERROR))
 
     def content(self, buffer: DequeuedBuffer) -> bytes:
         """Return a copy of the image in a buffer."""
@@ -283,22 +269,18 @@ class VideoDevice:
         :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
-            ask(fd, videodev.QBUF, self._make_buffer(index)[0])
+            ioctl(fd, videodev.VIDIOC_QBUF, self._make_buffer(index)[0])
 
     def _make_buffer(
         self, index: int = 0,
-    ) -> tuple[videodev.Buffer, videodev.Buffer | videodev.Plane]:
-        """
-        Create the structures that describe a buffer and its only plane.
-
-        :returns: the buffer and its plane; the same object twice unless the device is
-            multi-planar.
-        """
-        buffer = videodev.Buffer(index=index, type=self._type, memory=videodev.MMAP)
-        if not self._planar:
+    ) -> tuple[videodev.v4l2_buffer, videodev.v4l2_buffer | videodev.v4l2_plane]:
+        """Return a buffer and its plane; the same object twice if it is not multi-planar."""
+        buffer = videodev.v4l2_buffer(
+            index=index, type=self._type, memory=videodev.V4L2_MEMORY_MMAP)
+        if not self._is_multiplanar:
             return buffer, buffer
-        planes = (videodev.Plane * 1)()
-        buffer.offset, buffer.length = ctypes.addressof(planes), len(planes)
+        planes = (videodev.v4l2_plane * 1)()
+        buffer.m.planes, buffer.length = planes, len(planes)
         buffer.planes = planes  # a reference that keeps the planes alive
         return buffer, planes[0]
 

@@ -21,7 +21,8 @@ import itertools
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.modes import Mode
-from opencv_tools.capture.videodev import ask_about
+from opencv_tools.capture.pixel_formats import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.videodev import try_ioctl
 
 
 def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mode]:
@@ -29,16 +30,16 @@ def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mod
     Yield the formats and sizes of an open device.
 
     :param fd: descriptor of the device.
-    :param buffer_type: ``videodev.CAPTURE`` or ``CAPTURE_PLANES``.
+    :param buffer_type: ``V4L2_BUF_TYPE_VIDEO_CAPTURE`` or ``V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE``.
     :param near: width and height in pixels; for a format with a range of sizes, only the size
         nearest to ``near`` is yielded.
     :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
-        description = videodev.FormatDescription(index=index, type=buffer_type)
-        if not ask_about(fd, videodev.ENUM_FMT, description):
+        description = videodev.v4l2_fmtdesc(index=index, type=buffer_type)
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FMT, description):
             return
-        fourcc = videodev.unpack_fourcc(description.pixelformat)
+        fourcc = unpack_fourcc(description.pixelformat)
         for size in _sizes(fd, fourcc, near):
             yield Mode(fourcc, *size)
 
@@ -54,16 +55,19 @@ def list_rates(fd: int, mode: Mode) -> Iterator[float]:
     :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
-        interval = videodev.FrameInterval(
-            index=index, pixelformat=videodev.pack_fourcc(mode.fourcc),
+        interval = videodev.v4l2_frmivalenum(
+            index=index, pixel_format=pack_fourcc(mode.fourcc),
             width=mode.width, height=mode.height)
-        if not ask_about(fd, videodev.ENUM_FRAMEINTERVALS, interval):
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FRAMEINTERVALS, interval):
             return
-        ends = 1 if interval.type == videodev.DISCRETE else 2
-        yield from map(per_second, interval.fractions[:ends])
+        if interval.type == videodev.V4L2_FRMIVAL_TYPE_DISCRETE:
+            yield per_second(interval.discrete)
+        else:
+            yield per_second(interval.stepwise.min)
+            yield per_second(interval.stepwise.max)
 
 
-def per_second(interval: videodev.Fraction) -> float:
+def per_second(interval: videodev.v4l2_fract) -> float:
     """Return the rate of a frame interval in Hz; 0.0 when the device does not report it."""
     return interval.denominator / interval.numerator if interval.numerator else 0.0
 
@@ -71,16 +75,17 @@ def per_second(interval: videodev.Fraction) -> float:
 def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, int]]:
     """Yield the sizes of a format; ``near`` itself when the device does not report sizes."""
     for index in itertools.count():
-        size = videodev.FrameSize(index=index, pixelformat=videodev.pack_fourcc(fourcc))
-        if not ask_about(fd, videodev.ENUM_FRAMESIZES, size):
+        size = videodev.v4l2_frmsizeenum(index=index, pixel_format=pack_fourcc(fourcc))
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FRAMESIZES, size):
             if index == 0:
                 yield near
             return
-        if size.type == videodev.DISCRETE:
-            yield size.numbers[0], size.numbers[1]
+        if size.type == videodev.V4L2_FRMSIZE_TYPE_DISCRETE:
+            yield size.discrete.width, size.discrete.height
         else:
-            yield (_round_down(near[0], *size.numbers[:3]),
-                   _round_down(near[1], *size.numbers[3:]))
+            steps = size.stepwise
+            yield (_round_down(near[0], steps.min_width, steps.max_width, steps.step_width),
+                   _round_down(near[1], steps.min_height, steps.max_height, steps.step_height))
 
 
 def _round_down(number: int, least: int, most: int, step: int) -> int:

@@ -29,6 +29,10 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
 
+# Flag in the number of a pixel format with big-endian words: v4l2_fourcc_be().
+_BIG_ENDIAN = 1 << 31
+_BIG_ENDIAN_SUFFIX = '-BE'
+
 #: Function that converts a buffer to an array: data, height and width in pixels, bytes a line.
 Reader = Callable[[bytes, int, int, int], NDArray[Any]]
 
@@ -105,6 +109,19 @@ def check_fourcc(text: str) -> None:
     """
     if text and text not in PIXEL_FORMATS:
         raise ValueError(f'give a supported pixel format: {", ".join(PIXEL_FORMATS)}')
+
+
+def pack_fourcc(text: str) -> int:
+    """Return the V4L2 number of a pixel format from its text, as ``unpack_fourcc`` writes it."""
+    letters = text.removesuffix(_BIG_ENDIAN_SUFFIX)
+    number = int.from_bytes(letters.ljust(4).encode('latin-1'), 'little')
+    return number if letters == text else number | _BIG_ENDIAN
+
+
+def unpack_fourcc(number: int) -> str:
+    """Return a pixel format as text without trailing blanks, with ``-BE`` if big-endian."""
+    letters = (number & ~_BIG_ENDIAN).to_bytes(4, 'little').decode('latin-1').rstrip()
+    return letters + _BIG_ENDIAN_SUFFIX if number & _BIG_ENDIAN else letters
 
 
 def read_pixels(
