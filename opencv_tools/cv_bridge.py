@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.cdr import image_to_cdr, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import parse_format, stored_encoding
-from opencv_tools.image.display import Colormap, finite_limits, show
+from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
 )
@@ -268,12 +268,12 @@ class CvBridge:
         :raises CvBridgeError: the codec is unknown, or cannot store the array without a
             conversion.
         """
-        wanted = parse_format(dst_format)
-        declared = _declared(cvim, wanted.original or 'passthrough')
+        target = parse_format(dst_format)
+        declared = _declared(cvim, target.original or 'passthrough')
         picture = np.ascontiguousarray(cvim, declared.dtype)
-        if wanted.stored:
-            picture = convert_to(picture, declared, wanted.stored)
-        content = _pictures().encode_picture(picture, f'.{wanted.codec}', quality)
+        if target.stored:
+            picture = convert_to(picture, declared, target.stored)
+        content = _pictures().encode_picture(picture, f'.{target.codec}', quality)
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
@@ -330,8 +330,8 @@ def cvtColorForDisplay(
         limits = finite_limits(source)
     elif min_image_value != max_image_value:
         limits = min_image_value, max_image_value
-    return show(source.reshape(source.shape[:2]) if declared.channels == 1 else source,
-                declared, encoding_out, limits, _colormap(colormap))
+    image = source.reshape(source.shape[:2]) if declared.channels == 1 else source
+    return to_display_image(image, declared, encoding_out, limits, _colormap(colormap))
 
 
 def _colormap(number: int) -> Colormap | None:

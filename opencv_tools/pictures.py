@@ -27,14 +27,13 @@ from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import (
-    BEGINS as JPEG_BEGINS, check_jpeg, ENDS as JPEG_ENDS, jpeg_size, JpegError,
-    with_more_pixels,
+    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, JpegError, with_extra_data,
 )
 from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
 from opencv_tools.image.text import printable
 
 
-class PictureError(ImageError):
+class CodecError(ImageError):
     """An image file cannot be encoded or decoded. The message contains the reason."""
 
 
@@ -80,8 +79,7 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
 _MAX_NAME = 80  # characters of an unknown format in an error message
-_SCAN_BEGINS = b'\xff\xda'
-_FILLING = 128
+_FILL_GRAY = 128  # of libjpeg, in all channels
 
 
 def encode_picture(
@@ -95,36 +93,36 @@ def encode_picture(
     :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for JPEG).
     :param compression: compression level of PNG, 0 (none) to 9; 1 is the fastest that compresses.
     :returns: content of the file, (n,) uint8.
-    :raises PictureError: the format is unknown, or cannot store the image without a conversion.
+    :raises CodecError: the format is unknown, or cannot store the image without a conversion.
     """
     type_name = generic_encoding(image).name
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
     if suffix not in FORMATS:
-        raise PictureError(
+        raise CodecError(
             f"unknown picture format '{printable(suffix[1:], _MAX_NAME)}'; give one of "
             f'{", ".join(known[1:] for known in FORMATS)}')
     if type_name not in FORMATS[suffix]:
         able = [known[1:] for known, types in FORMATS.items() if type_name in types]
-        raise PictureError(
+        raise CodecError(
             f'{described} cannot be stored as {suffix[1:]}; '
             + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
     if not image.size:
-        raise PictureError(f'{described} is empty and cannot be encoded')
+        raise CodecError(f'{described} is empty and cannot be encoded')
     options: tuple[int, ...] = _OPTIONS.get(suffix, ())
     if suffix == '.png':
         options = (_FAST_PNG if compression == 1
                    else (cv2.IMWRITE_PNG_COMPRESSION, compression))
     if quality is not None:
         if suffix not in _QUALITY or not 1 <= quality <= 100:
-            raise PictureError(f'quality {quality} is invalid for {suffix[1:]}; only jpg and webp '
-                               'have a quality, from 1 to 100')
+            raise CodecError(f'quality {quality} is invalid for {suffix[1:]}; only jpg and webp '
+                             'have a quality, from 1 to 100')
         options = (_QUALITY[suffix], quality)
     try:
         encoded, content = cv2.imencode(suffix, image, options)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
+        raise CodecError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
     if not encoded:
-        raise PictureError(f'OpenCV cannot encode {described} as {suffix[1:]}')
+        raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
     data: NDArray[np.uint8] = content.reshape(-1)
     return data
 
@@ -139,49 +137,49 @@ def decode_picture(
     :param upright: whether to rotate a JPEG by its Exif orientation.
     :param max_pixels: largest allowed number of pixels; the header is checked before decoding.
     :returns: a new array: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA.
-    :raises PictureError: the content is not an image file, is incomplete, or has too many pixels.
+    :raises CodecError: the content is not an image file, is incomplete, or has too many pixels.
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
     try:
         check_size(*picture_size(content), max_pixels)
     except SizeError as err:
-        raise PictureError(str(err)) from err
-    is_jpeg = content.startswith(JPEG_BEGINS)
-    scan_end = check_whole(content) if is_jpeg else 0
+        raise CodecError(str(err)) from err
+    is_jpeg = content.startswith(JPEG_SOI)
+    scan_end = check_complete(content) if is_jpeg else 0
     # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
     # channels, but not those of a JPEG.
     flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
              else cv2.IMREAD_UNCHANGED)
     try:
         image = _decode(content, flags)
-        more = (_decode(with_more_pixels(content, scan_end), flags)
-                if is_jpeg and image is not None and _has_filling(image) else image)
+        extended = (_decode(with_extra_data(content, scan_end), flags)
+                    if is_jpeg and image is not None and _has_fill_gray(image) else image)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be decoded as a picture: {err.err}') from err
+        raise CodecError(f'{described} cannot be decoded as a picture: {err.err}') from err
     if image is None:
-        raise PictureError(f'{described} are not a picture that OpenCV can read')
-    if more is not image and (more is None or not np.array_equal(image, more)):
-        raise PictureError(f'{described} of a JPEG picture whose end is missing')
+        raise CodecError(f'{described} are not a picture that OpenCV can read')
+    if extended is not image and (extended is None or not np.array_equal(image, extended)):
+        raise CodecError(f'{described} of a JPEG picture whose end is missing')
     return image
 
 
-def check_whole(jpeg: bytes) -> int:
+def check_complete(jpeg: bytes) -> int:
     """
     Check that a JPEG is complete, as far as that is possible without decoding.
 
     :param jpeg: content of the file.
     :returns: offset after the data of the last scan.
-    :raises PictureError: the JPEG is incomplete or damaged.
+    :raises CodecError: the JPEG is incomplete or damaged.
     """
-    end = jpeg.rfind(JPEG_ENDS)  # the last one, because a thumbnail has its own end marker
-    if end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0:
-        raise PictureError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
+    end = jpeg.rfind(JPEG_EOI)  # the last one, because a thumbnail has its own end marker
+    if end < 0 or jpeg.find(JPEG_SOS, end) >= 0:
+        raise CodecError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
     try:
         jpeg_size(jpeg)
         return check_jpeg(jpeg)
     except JpegError as err:
-        raise PictureError(f'{len(jpeg)} bytes of {err}') from err
+        raise CodecError(f'{len(jpeg)} bytes of {err}') from err
 
 
 def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
@@ -189,9 +187,9 @@ def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
     return image
 
 
-def _has_filling(image: NDArray[Any]) -> bool:
+def _has_fill_gray(image: NDArray[Any]) -> bool:
     """Return whether a corner pixel has the gray that libjpeg writes for missing pixels."""
-    return any((image[row, column] == _FILLING).all() for row in (0, -1) for column in (0, -1))
+    return any((image[row, column] == _FILL_GRAY).all() for row in (0, -1) for column in (0, -1))
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
@@ -206,8 +204,8 @@ def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> 
     """
     code = _conversion_code(source, target)
     # OpenCV returns arbitrary pixels for YUV with an odd width.
-    half_a_pair = source.kind == 'yuv' and image.shape[1] % 2
-    if code is None or half_a_pair or not image.size:
+    has_odd_width = source.kind == 'yuv' and image.shape[1] % 2
+    if code is None or has_odd_width or not image.size:
         return convert(image, source, target)
     converted: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
     return converted
@@ -232,10 +230,10 @@ def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     :param gray: (h, w) uint8 array.
     :param colormap: number of the colormap, such as ``cv2.COLORMAP_JET``.
     :returns: (h, w, 3) uint8 array in BGR.
-    :raises PictureError: the colormap is unknown.
+    :raises CodecError: the colormap is unknown.
     """
     try:
         colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)
     except cv2.error as err:
-        raise PictureError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
+        raise CodecError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
     return colored

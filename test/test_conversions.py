@@ -135,7 +135,7 @@ def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
 def sizes_of(encoding: str) -> list[tuple[int, int]]:
     """Give the sizes that an encoding can have."""
     found = find_encoding(encoding)
-    columns, rows = 2 if found.kind == 'yuv' else 1, 2 if found.planes == 1.5 else 1
+    columns, rows = 2 if found.kind == 'yuv' else 1, 2 if found.row_factor == 1.5 else 1
     return [(height, width) for height, width in SIZES
             if not width % columns and not height % rows]
 

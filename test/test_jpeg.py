@@ -19,7 +19,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size, JpegError
-from opencv_tools.pictures import decode_picture, PictureError
+from opencv_tools.pictures import CodecError, decode_picture
 import pytest
 
 ENDS = b'\xff\xd9'
@@ -75,7 +75,7 @@ def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
 def test_a_scan_that_breaks_off_is_no_picture(
         kind: str, part: float, channels: int, upright: bool) -> None:
     jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
-    with pytest.raises(PictureError, match=r'whose end is missing$'):
+    with pytest.raises(CodecError, match=r'whose end is missing$'):
         decode_picture(broken_off(jpeg, part), upright)
 
 
@@ -87,7 +87,7 @@ def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
     assert len(ends) > 8
     for place in ends:
         for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
-            with pytest.raises(PictureError, match=r'whose end is missing$'):
+            with pytest.raises(CodecError, match=r'whose end is missing$'):
                 decode_picture(data)
 
 

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
-from opencv_tools.pictures import decode_picture, PictureError
+from opencv_tools.pictures import CodecError, decode_picture
 from opencv_tools.ros.received_frames import message_to_frame
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
@@ -77,7 +77,7 @@ def test_the_size_is_that_of_the_picture_that_opencv_reads(suffix: str) -> None:
 def test_a_picture_that_is_too_large_is_refused(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
     assert decode_picture(data, max_pixels=53 * 37).shape[:2] == (37, 53)
-    with pytest.raises(PictureError, match=r'^53x37 pixels are more than max_pixels=1960$'):
+    with pytest.raises(CodecError, match=r'^53x37 pixels are more than max_pixels=1960$'):
         decode_picture(data, max_pixels=53 * 37 - 1)
 
 
@@ -111,7 +111,7 @@ def test_the_size_is_the_largest_that_is_told(data: bytes, size: tuple[int, int]
 def test_what_tells_no_size_is_not_decoded(data: bytes) -> None:
     with pytest.raises(SizeError, match=f'^{len(data)} bytes '):
         picture_size(data)
-    with pytest.raises(PictureError):
+    with pytest.raises(CodecError):
         decode_picture(data)
 
 
@@ -161,10 +161,10 @@ def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None
     script = ('import pathlib, resource, sys\n'
               'from opencv_tools.capture.frame import BrokenFrameError\n'
               'from opencv_tools.capture.sequence import PictureSequence\n'
-              'from opencv_tools.pictures import decode_picture, PictureError\n'
+              'from opencv_tools.pictures import CodecError, decode_picture\n'
               'path = pathlib.Path(sys.argv[1])\n'
               'try: decode_picture(path.read_bytes())\n'
-              'except PictureError as err: print(err)\n'
+              'except CodecError as err: print(err)\n'
               'try: PictureSequence([path], "").read()\n'
               'except BrokenFrameError as err: print(err)\n'
               'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)')

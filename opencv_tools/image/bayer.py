@@ -81,15 +81,15 @@ def _fill_inner(
     for parity, count in ((0, (rows - 2) // 2), (1, (rows - 1) // 2)):
         colors_of_row = pattern[2 * parity:2 * parity + 2]
         present = colors_of_row.strip('g')
-        lacking = 'b' if present == 'r' else 'r'
+        missing = 'b' if present == 'r' else 'r'
         above_and_below = planes[1 - parity]
         vertical = [_flat(plane, 0, count) + _flat(plane, 1, count) for plane in above_and_below]
         filled = []
         for column, site in enumerate(colors_of_row):
             own, other = (_flat(planes[parity][index], 1 - parity, count)
                           for index in (column, 1 - column))
-            values = fill(site, present, lacking, target, own, _beside(other, column),
-                          vertical[column], _beside(vertical[1 - column], column))
+            values = fill(site, present, missing, target, own, _horizontal_sum(other, column),
+                          vertical[column], _horizontal_sum(vertical[1 - column], column))
             filled.append([value.reshape(count, width) for value in values])
         write_columns(filled, colors[2 - parity:-1:2])
 
@@ -112,7 +112,7 @@ def _flat(plane: NDArray[Any], first: int, count: int) -> NDArray[Any]:
     return plane[first:first + count].reshape(-1)
 
 
-def _beside(other: NDArray[Any], column: int) -> NDArray[Any]:
+def _horizontal_sum(other: NDArray[Any], column: int) -> NDArray[Any]:
     """
     Return the sum of the left and the right neighbour of each pixel of some columns.
 
@@ -126,7 +126,7 @@ def _beside(other: NDArray[Any], column: int) -> NDArray[Any]:
 
 
 def _fill_colors(
-    site: str, present: str, lacking: str, target: str,
+    site: str, present: str, missing: str, target: str,
     own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
 ) -> list[NDArray[Any]]:
     """
@@ -134,7 +134,7 @@ def _fill_colors(
 
     :param site: colour of the pixels in the mosaic.
     :param present: the colour other than green in the rows of the pixels.
-    :param lacking: the colour that is missing in the rows of the pixels.
+    :param missing: the colour that is missing in the rows of the pixels.
     :param target: channels in order.
     :param own: values of the pixels.
     :param across: sums of the left and right neighbours.
@@ -143,23 +143,23 @@ def _fill_colors(
     :returns: an array for each channel except alpha.
     """
     if site == 'g':
-        means = {'g': own, present: _mean(across, 1), lacking: _mean(vertical, 1)}
+        means = {'g': own, present: _mean(across, 1), missing: _mean(vertical, 1)}
     else:
-        means = {site: own, 'g': _mean(across + vertical, 2), lacking: _mean(diagonal, 2)}
+        means = {site: own, 'g': _mean(across + vertical, 2), missing: _mean(diagonal, 2)}
     return [means[channel] for channel in target[:3]]
 
 
 def _fill_gray(
-    site: str, present: str, lacking: str, _: str,
+    site: str, present: str, missing: str, _: str,
     own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
 ) -> list[NDArray[Any]]:
     """Return the gray of the pixels with one colour; parameters as for ``_fill_colors``."""
     if site == 'g':
         shift = 15
-        sums = {'g': own, present: across, lacking: vertical}
+        sums = {'g': own, present: across, missing: vertical}
     else:
         shift = 16
-        sums = {site: own, 'g': across + vertical, lacking: diagonal}
+        sums = {site: own, 'g': across + vertical, missing: diagonal}
     # The pixel itself has the weight of two or four neighbours, because the others are sums.
     weights = {**_GRAY_WEIGHTS, site: _GRAY_WEIGHTS[site] << (shift - 14)}
     # Without dtype, numpy 1 chooses the type by value and multiplies in 16 bits.

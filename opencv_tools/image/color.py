@@ -91,15 +91,16 @@ def _check_conversion(source: Encoding, target: Encoding) -> None:
 
     :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
-    if source.kind and target.kind == 'color':
+    if not source.is_generic and target.kind == 'color':
         return
-    if source.kind and target.kind:
+    if not source.is_generic and not target.is_generic:
         raise ConversionError(
             f'Unsupported conversion from [{source.name}] to [{target.name}]')
-    if target.kind:
+    if not target.is_generic:
         raise ConversionError(f'[{source.name}] is not a color format. but [{target.name}] is. '
                               'The conversion does not make sense')
-    if source.kind and (source.channels != target.channels or source.planes != 1):
+    if not source.is_generic and (
+            source.channels != target.channels or source.row_factor != 1):
         raise ConversionError(
             f'[{source.name}] is a color format but [{target.name}] is not so they must have '
             'the same OpenCV type, CV_8UC3, CV16UC1 ....')

@@ -68,13 +68,13 @@ def stored_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
     :returns: the encoding in the format string if it fits the array; otherwise gray, BGR or BGRA.
     :raises EncodingError: OpenCV has no type like that of the array.
     """
-    told = parse_format(format_text)
+    parsed = parse_format(format_text)
     actual = generic_encoding(picture)
-    for name in (told.stored, told.original):
+    for name in (parsed.stored, parsed.original):
         try:
             found = find_encoding(name)
         except EncodingError:
             continue
-        if (found.dtype, found.channels, found.planes) == (actual.dtype, actual.channels, 1):
+        if (found.dtype, found.channels, found.row_factor) == (actual.dtype, actual.channels, 1):
             return found
     return picture_encoding(picture)

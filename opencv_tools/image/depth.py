@@ -41,11 +41,11 @@ def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
     :param dtype: numpy name of the new type, such as ``'uint8'``.
     :returns: a new contiguous array; ``image`` itself if it already has the type.
     """
-    wanted = np.dtype(dtype)
-    if image.dtype == wanted:
+    target = np.dtype(dtype)
+    if image.dtype == target:
         return image
-    changed = np.empty(image.shape, wanted)
-    convert = _find_conversion(image.dtype, wanted)
+    changed = np.empty(image.shape, target)
+    convert = _find_conversion(image.dtype, target)
     # NaN and infinity are valid results and need no warning: 1e300 becomes infinity in float32.
     with np.errstate(over='ignore', invalid='ignore'):
         for rows in row_blocks(*image.shape[:2]):

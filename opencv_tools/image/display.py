@@ -49,8 +49,8 @@ _FLOAT_COLORS = {1: 'mono8', 3: 'bgr8', 4: 'bgra8'}
 Colormap = Callable[[NDArray[Any]], NDArray[Any]]
 
 
-def show(
-    image: NDArray[Any], source: Encoding, wanted: str,
+def to_display_image(
+    image: NDArray[Any], source: Encoding, target_name: str,
     limits: tuple[float, float] | None = None, colormap: Colormap | None = None,
 ) -> NDArray[Any]:
     """
@@ -64,15 +64,15 @@ def show(
 
     :param image: (h, w) or (h, w, c) array of any byte order, which is not changed.
     :param source: encoding of the image.
-    :param wanted: encoding of the result: an 8-bit colour encoding or ``'mono8'``; ``''`` for
-        ``'bgr8'``.
+    :param target_name: name of the encoding of the result: 8-bit colours or ``'mono8'``; ``''``
+        for ``'bgr8'``.
     :param limits: the numbers that become black and white; all pixels become 128 if both are
         equal.
     :param colormap: function that converts (h, w) uint8 to (h, w, 3) BGR; NaN becomes black.
     :returns: a new contiguous uint8 array: (h, w) for ``'mono8'``, (h, w, c) otherwise.
     :raises ConversionError: the encoding cannot be displayed, or the conversion is not supported.
     """
-    target = _find_target(wanted)
+    target = _find_target(target_name)
     if target.name == 'bgr8' and source.name == _LABELS:
         return _color_labels(image)
     is_float = np.dtype(source.dtype).kind == 'f'
@@ -82,14 +82,14 @@ def show(
         if source.channels != 1 and not (is_float and source.channels in _FLOAT_COLORS):
             raise ConversionError('cv_bridge.cvtColorForDisplay() scaling for images '
                                   'with more than one channel is unsupported')
-        shown, encoding = _spread(image, limits), _FLOAT_COLORS[source.channels]
-        if colormap and shown.ndim == 2:
-            shown, encoding = colormap(shown), 'bgr8'
+        scaled_image, encoding = _normalize(image, limits), _FLOAT_COLORS[source.channels]
+        if colormap and scaled_image.ndim == 2:
+            scaled_image, encoding = colormap(scaled_image), 'bgr8'
             if is_float:
-                shown[np.isnan(image)] = 0
-        return convert(shown, find_encoding(encoding), target)
+                scaled_image[np.isnan(image)] = 0
+        return convert(scaled_image, find_encoding(encoding), target)
     try:
-        return convert(image, source if source.kind else picture_encoding(image), target)
+        return convert(image, picture_encoding(image) if source.is_generic else source, target)
     except ConversionError as err:
         raise ConversionError(
             f'cv_bridge.cvtColorForDisplay() while trying to convert image from '
@@ -102,13 +102,13 @@ def finite_limits(image: NDArray[Any]) -> tuple[float, float]:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _find_target(wanted: str) -> Encoding:
+def _find_target(target_name: str) -> Encoding:
     """
     Return the encoding for display.
 
     :raises ConversionError: the encoding is not 8-bit colour or gray.
     """
-    target = ENCODINGS.get(wanted or 'bgr8')
+    target = ENCODINGS.get(target_name or 'bgr8')
     if target is None or target.kind != 'color' or target.dtype != 'uint8':
         raise ConversionError('cv_bridge.cvtColorForDisplay() does not have an output encoding '
                               'that is color or mono, and has is bit in depth')
@@ -122,7 +122,7 @@ def _color_labels(labels: NDArray[Any]) -> NDArray[Any]:
     return colors
 
 
-def _spread(image: NDArray[Any], limits: tuple[float, float]) -> NDArray[Any]:
+def _normalize(image: NDArray[Any], limits: tuple[float, float]) -> NDArray[Any]:
     """Return numbers scaled linearly from two limits to 0 and 255, and clipped to that range."""
     least, greatest = limits
     if least == greatest:

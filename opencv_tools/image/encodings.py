@@ -40,21 +40,26 @@ class Encoding:
     :param name: name in the message, such as ``'bgr8'`` or ``'32FC1'``.
     :param dtype: numpy name of the type of a channel, such as ``'uint8'``.
     :param channels: values of a pixel in a row of the message.
-    :param kind: ``'color'`` for gray, RGB and BGR; ``'bayer'``; ``'yuv'``; ``''`` for a generic
-        type, whose numbers have no defined meaning.
+    :param kind: ``'color'`` for gray, RGB and BGR; ``'bayer'``; ``'yuv'``; ``'generic'`` for a
+        type whose numbers have no defined meaning.
     :param order: order of the values. Colour: the channels, such as ``'bgra'``, and ``'y'`` for
         gray. Bayer: the colours of two rows, such as ``'rggb'``. Packed YUV: the bytes of two
         pixels, ``'uyvy'`` or ``'yuyv'``. YUV with separate chroma rows: the name, as ``'nv12'``.
-    :param planes: rows of data for a row of the image; above 1 if chroma rows follow the luma
+    :param row_factor: rows of data for a row of the image; above 1 if chroma rows follow the luma
         rows.
     """
 
     name: str
     dtype: str
     channels: int
-    kind: str = ''
+    kind: str = 'generic'
     order: str = ''
-    planes: float = 1
+    row_factor: float = 1
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether this is a generic type, such as ``8UC3``."""
+        return self.kind == 'generic'
 
     @property
     def pixel_bytes(self) -> int:
@@ -63,19 +68,19 @@ class Encoding:
 
     def rows(self, height: int) -> int:
         """Return the rows of data of an image with some height."""
-        return int(height * self.planes)
+        return int(height * self.row_factor)
 
     def height(self, rows: int) -> int:
         """Return the height of an image with some rows of data."""
-        return int(rows / self.planes)
+        return int(rows / self.row_factor)
 
     def has_layout_of(self, other: Encoding) -> bool:
         """Return whether two encodings are equal except for their names: yuyv and yuv422_yuy2."""
         return replace(self, name=other.name) == other
 
-    def is_possible(self, height: int, width: int) -> bool:
+    def is_valid_size(self, height: int, width: int) -> bool:
         """Return whether the size is valid for the chroma subsampling of this encoding."""
-        return self.planes != 1.5 or not (height % 2 or width % 2)
+        return self.row_factor != 1.5 or not (height % 2 or width % 2)
 
 
 _BAYER = tuple(
@@ -196,7 +201,7 @@ def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
                             f'but image has incompatible type {actual.name}')
     rows, width = image.shape[:2]
     height = declared.height(rows)
-    if declared.rows(height) != rows or not declared.is_possible(height, width):
+    if declared.rows(height) != rows or not declared.is_valid_size(height, width):
         raise EncodingError(f'encoding specified as {name}, '
                             f'but image has {rows} rows of {width} pixels, which do not fit it')
     return declared

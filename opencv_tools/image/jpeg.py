@@ -25,12 +25,14 @@ from typing import NamedTuple
 import numpy as np
 from opencv_tools.image.errors import ImageError
 
-BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
+#: Markers: start of image, start of scan, end of image.
+JPEG_SOI, JPEG_SOS, JPEG_EOI = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 # Start-of-frame markers SOF0 to SOF15, without DHT, JPG and DAC, which lie between them.
-_FRAMES = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
+_SOF = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
 _SEQUENTIAL, _PROGRESSIVE = frozenset((0xc0, 0xc1)), 0xc2
-_TABLES, _BEGIN, _END, _SCAN = 0xc4, 0xd8, 0xd9, 0xda
+# Second bytes of markers.
+_DHT, _SOI, _EOI, _SOS = 0xc4, 0xd8, 0xd9, 0xda
 _STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
 # A marker as libjpeg finds it. libjpeg skips all bytes before a marker.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
@@ -38,11 +40,11 @@ _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
 # marker and a fill byte do not.
 _ENDS_A_SCAN = np.ones(256, np.bool_)
 _ENDS_A_SCAN[[0x00, *range(0xd0, 0xd8), 0xff]] = False
-_BLOCK = 1 << 16  # bytes of a scan that are searched at once
+_CHUNK_BYTES = 1 << 16  # bytes of a scan that are searched at once
 _MAX_SEGMENTS = 1000  # largest number of segments before the size, and again after it
-_LENGTHS = 16  # longest code of a Huffman table in bits
+_MAX_CODE_BITS = 16  # longest code of a Huffman table in bits
 # Bytes that decode to many different blocks and contain no marker.
-_RUBBISH = bytes(range(0x11, 0xff)) * 8
+_EXTRA_DATA = bytes(range(0x11, 0xff)) * 8
 
 
 class JpegError(ImageError):
@@ -77,7 +79,7 @@ class _Segment(NamedTuple):
 
 
 @dataclass
-class _Scans:
+class _ScanState:
     """The state of the check of a JPEG after some of its segments."""
 
     frame: _Frame | None = None
@@ -116,7 +118,7 @@ def _find_frame(jpeg: bytes) -> _Frame:
     """
     try:
         for segment in _segments(jpeg):
-            if segment.marker in _FRAMES:
+            if segment.marker in _SOF:
                 return _read_frame(segment.marker, jpeg[segment.start:segment.end])
     except struct.error:
         pass
@@ -134,15 +136,15 @@ def check_jpeg(jpeg: bytes) -> int:
     :returns: offset after the data of the last scan.
     :raises JpegError: a header, a scan or the end is missing, or a scan is too short.
     """
-    found = _Scans()
+    found = _ScanState()
     try:
         for segment in _segments(jpeg, 2 * _MAX_SEGMENTS):
             content = jpeg[segment.start:segment.end]
-            if segment.marker in _FRAMES:
+            if segment.marker in _SOF:
                 found.frame = _read_frame(segment.marker, content)
-            elif segment.marker == _TABLES:
+            elif segment.marker == _DHT:
                 _read_tables(content, found.shortest)
-            elif segment.marker == _SCAN:
+            elif segment.marker == _SOS:
                 _read_scan(content, segment, found)
     except (struct.error, KeyError) as err:
         raise JpegError('a JPEG picture that is damaged') from err
@@ -154,7 +156,7 @@ def check_jpeg(jpeg: bytes) -> int:
     return found.ends
 
 
-def with_more_pixels(jpeg: bytes, scan_end: int) -> bytes:
+def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     """
     Return a JPEG with meaningless data after its last scan.
 
@@ -164,12 +166,12 @@ def with_more_pixels(jpeg: bytes, scan_end: int) -> bytes:
     :param jpeg: content of the file.
     :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
-    following = (_restarts(jpeg[:scan_end]) + 1) % 8
+    following = (_last_restart(jpeg[:scan_end]) + 1) % 8
     restart = bytes((0xff, 0xd0 + following))
-    return b''.join((jpeg[:scan_end], _RUBBISH, restart, _RUBBISH, jpeg[scan_end:]))
+    return b''.join((jpeg[:scan_end], _EXTRA_DATA, restart, _EXTRA_DATA, jpeg[scan_end:]))
 
 
-def _restarts(scan: bytes) -> int:
+def _last_restart(scan: bytes) -> int:
     """Return the number of the last restart marker, 0 to 7; -1 if there is none."""
     last = max((scan.rfind(bytes((0xff, 0xd0 + number))), number) for number in range(8))
     return last[1] if last[0] >= 0 else -1
@@ -184,15 +186,15 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     :raises JpegError: there are more markers, or the end marker is missing.
     :raises struct.error: a segment is damaged.
     """
-    position = len(BEGINS)
+    position = len(JPEG_SOI)
     for _ in range(most):
         found = _MARKER.search(jpeg, position)
         if not found:
             raise JpegError('a JPEG picture whose end is missing')
         marker, position = found[1][0], found.end()
-        if marker == _END:
+        if marker == _EOI:
             return
-        if marker == _BEGIN:
+        if marker == _SOI:
             raise struct.error('a second beginning')
         if marker in _STANDALONE:
             continue
@@ -200,7 +202,7 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
         start, end = position + 2, position + length
         if length < 2 or end > len(jpeg):
             raise struct.error('a segment that is longer than the rest')
-        if marker == _SCAN:
+        if marker == _SOS:
             position, stuffed = _read_data(jpeg, end)
             yield _Segment(marker, start, end, position, stuffed)
         else:
@@ -220,8 +222,8 @@ def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
     """
     data = np.frombuffer(jpeg, np.uint8)
     stuffed = 0
-    for begin in range(start, len(data) - 1, _BLOCK):
-        block = data[begin:begin + _BLOCK + 1]
+    for begin in range(start, len(data) - 1, _CHUNK_BYTES):
+        block = data[begin:begin + _CHUNK_BYTES + 1]
         positions = np.flatnonzero(block[:-1] == 0xff)
         following = block[1:][positions]
         markers = np.flatnonzero(_ENDS_A_SCAN[following])
@@ -258,7 +260,7 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
     position = 0
     while position < len(content):
         table, *counts = struct.unpack_from('17B', content, position)
-        position += 1 + _LENGTHS
+        position += 1 + _MAX_CODE_BITS
         symbols = content[position:position + sum(counts)]
         if len(symbols) != sum(counts):
             raise struct.error('a table that breaks off')
@@ -268,7 +270,7 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
             (length + (symbol & 15) for length, symbol in zip(lengths, symbols)), default=0)
 
 
-def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
+def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
     """
     Check the length of a scan, and add the scan to the state.
 

@@ -53,7 +53,7 @@ def view_pixels(
         raise error(f': a row needs {row} bytes, more than the step')
     if step % pixel:
         raise error(f': the step is not a whole number of pixels of {pixel} bytes')
-    if not encoding.is_possible(height, width):
+    if not encoding.is_valid_size(height, width):
         raise error(': width and height must be even, because the chroma is subsampled 2x2')
     rows = encoding.rows(height)
     content = _view_bytes(data)
@@ -65,7 +65,7 @@ def view_pixels(
         tight: NDArray[Any] = content[:rows * row].view(dtype).reshape(shape)
         return tight
     lines: NDArray[Any] = content[:rows * step].reshape(rows, step)
-    if encoding.planes == 3:
+    if encoding.row_factor == 3:
         # A chroma line of nv24 has twice the length, and all its padding is at its end.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
         lines = np.concatenate([lines[:height, :row], chroma])

@@ -21,14 +21,14 @@ import re
 import struct
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 
-PNG_BEGINS = b'\x89PNG\r\n\x1a\n'
+PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 #: Default limit of the number of pixels of an image to decode.
 MAX_PIXELS = 2**27
 
 _HEADER_BYTES = 65536  # largest header that is searched in formats with a text header
-_MAX_PLACES = 100  # largest number of sizes in a file of nested boxes
+_MAX_SIZES = 100  # largest number of sizes in a file of nested boxes
 _BLANK = rb'(?:\s|#[^\r\n]*[\r\n])+'
 _PNM = re.compile(rb'P[1-6Ff]' + _BLANK + rb'([0-9]{1,9})' + _BLANK + rb'([0-9]{1,9})\s')
 _PAM = re.compile(rb'(WIDTH|HEIGHT)\s+([0-9]{1,9})\s')
@@ -92,7 +92,7 @@ def _bmp(content: bytes) -> tuple[int, int]:
 def _webp(content: bytes) -> tuple[int, int]:
     kind = content[12:16]
     if kind == b'VP8X':
-        sides = [int.from_bytes(content[place:place + 3], 'little') + 1 for place in (24, 27)]
+        sides = [int.from_bytes(content[offset:offset + 3], 'little') + 1 for offset in (24, 27)]
         return sides[0], sides[1]
     if kind == b'VP8L':
         bits = struct.unpack_from('<I', content, 21)[0]
@@ -104,8 +104,8 @@ def _webp(content: bytes) -> tuple[int, int]:
 def _tiff(content: bytes) -> tuple[int, int]:
     order = '<' if content[:2] == b'II' else '>'
     is_big = struct.unpack_from(f'{order}H', content, 2)[0] == 43
-    place, counts, step, values = (8, 'Q', 20, 12) if is_big else (4, 'H', 12, 8)
-    directory = struct.unpack_from(f'{order}{"Q" if is_big else "I"}', content, place)[0]
+    offset, counts, step, values = (8, 'Q', 20, 12) if is_big else (4, 'H', 12, 8)
+    directory = struct.unpack_from(f'{order}{"Q" if is_big else "I"}', content, offset)[0]
     count = struct.unpack_from(f'{order}{counts}', content, directory)[0]
     if count > 4096:
         raise ValueError('too many fields')
@@ -130,8 +130,8 @@ def _pnm(content: bytes) -> tuple[int, int]:
 
 def _pam(content: bytes) -> tuple[int, int]:
     sides = _PAM.findall(content[:_HEADER_BYTES].partition(b'ENDHDR')[0])
-    width, height = (max((int(side) for name, side in sides if name == wanted), default=0)
-                     for wanted in (b'WIDTH', b'HEIGHT'))
+    width, height = (max((int(side) for name, side in sides if name == field), default=0)
+                     for field in (b'WIDTH', b'HEIGHT'))
     return width, height
 
 
@@ -164,11 +164,11 @@ def _anywhere(
     def read(content: bytes) -> tuple[int, int]:
         width = height = 0
         for index, found in enumerate(mark.finditer(content)):
-            if index >= _MAX_PLACES:
+            if index >= _MAX_SIZES:
                 raise ValueError('too many sizes')
-            place = found.end() + skip
-            if place + struct.calcsize(layout) <= len(content):  # otherwise the mark is pixel data
-                *begins, right, bottom = struct.unpack_from(layout, content, place)
+            offset = found.end() + skip
+            if offset + struct.calcsize(layout) <= len(content):  # otherwise it is pixel data
+                *begins, right, bottom = struct.unpack_from(layout, content, offset)
                 left, top, more = (*begins, 1) if begins else (0, 0, 0)
                 width, height = max(width, right - left + more), max(height, bottom - top + more)
         return width, height
@@ -177,8 +177,8 @@ def _anywhere(
 
 
 _READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ...] = (
-    (re.compile(re.escape(JPEG_BEGINS)), jpeg_size),
-    (re.compile(re.escape(PNG_BEGINS)), _png),
+    (re.compile(re.escape(JPEG_SOI)), jpeg_size),
+    (re.compile(re.escape(PNG_SIGNATURE)), _png),
     (re.compile(rb'RIFF....WEBP', re.DOTALL), _webp),
     (re.compile(rb'BM'), _bmp),
     (re.compile(rb'II[*+]\0|MM\0[*+]'), _tiff),

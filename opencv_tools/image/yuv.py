@@ -67,9 +67,9 @@ def yuv_to_color(image: NDArray[Any], encoding: Encoding, target: str) -> NDArra
         colors[..., 3] = 255
     split = _split_packed if packed else _split_planar
     for chroma, rows in split(image, colors, encoding.order):
-        tints = _tints(chroma, target)
-        for lumas, wanted in rows:
-            write_columns([_add_luma(luma, tints) for luma in lumas], wanted)
+        terms = _chroma_terms(chroma, target)
+        for lumas, target_rows in rows:
+            write_columns([_add_luma(luma, terms) for luma in lumas], target_rows)
     return colors
 
 
@@ -81,12 +81,12 @@ def _luma(image: NDArray[Any], encoding: Encoding, height: int) -> NDArray[Any]:
     pixels = image.view('<u2')[..., 0]
     gray = np.empty(pixels.shape, np.uint8)
     for rows in row_blocks(*pixels.shape):
-        even, odd = _halves(pixels[rows])
+        even, odd = _split_words(pixels[rows])
         gray[rows] = even if encoding.order == 'yuyv' else odd
     return gray
 
 
-def _halves(numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def _split_words(numbers: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the lower and the upper half of the bits of numbers, in the same type."""
     bits = numbers.dtype.type(numbers.itemsize * 4)
     low = numbers & numbers.dtype.type((1 << int(bits)) - 1)
@@ -99,10 +99,10 @@ def _split_packed(
     """Yield blocks of rows of a packed 4:2:2 image, in which two columns share their chroma."""
     pixels = image.view('<u2')[..., 0]
     for rows in row_blocks(len(pixels), pixels.shape[1] // 2):
-        even, odd = _halves(pixels[rows])
+        even, odd = _split_words(pixels[rows])
         luma, chroma = (even, odd) if order == 'yuyv' else (odd, even)
         np.clip(luma, _BLACK, _WHITE, out=luma)
-        yield _halves(chroma.view('<i4')), [(_halves(luma.view('<i4')), colors[rows])]
+        yield _split_words(chroma.view('<i4')), [(_split_words(luma.view('<i4')), colors[rows])]
 
 
 def _split_planar(
@@ -113,17 +113,17 @@ def _split_planar(
     step = 1 if order == 'nv24' else 2  # rows, and columns, that share their chroma
     chroma_rows = image[height:].reshape(height // step, -1).view('<u2')
     for rows in row_blocks(*chroma_rows.shape):
-        chroma = [half.astype(np.int32) for half in _halves(chroma_rows[rows])]
+        chroma = [half.astype(np.int32) for half in _split_words(chroma_rows[rows])]
         picture = slice(rows.start * step, rows.stop * step)
         luma = np.clip(image[picture], _BLACK, _WHITE)
-        columns = (luma,) if step == 1 else _halves(luma.view('<u2'))
+        columns = (luma,) if step == 1 else _split_words(luma.view('<u2'))
         yield chroma[::-1] if order == 'nv21' else chroma, [
             ([column[row::step].astype(np.int32) for column in columns],
              colors[picture][row::step])
             for row in range(step)]
 
 
-def _tints(chroma: Sequence[NDArray[Any]], order: str) -> list[NDArray[Any]]:
+def _chroma_terms(chroma: Sequence[NDArray[Any]], order: str) -> list[NDArray[Any]]:
     """
     Return the terms of the colour formula that do not depend on the luma.
 
@@ -131,7 +131,7 @@ def _tints(chroma: Sequence[NDArray[Any]], order: str) -> list[NDArray[Any]]:
     :param order: channels in order.
     :returns: an int32 array for each channel except alpha, with all constants included.
     """
-    tints = []
+    terms = []
     for channel in order[:3]:
         weights = _CHROMA[channel]
         first, *others = (part * np.int32(weight) for part, weight in zip(chroma, weights)
@@ -139,23 +139,23 @@ def _tints(chroma: Sequence[NDArray[Any]], order: str) -> list[NDArray[Any]]:
         for other in others:
             np.add(first, other, out=first)
         offset = _HALF - _BLACK * _LUMA - _NEUTRAL * sum(weights)
-        tints.append(np.add(first, np.int32(offset), out=first))
-    return tints
+        terms.append(np.add(first, np.int32(offset), out=first))
+    return terms
 
 
-def _add_luma(luma: NDArray[Any], tints: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def _add_luma(luma: NDArray[Any], terms: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """
     Return the colours from luma and the chroma terms.
 
     :param luma: (h, n) int32 array, not below black; it is overwritten.
-    :param tints: chroma terms, an array of the same shape for each channel.
+    :param terms: chroma terms, an array of the same shape for each channel.
     :returns: (c, h, n) int16 array of values from 0 to 255.
     """
     np.multiply(luma, np.int32(_LUMA), out=luma)
     mixed = np.empty_like(luma)
-    values = np.empty((len(tints), *luma.shape), np.int16)
-    for tint, value in zip(tints, values):
-        np.add(luma, tint, out=mixed)
+    values = np.empty((len(terms), *luma.shape), np.int16)
+    for term, value in zip(terms, values):
+        np.add(luma, term, out=mixed)
         np.right_shift(mixed, _SHIFT, out=mixed)
         value[...] = mixed
     return np.clip(values, 0, 255, out=values)

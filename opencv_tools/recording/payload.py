@@ -21,9 +21,9 @@ import struct
 from typing import Any
 import zlib
 
-from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
-from opencv_tools.image.picture_size import PNG_BEGINS
-from opencv_tools.pictures import check_whole, PictureError
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image.picture_size import PNG_SIGNATURE
+from opencv_tools.pictures import check_complete, CodecError
 
 _PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
 _CHUNK_BYTES = 12  # beside its content
@@ -50,14 +50,14 @@ def read_payload(data: Any) -> Payload:
 
     :param data: a buffer with its bytes.
     :returns: the format and the size, where it is PNG or JPEG.
-    :raises PictureError: it is one of these, but not a whole one: the sums of a PNG say so, or
+    :raises CodecError: it is one of these, but not a whole one: the sums of a PNG say so, or
         the markers of a JPEG, whose pixels are not decoded.
     """
     content = bytes(data)
-    if content.startswith(PNG_BEGINS):
+    if content.startswith(PNG_SIGNATURE):
         return Payload(('.png',), *_check_png(content))
-    if content.startswith(JPEG_BEGINS):
-        check_whole(content)
+    if content.startswith(JPEG_SOI):
+        check_complete(content)
         return Payload(('.jpg', '.jpeg'), *jpeg_size(content))
     return Payload(())
 
@@ -67,24 +67,24 @@ def _check_png(png: bytes) -> tuple[int, int]:
     Check that each chunk of a PNG is whole.
 
     :returns: width and height.
-    :raises PictureError: one is not, or those are missing that every PNG has.
+    :raises CodecError: one is not, or those are missing that every PNG has.
     """
     if not png.endswith(_PNG_ENDS):
-        raise PictureError(f'{len(png)} bytes of a picture whose end is missing')
+        raise CodecError(f'{len(png)} bytes of a picture whose end is missing')
     view = memoryview(png)
-    position, kinds = len(PNG_BEGINS), set()
+    position, kinds = len(PNG_SIGNATURE), set()
     try:
         while position < len(png):
             length, kind = struct.unpack_from('>I4s', png, position)
             ends = position + _CHUNK_BYTES + length
             if struct.unpack_from('>I', png, ends - 4)[0] != zlib.crc32(
                     view[position + 4:ends - 4]):
-                raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged')
+                raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged')
             kinds.add(kind)
             position = ends
         if not {b'IHDR', b'IDAT', b'IEND'} <= kinds or png[12:16] != b'IHDR':
             raise struct.error('chunks are missing')
         width, height = struct.unpack_from('>II', png, 16)
     except struct.error as err:
-        raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged') from err
+        raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged') from err
     return width, height

@@ -274,7 +274,7 @@ def _gone(video: _Video) -> str:
 def _type_name(frame: RawFrame) -> str:
     """Name what a picture of the frame would hold, as far as it is one."""
     try:
-        is_picture = find_encoding(frame.encoding).kind in ('', 'color')
+        is_picture = find_encoding(frame.encoding).kind in ('generic', 'color')
         return generic_encoding(frame.image).name if is_picture else frame.encoding
     except EncodingError:
         return frame.encoding

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import (
-    convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
+    CodecError, convert_picture, encode_picture, FORMATS as PICTURE_FORMATS,
 )
 from opencv_tools.recording.frames import CompressedFrame, Frame, RawFrame
 from opencv_tools.recording.payload import read_payload
@@ -143,7 +143,7 @@ def _encode_image(frame: RawFrame, wanted: Format) -> Content:
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target
     # An array of luma and chroma has the type of a gray picture, but is none.
-    type_name = generic_encoding(image).name if encoding.planes == 1 else encoding.name
+    type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
     if type_name not in FORMATS[wanted.suffix]:
         raise UnwritableError(f'a {encoding.name} frame cannot be kept as {wanted.suffix}; '
                               f'set the extension of file_name to {able_formats(type_name)}')
@@ -154,7 +154,7 @@ def _encode_image(frame: RawFrame, wanted: Format) -> Content:
     try:
         data = encode_picture(
             _file_order(image, encoding), wanted.suffix, quality, wanted.png_compression)
-    except PictureError as err:
+    except CodecError as err:
         raise UnwritableError(f'a {encoding.name} frame was not encoded: {err}') from err
     return Content(data, encoding.name, width, height)
 
