@@ -41,7 +41,7 @@ def open_standard_streams() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
-def let_go_of_broken_streams() -> None:
+def discard_broken_streams() -> None:
     """
     Discard buffered output to a terminal or pipe that no longer exists.
 

@@ -117,21 +117,21 @@ def choose_mode(
                for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
 
     def cost(mode: Mode) -> tuple[object, ...]:
-        same = _is_sent(mode, request.encoding)
-        return (not same and not _can_be_made(request.encoding), _size_distance(mode, request),
+        same = _has_encoding(mode, request.encoding)
+        return (not same and not _can_convert_to(request.encoding), _size_distance(mode, request),
                 _rate_distance(rates(mode), request.fps), not same, order.index(mode.fourcc))
 
     return min(nearest, key=cost, default=None)
 
 
-def _is_sent(mode: Mode, encoding: str) -> bool:
+def _has_encoding(mode: Mode, encoding: str) -> bool:
     """Return whether the frames of a mode have the layout of an encoding."""
     sent = PIXEL_FORMATS[mode.fourcc].encoding
     return (sent != JPEG and bool(encoding)
             and find_encoding(sent).has_layout_of(find_encoding(encoding)))
 
 
-def _can_be_made(encoding: str) -> bool:
+def _can_convert_to(encoding: str) -> bool:
     """Return whether all pixel formats can be converted to an encoding without loss of depth."""
     return not encoding or (encoding in COLOR_ENCODINGS and not encoding.endswith('16'))
 

@@ -150,7 +150,7 @@ def _radiance(content: bytes) -> tuple[int, int]:
     return max(int(width) for _, width in sides), max(int(height) for height, _ in sides)
 
 
-def _anywhere(
+def _box_reader(
     mark: re.Pattern[bytes], layout: str, skip: int,
 ) -> Callable[[bytes], tuple[int, int]]:
     """
@@ -188,7 +188,7 @@ _READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ..
     (re.compile(rb'GIF8[79]a'), _gif),
     (re.compile(rb'#\?(RADIANCE|RGBE)'), _radiance),
     (re.compile(rb'\0\0\0\x0cjP  \r\n\x87\n|\xff\x4f\xff\x51'),
-     _anywhere(_JPEG_2000, '>II', 4)),
-    (re.compile(rb'....ftyp(avif|avis|mif1)', re.DOTALL), _anywhere(_AVIF, '>II', 4)),
-    (re.compile(rb'\x76\x2f\x31\x01'), _anywhere(_EXR, '<iiii', 4)),
+     _box_reader(_JPEG_2000, '>II', 4)),
+    (re.compile(rb'....ftyp(avif|avis|mif1)', re.DOTALL), _box_reader(_AVIF, '>II', 4)),
+    (re.compile(rb'\x76\x2f\x31\x01'), _box_reader(_EXR, '<iiii', 4)),
 )
