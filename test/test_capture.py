@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sources of frames and how they are played, without ROS."""
+"""Sources of frames and their playback, without ROS."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from test_regular_files import KINDS
 def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,
          stopped: Event | None = None, clock: SteppedClock | None = None,
          **settings: Any) -> Player:
-    """Make a player that nothing holds, by a clock whose waits take no time."""
+    """Create a player that is never paused, with a clock whose waits take no time."""
     return Player(source, lambda: PlaybackSettings(**settings), stopped or Event(), lambda: False,
                   on_broken, clock or SteppedClock())
 
@@ -57,7 +57,7 @@ def clock() -> SteppedClock:
 
 @pytest.fixture
 def numbered(tmp_path: Path) -> Source:
-    """Give a folder of four pictures with the numbers 0 to 3."""
+    """Create a folder of four images with the numbers 0 to 3."""
     for number in range(4):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
     return open_source(str(tmp_path))
@@ -100,7 +100,7 @@ def test_pattern_frames_differ_and_repeat_exactly(width: int, height: int) -> No
 def test_pattern_shows_its_number() -> None:
     images = {draw_pattern(number, 640, 480)[160:320, 200:440].tobytes()
               for number in range(0, 640, 64)}
-    assert len(images) == 10  # the moving line is where it was, so the digits differ
+    assert len(images) == 10  # the moving line has the same position, so only the digits differ
 
 
 def test_video_gives_every_frame_and_its_rate() -> None:
@@ -232,7 +232,7 @@ def test_only_devices_that_can_capture_are_listed(
     events: list[str] = []
 
     class Device:
-        """A device whose file says what it can do, or with which error it refuses."""
+        """A device whose file contains its capability, or the error of opening it."""
 
         def __init__(self, path: Path) -> None:
             content = path.read_text()
@@ -257,7 +257,7 @@ def test_only_devices_that_can_capture_are_listed(
     assert events == [f'{what} {name}' for name in ('video0', 'video1', 'video2', 'video10')
                       for what in ('open', 'close')]
     assert [path.name for path in camera_errors.list_cameras(tmp_path)] == listed
-    assert len(events) == 8  # a device is not opened again as long as it is the same
+    assert len(events) == 8  # an unchanged device is not opened again
 
 
 @pytest.mark.parametrize(('text', 'reason'), [
@@ -319,7 +319,7 @@ def test_a_pipe_is_not_read_before_it_is_shown(
     assert expected_size(text) is None
     assert not opened
     with pytest.raises(CaptureError, match='no video'):
-        open_source(text)  # for that may be a video
+        open_source(text)  # because the pipe may contain a video
     assert opened == [str(tmp_path / 'pipe')]
 
 
@@ -365,7 +365,7 @@ def test_time_that_was_lost_is_not_made_up_for(clock: SteppedClock) -> None:
     assert not pacer.is_due()
     assert not pacer.is_due(early=0.05)
     assert pacer.is_due(early=0.0625)
-    # The frames due at 0.0625, 0.125 and 0.1875 are late; one of them is shown at once.
+    # The frames due at 0.0625, 0.125 and 0.1875 are late; one of them is yielded at once.
     clock.step_to(BEGAN + 0.25)
     assert pacer.is_due()
     pacer.advance(0.0625)
@@ -416,7 +416,7 @@ def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClo
             held.set()
             clock.plan(0.5, held.clear)
     gaps = np.diff(stamps)
-    assert 0.5 <= gaps[9] < 0.5 + 0.05  # it is looked for 50 times a second
+    assert 0.5 <= gaps[9] < 0.5 + 0.05  # polled 50 times a second
     assert np.delete(gaps, 9) == pytest.approx(1 / 64)
     for number, image in enumerate(images):
         assert np.array_equal(image, draw_pattern(number, 200, 3))
@@ -424,7 +424,7 @@ def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClo
 
 
 class StampedSource(PatternSource):
-    """A file whose frames have times of their own."""
+    """A file source whose frames have positions."""
 
     def __init__(self, *positions: float) -> None:
         super().__init__(PatternSpec(8, 8, 25.0))
@@ -441,7 +441,7 @@ class StampedSource(PatternSource):
     (0.0, [0.05, 0.2, 0.01, 0.04, 0.05, 0.2, 0.01]), (50.0, [0.02] * 7)])
 def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
         clock: SteppedClock, rate: float, gaps: list[float]) -> None:
-    source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second time round there is a step back
+    source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second play steps back by 0.26 s
     player = play(source, clock=clock, rate=rate, plays=2)
     shown = [(frame.stamp_ns / 1e9, clock.now) for frame in player.frames()]
     for times in zip(*shown, strict=True):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The cv_bridge replacement: its interface, and what upstream gets wrong."""
+"""The cv_bridge replacement: its interface, and the defects of the original."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def test_messages_that_are_refused(fields: dict[str, object], desired: str, text
     assert text in str(caught.value)
 
 
-# What upstream gets wrong, a test for each.
+# Defects of the original cv_bridge, with a test for each.
 
 def test_a_step_that_is_not_a_multiple_of_the_pixel_is_refused() -> None:
     message = Image(height=2, width=2, encoding='bgr8', step=7, data=bytes(14))
@@ -229,7 +229,7 @@ def test_a_view_outlives_the_message_and_keeps_its_buffer_in_place() -> None:
     message = bridge.cv2_to_imgmsg(image, 'bgr8')
     view = bridge.imgmsg_to_cv2(message)
     with pytest.raises(BufferError):
-        message.data.extend(bytes(10**7))  # would move the bytes from under the view
+        message.data.extend(bytes(10**7))  # would reallocate the bytes that the view refers to
     del message
     gc.collect()
     np.testing.assert_array_equal(view, image)
@@ -254,7 +254,7 @@ def test_an_image_that_cannot_be_encoded_is_no_cv2_error() -> None:
 @pytest.mark.parametrize('encoding', ['bgr8', 'mono16', 'bayer_rggb8', 'uyvy', 'nv24', '32FC1'])
 def test_an_empty_image_is_no_division_by_zero(encoding: str, height: int, width: int) -> None:
     bridge = CvBridge()
-    width += encoding == 'uyvy' and width  # a whole number of pairs
+    width += encoding == 'uyvy' and width  # an even width
     message = bridge.cv2_to_imgmsg(random_image(encoding, height, width), encoding)
     assert (message.height, message.width, len(message.data)) == (height, width, 0)
     assert bridge.imgmsg_to_cv2(message).size == 0
@@ -331,7 +331,7 @@ def test_types_have_the_numbers_of_the_opencv_in_use() -> None:
     assert getCvType('yuv422') == cv2.CV_8UC2
     with pytest.raises(CvBridgeError, match=r'Unrecognized image encoding \[foo\]'):
         getCvType('foo')
-    for number in (-1, getattr(cv2, 'CV_16F', 7)):  # OpenCV 4.6 has no name for it
+    for number in (-1, getattr(cv2, 'CV_16F', 7)):  # OpenCV 4.6 has no constant for this type
         with pytest.raises(CvBridgeError, match=f'^unknown OpenCV type {number};'):
             bridge.cvtype2_to_dtype_with_channels(number)
 

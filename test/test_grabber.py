@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The grabber by a clock that the test controls: nothing here takes any time."""
+"""The grabber with a clock that the test controls, so that no test waits."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DEADLINE = 30.0
 
 
 class Camera:
-    """A camera that gives a numbered frame RATE times a second, whether or not it is read."""
+    """A camera that sends a numbered frame RATE times a second, whether it is read or not."""
 
     name = 'camera'
     description = '1x1'
@@ -79,7 +79,7 @@ class Camera:
 
 
 class Log:
-    """Keep what a grabber tells, and look at its frames or not."""
+    """A listener that records the events of a grabber, and a demand that the test sets."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -121,7 +121,7 @@ def camera(clock: SteppedClock) -> Camera:
 
 @pytest.fixture
 def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
-    """Make grabbers of a sequence of cameras and failures to open one."""
+    """Return a function that creates a grabber for a sequence of cameras and open errors."""
     def _grab(*attempts: Camera | Exception, rate: float = 0.0, **policy: float) -> Grabber:
         coming = iter(attempts)
 
@@ -138,7 +138,7 @@ def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
 
 
 def take(grabber: Grabber, clock: SteppedClock, seconds: float) -> list[Frame | None]:
-    """Take the frames that come within a time."""
+    """Return the frames that come within some seconds."""
     clock.plan(seconds, grabber.stop)
     return list(grabber.frames())
 
@@ -255,7 +255,7 @@ def test_a_camera_that_stalls_is_opened_anew_until_it_gives_frames(
     cameras[0].stalled = True
     began = clock.now
     next(frames)
-    # Three waits of 0.1 s, for two are not enough, and a pause; the third camera has a frame.
+    # Three waits of 0.1 s (two are shorter than 0.25 s) and a delay; the third camera has a frame.
     assert clock.now - began == pytest.approx(0.3 + 0.1 + 0.3 + 0.2)
     assert [camera.closed for camera in cameras] == [True, True, False]
     assert log.lines[1:] == ['lost: camera sent no frame for 0.25 s', 'opened', 'opened',
@@ -294,7 +294,7 @@ def test_a_pause_lets_the_camera_go_and_an_end_of_it_takes_it_back(
     grabber = grab(*cameras)
     frames = grabber.frames()
     next(frames)
-    assert not grabber.pause(0.0)  # not before the next frame is asked for
+    assert not grabber.pause(0.0)  # the camera is closed when the next frame is requested
     assert grabber.paused
 
     def look_and_resume() -> None:

@@ -26,7 +26,7 @@ from opencv_tools.capture.pixel_formats import (
 from opencv_tools.image.encodings import find_encoding
 import pytest
 
-# A webcam as they are sold: raw frames are slow where they are large.
+# A typical webcam: raw frames have a low rate at large sizes.
 RATES = {
     Mode('YUYV', 640, 480): [15.0, 30.0], Mode('YUYV', 1280, 720): [10.0],
     Mode('YUYV', 1920, 1080): [5.0], Mode('MJPG', 640, 480): [30.0],
@@ -89,7 +89,7 @@ def test_modes_are_described_by_their_sizes() -> None:
 @pytest.mark.parametrize(('text', 'number'), [
     ('YUYV', 0x56595559), ('Y16', 0x20363159), ('Y16-BE', 0xa0363159), ('RGB3', 0x33424752)])
 def test_four_letters_are_a_number_and_back(text: str, number: int) -> None:
-    assert pack_fourcc(text) == number  # as v4l2_fourcc of <videodev2.h> makes them
+    assert pack_fourcc(text) == number  # from v4l2_fourcc of <linux/videodev2.h>
     assert unpack_fourcc(number) == text
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The size of a picture, which its header tells before anything is decoded."""
+"""The size of an image file, read from its header without decoding."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FORMATS = {
     **dict.fromkeys(('.hdr', '.pfm'), COLOR.astype(np.float32)),
 }
 FORMATS = {suffix: image for suffix, image in FORMATS.items()
-           if cv2.haveImageWriter(f'x{suffix}')}  # OpenCV 4 writes fewer
+           if cv2.haveImageWriter(f'x{suffix}')}  # OpenCV 4 writes fewer formats
 
 
 def encoded(image: np.ndarray, suffix: str) -> bytes:
@@ -50,14 +50,14 @@ def encoded(image: np.ndarray, suffix: str) -> bytes:
 
 
 def huge_jpeg() -> bytes:
-    """Make a small JPEG that says that it has almost 2**30 pixels."""
+    """Return a small JPEG whose header claims almost 2**30 pixels."""
     jpeg = encoded(np.zeros((16, 16, 3), np.uint8), '.jpg')
     place = jpeg.find(b'\xff\xc0') + 5
     return jpeg[:place] + struct.pack('>HH', 32767, 32767) + jpeg[place + 4:]
 
 
 def huge_png() -> bytes:
-    """Make a PNG that says that it has almost 2**30 pixels, and has a hundredth of them."""
+    """Return a PNG whose header claims almost 2**30 pixels, with a hundredth of them."""
     pixels = zlib.compress(bytes(327 * (1 + 32767)), 1)
     chunks = ((b'IHDR', struct.pack('>II5B', 32767, 32767, 8, 0, 0, 0, 0)), (b'IDAT', pixels),
               (b'IEND', b''))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a stream cannot be opened, in words."""
+"""The diagnosis of a stream that cannot be opened."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ import pytest
 
 @pytest.fixture
 def bound() -> Iterator[socket.socket]:
-    """Bind a port of this machine, at which nobody listens."""
+    """Bind a port of this machine without listening on it."""
     with socket.socket() as held:
         held.bind(('127.0.0.1', 0))
         yield held
@@ -37,7 +37,7 @@ def bound() -> Iterator[socket.socket]:
 
 @pytest.fixture
 def server() -> Iterator[str]:
-    """Serve nothing but errors."""
+    """Start a web server that answers every request with an error."""
     class Handler(BaseHTTPRequestHandler):
 
         def do_GET(self) -> None:
