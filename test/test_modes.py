@@ -153,11 +153,14 @@ def test_ioctl_numbers_of_64_bit_linux(name: str, number: int) -> None:
     assert getattr(videodev, f'VIDIOC_{name}') == number
 
 
-def test_offsets_in_v4l2_structures() -> None:
-    assert videodev.v4l2_format.fmt.offset == 8
-    assert videodev.v4l2_pix_format.bytesperline.offset == 16
-    assert videodev.v4l2_pix_format_mplane.plane_fmt.offset == 20
-    assert videodev.v4l2_buffer.timestamp.offset == 24
-    assert videodev.v4l2_buffer.m.offset == 64
-    assert videodev.v4l2_plane.m.offset == 8
-    assert videodev.v4l2_event.id.offset == 96
+@pytest.mark.parametrize(('structure', 'field', 'offset'), [
+    ('v4l2_capability', 'device_caps', 88), ('v4l2_fmtdesc', 'pixelformat', 44),
+    ('v4l2_frmsizeenum', 'union', 12), ('v4l2_frmivalenum', 'union', 20),
+    ('v4l2_format', 'fmt', 8), ('v4l2_pix_format', 'bytesperline', 16),
+    ('v4l2_pix_format_mplane', 'plane_fmt', 20), ('v4l2_plane_pix_format', 'bytesperline', 4),
+    ('v4l2_captureparm', 'timeperframe', 8), ('v4l2_plane', 'm', 8),
+    ('v4l2_plane', 'data_offset', 16), ('v4l2_buffer', 'timestamp', 24),
+    ('v4l2_buffer', 'sequence', 56), ('v4l2_buffer', 'm', 64), ('v4l2_buffer', 'length', 72),
+    ('v4l2_query_ext_ctrl', 'flags', 72), ('v4l2_event', 'id', 96)])
+def test_offsets_in_v4l2_structures(structure: str, field: str, offset: int) -> None:
+    assert getattr(getattr(videodev, structure), field).offset == offset
