@@ -53,19 +53,12 @@ class JpegError(ImageError):
 
 @dataclass(frozen=True)
 class _Frame:
-    """
-    The frame header of a JPEG.
+    """The frame header of a JPEG."""
 
-    :param marker: second byte of the start-of-frame marker.
-    :param width: width in pixels.
-    :param height: height in pixels.
-    :param sampling: horizontal and vertical sampling factor of each component, by its number.
-    """
-
-    marker: int
+    marker: int  # second byte of the marker
     width: int
     height: int
-    sampling: dict[int, tuple[int, int]]
+    sampling: dict[int, tuple[int, int]]  # horizontal and vertical factor, by component
 
 
 class _Segment(NamedTuple):
@@ -181,7 +174,6 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     """
     Yield the segments of a JPEG up to its end marker.
 
-    :param jpeg: content of the file.
     :param most: largest number of markers to read.
     :raises JpegError: there are more markers, or the end marker is missing.
     :raises struct.error: a segment is damaged.
@@ -213,11 +205,9 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
 
 def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
     """
-    Return where the data of a scan end.
+    Return the offset after the data of a scan, and the number of stuffed zero bytes in them.
 
-    :param jpeg: content of the file.
     :param start: offset of the data.
-    :returns: offset after the data, and the number of stuffed zero bytes in the data.
     :raises JpegError: no marker follows the data.
     """
     data = np.frombuffer(jpeg, np.uint8)
@@ -251,10 +241,8 @@ def _read_frame(marker: int, content: bytes) -> _Frame:
 
 def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
     """
-    Read Huffman tables, and keep the fewest bits of a symbol of each one.
+    Read a DHT segment: the fewest bits of a symbol and of the number after it, for each table.
 
-    :param content: content of a DHT segment.
-    :param shortest: fewest bits of a symbol and of the number after it, by table; written to.
     :raises struct.error: a table is truncated.
     """
     position = 0
@@ -274,9 +262,6 @@ def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
     """
     Check the length of a scan, and add the scan to the state.
 
-    :param content: content of an SOS segment.
-    :param segment: the segment.
-    :param found: state of the check, written to.
     :raises JpegError: the scan has fewer bits than its blocks need.
     :raises struct.error: the scan header is damaged.
     :raises KeyError: a component of the scan is not in the frame header.
@@ -302,14 +287,7 @@ def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
 
 
 def _blocks(frame: _Frame, component: int, is_interleaved: bool) -> int:
-    """
-    Return the number of 8x8 blocks of a component in a scan.
-
-    :param frame: frame header of the JPEG.
-    :param component: number of the component.
-    :param is_interleaved: whether the scan has several components, so that the image is padded to
-        whole units of all components.
-    """
+    """Return the number of 8x8 blocks of a component; interleaved scans have whole units."""
     across, down = frame.sampling[component]
     most_across = max(sampling[0] for sampling in frame.sampling.values())
     most_down = max(sampling[1] for sampling in frame.sampling.values())
