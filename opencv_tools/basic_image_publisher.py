@@ -27,7 +27,7 @@ from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
 )
 from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.rendition import Rendition
+from opencv_tools.capture.rendition import OutputImage
 from opencv_tools.capture.source import is_camera, open_source
 from opencv_tools.capture.v4l2 import CameraSource
 from opencv_tools.image.errors import ImageError
@@ -35,7 +35,8 @@ from opencv_tools.image.text import MAX_PATH, printable, without_password
 from opencv_tools.ros.calibration_file import CameraInfoError
 from opencv_tools.ros.camera_info import Calibration
 from opencv_tools.ros.capture_parameters import (
-    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, REOPEN_ON_CHANGE,
+    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, reconnect_policy,
+    REOPEN_ON_CHANGE,
 )
 from opencv_tools.ros.controls import CameraControls
 from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
@@ -79,8 +80,8 @@ class ImagePublisher(Node):
         self._topics = FrameTopics(self, 'video_frames', self._open_calibration(), fastdds,
                                    self._settings['wait_for_subscribers'])
         self.publisher_ = self._topics.images
-        self._grabber = Grabber(
-            self._open_source, playback_settings(self._settings), self, self._topics)
+        self._grabber = Grabber(self._open_source, playback_settings(self._settings),
+                                reconnect_policy(self._settings), self, self._topics)
         self._controls = CameraControls(self, PARAMETERS, self._camera)
         self._camera_opened = self.create_guard_condition(self._declare_controls)
         self._diagnostics = Diagnostics(self, self._source_status)
@@ -112,17 +113,17 @@ class ImagePublisher(Node):
 
     def opened(self, source: Source) -> None:
         """Log the opened source and any camera settings that could not be applied."""
-        if not self._grabber.trouble:
+        if not self._grabber.unavailable_reason:
             self.get_logger().info(f'{source.name} opened: {source.description}, '
                                    f'publishing to {self.publisher_.topic_name}')
         if isinstance(source, CameraSource):
-            for remark in source.remarks:
-                self.get_logger().warning(remark)
+            for warning in source.warnings:
+                self.get_logger().warning(warning)
             self._camera_opened.trigger()
 
     def lost(self, reason: UnavailableError) -> None:
         """Log that the source is unavailable."""
-        seconds = self._grabber.playback.reconnect
+        seconds = self._grabber.reconnect.reconnect_timeout
         limit = '' if seconds == math.inf else f' for {seconds:g} s'
         self.get_logger().error(f'{reason}; waiting for it{limit}')
         self._controls.report_unused()
@@ -164,14 +165,14 @@ class ImagePublisher(Node):
         if frame is None:
             self._count_unseen()
             return
-        rendition = Rendition(frame, output_settings(self._settings))
+        output = OutputImage(frame, output_settings(self._settings))
         stamp = self._stamper.stamp(
             frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
         try:
-            if not self._topics.publish(rendition, stamp, self._settings['frame_id']):
+            if not self._topics.publish(output, stamp, self._settings['frame_id']):
                 self._count_unseen()
                 return
-            width, height = rendition.size
+            width, height = output.size
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live() or self._settings['encoding'] == self._opened_encoding:
@@ -179,7 +180,7 @@ class ImagePublisher(Node):
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(
-            f'{width}x{height} {rendition.encoding}', self._dropped, self._grabber.missed)
+            f'{width}x{height} {output.encoding}', self._dropped, self._grabber.missed)
 
     def _count_unseen(self) -> None:
         self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
@@ -238,6 +239,7 @@ class ImagePublisher(Node):
         """Apply changed parameters."""
         self._settings = {**self._settings, **changes}
         self._grabber.playback = playback_settings(self._settings)
+        self._grabber.reconnect = reconnect_policy(self._settings)
         if ENCODING in changes:
             self._grabber.reopen()
         elif REOPEN_ON_CHANGE & changes.keys():
@@ -275,8 +277,8 @@ class ImagePublisher(Node):
         source = self._grabber.source
         return SourceStatus(
             self._source_name(), source.description if source else '',
-            self._grabber.trouble, self._grabber.paused, self._grabber.missed, self._dropped,
-            self._grabber.reconnects, self._topics.awaited)
+            self._grabber.unavailable_reason, self._grabber.paused, self._grabber.missed,
+            self._dropped, self._grabber.reconnects, self._topics.awaited)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -13,10 +13,11 @@
 # limitations under the License.
 
 """
-A pure-numpy cv_bridge: image messages to arrays and back.
+Conversion between image messages and numpy arrays, as cv_bridge does, in pure Python.
 
-It has the names, defaults and error texts of ROS 2 Jazzy's ``cv_bridge``, without its compiled
-part, so it works with every numpy. Only compressed images and colormaps need OpenCV.
+The names, defaults and error texts are those of ``cv_bridge`` of ROS 2 Jazzy. There is no compiled
+part, so this module works with every numpy version. Only compressed images and colormaps need
+OpenCV.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.cdr import image_to_cdr, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import parse_format, stored_encoding
-from opencv_tools.image.display import Colormap, finite_limits, show
+from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
 )
@@ -45,7 +46,7 @@ __all__ = ['CvBridge', 'CvBridgeError', 'cvtColorForDisplay', 'getCvType']
 
 
 class CvBridgeError(TypeError):
-    """An image that cannot be converted; the message says why."""
+    """An image cannot be converted. The message contains the reason."""
 
 
 _P = ParamSpec('_P')
@@ -53,7 +54,7 @@ _T = TypeVar('_T')
 
 
 def _raises_bridge_errors(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Turn whatever the image room refuses into a CvBridgeError."""
+    """Convert each ImageError of a function to a CvBridgeError."""
     @wraps(function)
     def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         try:
@@ -74,58 +75,59 @@ class CvBridge:
     """
 
     def __init__(self) -> None:
-        """Set up the tables that cv_bridge offers."""
+        """Create the tables of types that are public attributes in cv_bridge."""
         self.cvdepth_to_numpy_depth = dict(enumerate(DEPTHS.values()))
         self.numpy_type_to_cvtype = {
             **{dtype: depth for depth, dtype in DEPTHS.items()}, **DEPTHS}
 
     @property
     def cvtype_to_name(self) -> dict[int, str]:
-        """Give the names of OpenCV's types of up to four channels, by the types' numbers."""
+        """Names of OpenCV's types with up to four channels, by the numbers of the types."""
         names = [f'{depth}C{channels}' for depth in DEPTHS for channels in range(1, 5)]
         return {getCvType(name): name for name in names}
 
     @_raises_bridge_errors
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
         """
-        Name the OpenCV type of a numpy type with a number of channels.
+        Return the name of the OpenCV type for a numpy type and a number of channels.
 
-        :param dtype: such as ``np.dtype('uint8')``.
-        :param n_channels: channels of a pixel.
-        :returns: such as ``'8UC3'``.
-        :raises CvBridgeError: OpenCV has no such type.
+        :param dtype: numpy type, such as ``np.dtype('uint8')``.
+        :param n_channels: number of channels of a pixel.
+        :returns: name of the type, such as ``'8UC3'``.
+        :raises CvBridgeError: OpenCV does not support the type.
         """
         return generic_encoding(np.empty((0, 0, n_channels), dtype)).name
 
     def cvtype2_to_dtype_with_channels(self, cvtype: int) -> tuple[str, int]:
         """
-        Give the numpy type and the number of channels of an OpenCV type.
+        Return the numpy type and the number of channels of an OpenCV type.
 
-        :param cvtype: number of the type, as ``cv2.CV_8UC3`` is.
-        :returns: such as ``('uint8', 3)``.
-        :raises CvBridgeError: there is no such type.
+        :param cvtype: number of the type, such as ``cv2.CV_8UC3``.
+        :returns: name of the numpy type and number of channels, such as ``('uint8', 3)``.
+        :raises CvBridgeError: the type is unknown.
         """
         more_channels, depth = divmod(cvtype, _channel_step())
         if depth not in self.cvdepth_to_numpy_depth or more_channels < 0:
-            raise CvBridgeError(f'{cvtype} is not the number of a type of OpenCV')
+            raise CvBridgeError(f'unknown OpenCV type {cvtype}; give one such as cv2.CV_8UC3')
         return self.cvdepth_to_numpy_depth[depth], more_channels + 1
 
     def encoding_to_cvtype2(self, encoding: str) -> int:
         """
-        Give the number of the OpenCV type of an encoding, as ``getCvType`` does.
+        Return the number of the OpenCV type of an encoding, as ``getCvType`` does.
 
-        :raises CvBridgeError: the encoding is not known.
+        :param encoding: encoding, such as ``'bgr8'``.
+        :raises CvBridgeError: the encoding is unknown.
         """
         return getCvType(encoding)
 
     @_raises_bridge_errors
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
         """
-        Give the numpy type and the number of channels of an encoding.
+        Return the numpy type and the number of channels of an encoding.
 
-        :param encoding: such as ``'bgr8'`` or ``'32FC1'``.
-        :returns: such as ``('uint8', 3)``.
-        :raises CvBridgeError: the encoding is not known.
+        :param encoding: encoding, such as ``'bgr8'`` or ``'32FC1'``.
+        :returns: name of the numpy type and number of channels, such as ``('uint8', 3)``.
+        :raises CvBridgeError: the encoding is unknown.
         """
         found = find_encoding(encoding)
         return found.dtype, found.channels
@@ -137,17 +139,17 @@ class CvBridge:
         """
         Convert an image message to an array.
 
-        :param img_msg: the message, or anything with its fields; its ``step`` and
-            ``is_bigendian`` are honoured.
-        :param desired_encoding: what the array should hold; ``'passthrough'`` for what the
-            message holds, without a copy; ``''`` for the same with a copy.
-        :returns: (h, w) for one channel, (h, w, c) otherwise, in native byte order; ``nv12``,
-            ``nv21`` and ``nv24`` as OpenCV wants them, the rows of chroma below those of luma.
-            With passthrough a view of the message's data that keeps the data alive, writable
-            where they are; a copy only where the bytes had to be swapped. Otherwise a fresh,
-            writable, contiguous array.
-        :raises CvBridgeError: an unknown encoding, a conversion that makes no sense, or a size,
-            step and data that contradict each other.
+        :param img_msg: the message, or an object with the same attributes; ``step`` and
+            ``is_bigendian`` are taken into account.
+        :param desired_encoding: encoding of the array; ``'passthrough'`` for that of the message,
+            without a copy; ``''`` for that of the message, with a copy.
+        :returns: array in native byte order: (h, w) for one channel, (h, w, c) otherwise. The
+            chroma rows of ``nv12``, ``nv21`` and ``nv24`` follow the luma rows, as in OpenCV.
+            With passthrough the array is a view, which keeps the data alive and is writable if
+            they are; it is a copy only if bytes must be swapped. Otherwise the array is new,
+            writable and contiguous.
+        :raises CvBridgeError: the encoding is unknown, the conversion is not supported, or the
+            size, step and data contradict each other.
         """
         source = find_encoding(img_msg.encoding)
         view = view_pixels(
@@ -165,13 +167,13 @@ class CvBridge:
         """
         Convert an array to an image message, copying its data once.
 
-        :param cvim: array of shape (h, w) or (h, w, c); any strides, any byte order. Where chroma
-            has rows of its own (``nv12``), they stand below those of the luma.
-        :param encoding: what the array holds; ``'passthrough'`` names its type (``8UC3``).
-        :param header: stamp and frame of the message, kept as it is.
-        :returns: the message, with tight rows.
+        :param cvim: (h, w) or (h, w, c) array of any strides and byte order; separate chroma rows
+            (``nv12``) follow the luma rows.
+        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
+        :param header: header of the message, which is not copied; None for an empty one.
+        :returns: the message, without padding at the end of rows.
         :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is not known or does not fit the array.
+        :raises CvBridgeError: the encoding is unknown or does not fit the array.
         """
         declared = _declared(cvim, encoding)
         rows, width = cvim.shape[:2]
@@ -180,7 +182,7 @@ class CvBridge:
             step=width * declared.pixel_bytes, is_bigendian=is_bigendian(cvim.dtype))
         if header is not None:
             message.header = header
-        message.data.frombytes(pack_pixels(cvim))  # an assignment would copy once more
+        message.data.frombytes(pack_pixels(cvim))  # assigning to data would copy a second time
         return message
 
     @_raises_bridge_errors
@@ -188,14 +190,16 @@ class CvBridge:
         self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
     ) -> bytes:
         """
-        Serialise an array as an image message, copying its data once; upstream has no such method.
+        Convert an array to a serialised image message, copying its data once.
+
+        The original cv_bridge has no such method.
 
         :param cvim: as for ``cv2_to_imgmsg``.
-        :param encoding: what the array holds; ``'passthrough'`` names its type (``8UC3``).
-        :param header: stamp and frame of the message.
-        :returns: what a publisher of images takes in place of the message.
+        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
+        :param header: header of the message; None for an empty one.
+        :returns: CDR, which a publisher accepts instead of the message.
         :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is not known or does not fit the array.
+        :raises CvBridgeError: the encoding is unknown or does not fit the array.
         """
         return image_to_cdr(self.cv2_to_wire(cvim, encoding, header))
 
@@ -204,14 +208,16 @@ class CvBridge:
         self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
     ) -> WireImage:
         """
-        Tell an array as the fields of an image message, without a copy; upstream has no such way.
+        Convert an array to the fields of an image message, without a copy.
 
-        :param cvim: as for ``cv2_to_imgmsg``; copied only when its rows are not tight.
-        :param encoding: what the array holds; ``'passthrough'`` names its type (``8UC3``).
-        :param header: stamp and frame of the message.
-        :returns: the fields, the data a view of the array.
+        The original cv_bridge has no such method.
+
+        :param cvim: as for ``cv2_to_imgmsg``; copied only if it is not contiguous.
+        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
+        :param header: header of the message; None for an empty one.
+        :returns: the fields; the data are a view of the array.
         :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is not known or does not fit the array.
+        :raises CvBridgeError: the encoding is unknown or does not fit the array.
         """
         declared = _declared(cvim, encoding)
         rows, width = cvim.shape[:2]
@@ -228,13 +234,13 @@ class CvBridge:
         """
         Decode a compressed image message.
 
-        :param cmprs_img_msg: the message. What its ``format`` says of the picture's encoding, as
-            compressed_image_transport writes it (``'16UC1; png compressed '``), is heeded where
-            it fits the picture; otherwise the picture is gray, BGR or BGRA.
-        :param desired_encoding: what the array should hold; ``'passthrough'`` for the picture as
-            OpenCV decodes it.
-        :returns: a fresh array, (h, w) for one channel, (h, w, c) otherwise.
-        :raises CvBridgeError: the data are no picture, or the conversion makes no sense.
+        :param cmprs_img_msg: the message. An encoding in its ``format``, as
+            compressed_image_transport writes it (``'16UC1; png compressed '``), is used if it
+            fits the decoded image; otherwise the image is gray, BGR or BGRA.
+        :param desired_encoding: encoding of the array; ``'passthrough'`` for the image as OpenCV
+            decodes it.
+        :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
+        :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
         picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
@@ -248,24 +254,26 @@ class CvBridge:
         header: Header | None = None,
     ) -> CompressedImage:
         """
-        Compress an array into a message.
+        Compress an array to a compressed image message.
 
         :param cvim: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array.
-        :param dst_format: the codec, such as ``'jpg'`` or ``'png'``, or what
-            compressed_image_transport writes, such as ``'rgb8; jpeg compressed bgr8'``, where the
-            array is RGB and the picture is to be BGR. It becomes the message's ``format``.
-        :param quality: of JPEG and WebP, 1 to 100; None for OpenCV's own, 95 for JPEG.
-        :param header: stamp and frame of the message, kept as it is.
+        :param dst_format: codec, such as ``'jpg'`` or ``'png'``, or the form of
+            compressed_image_transport: ``'rgb8; jpeg compressed bgr8'`` for an RGB array that is
+            stored as BGR. It becomes the ``format`` of the message.
+        :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for
+            JPEG).
+        :param header: header of the message, which is not copied; None for an empty one.
         :returns: the message.
         :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: no such codec, or one that cannot hold the array unchanged.
+        :raises CvBridgeError: the codec is unknown, or cannot store the array without a
+            conversion.
         """
-        wanted = parse_format(dst_format)
-        declared = _declared(cvim, wanted.original or 'passthrough')
+        target = parse_format(dst_format)
+        declared = _declared(cvim, target.original or 'passthrough')
         picture = np.ascontiguousarray(cvim, declared.dtype)
-        if wanted.stored:
-            picture = convert_to(picture, declared, wanted.stored)
-        content = _pictures().encode_picture(picture, f'.{wanted.codec}', quality)
+        if target.stored:
+            picture = convert_to(picture, declared, target.stored)
+        content = _pictures().encode_picture(picture, f'.{target.codec}', quality)
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
@@ -276,14 +284,14 @@ class CvBridge:
 @_raises_bridge_errors
 def getCvType(encoding: str) -> int:
     """
-    Give the number of the OpenCV type of an encoding.
+    Return the number of the OpenCV type of an encoding.
 
-    OpenCV 5 numbers types with several channels otherwise than OpenCV 4. The numbers are those of
-    the ``cv2`` that the process has imported, and of OpenCV 4 as long as it has not.
+    OpenCV 4 and OpenCV 5 use different numbers for types with several channels. The numbers are
+    those of the imported ``cv2``; if ``cv2`` is not imported, those of OpenCV 4.
 
-    :param encoding: such as ``'bgr8'``.
-    :returns: such as ``cv2.CV_8UC3``.
-    :raises CvBridgeError: the encoding is not known.
+    :param encoding: encoding, such as ``'bgr8'``.
+    :returns: number of the type, such as ``cv2.CV_8UC3``.
+    :raises CvBridgeError: the encoding is unknown.
     """
     found = find_encoding(encoding)
     return [*DEPTHS.values()].index(found.dtype) + (found.channels - 1) * _channel_step()
@@ -295,33 +303,35 @@ def cvtColorForDisplay(
     min_image_value: float = 0.0, max_image_value: float = 0.0, colormap: int = -1,
 ) -> NDArray[Any]:
     """
-    Make an image of 8-bit colours or gray, to be looked at, of any image.
+    Convert an image of any encoding to 8-bit colours or gray for display.
 
-    Labels (``32SC1``) get a colour each where ``'bgr8'`` is asked for. Floats are spread between
-    their least and their greatest finite number where no limits are given. ``8UC1``, ``16UC3``
-    and their like are taken for gray, BGR and BGRA.
+    - Labels (``32SC1``) become colours if ``encoding_out`` is ``'bgr8'``.
+    - Floats without limits are scaled from their smallest and largest finite number.
+    - Generic types such as ``8UC1`` or ``16UC3`` are read as gray, BGR or BGRA.
 
-    :param source: array of shape (h, w) or (h, w, c); it is not changed.
-    :param encoding_in: its encoding.
-    :param encoding_out: an 8-bit colour encoding or ``'mono8'``; ``''`` for ``'bgr8'``.
-    :param do_dynamic_scaling: spread between the least and the greatest finite number.
-    :param min_image_value: the number that becomes black, unless both limits are the same.
-    :param max_image_value: the number that becomes white.
-    :param colormap: number of one of OpenCV's colormaps for what is spread; -1 for gray.
-    :returns: a fresh contiguous uint8 array, (h, w) for ``'mono8'``, (h, w, c) otherwise.
+    :param source: (h, w) or (h, w, c) array, which is not changed.
+    :param encoding_in: encoding of the array; ``'passthrough'`` for its generic type.
+    :param encoding_out: encoding of the result: an 8-bit colour encoding or ``'mono8'``; ``''``
+        for ``'bgr8'``.
+    :param do_dynamic_scaling: whether the smallest and largest finite number are the limits.
+    :param min_image_value: number that becomes black; without effect if equal to
+        ``max_image_value``.
+    :param max_image_value: number that becomes white.
+    :param colormap: number of an OpenCV colormap for scaled numbers; -1 for gray.
+    :returns: a new contiguous uint8 array: (h, w) for ``'mono8'``, (h, w, c) otherwise.
     :raises TypeError: ``source`` is not an array.
-    :raises CvBridgeError: there is no such encoding to display, or no sense in the conversion.
+    :raises CvBridgeError: the encoding cannot be displayed, or the conversion is not supported.
     """
     if isinstance(source, np.ndarray) and source.dtype.kind in 'iu' and source.itemsize == 8:
-        source = source.astype(np.int32)  # the labels of whoever left numpy the choice
+        source = source.astype(np.int32)  # labels with numpy's default type int64
     declared = _declared(source, encoding_in)
     limits = None
     if do_dynamic_scaling:
         limits = finite_limits(source)
     elif min_image_value != max_image_value:
         limits = min_image_value, max_image_value
-    return show(source.reshape(source.shape[:2]) if declared.channels == 1 else source,
-                declared, encoding_out, limits, _colormap(colormap))
+    image = source.reshape(source.shape[:2]) if declared.channels == 1 else source
+    return to_display_image(image, declared, encoding_out, limits, _colormap(colormap))
 
 
 def _colormap(number: int) -> Colormap | None:
@@ -331,7 +341,11 @@ def _colormap(number: int) -> Colormap | None:
 
 
 def _pictures() -> ModuleType:
-    """Import the part that needs OpenCV, for those who use it."""
+    """
+    Return the module that needs OpenCV, imported on first use.
+
+    :raises CvBridgeError: OpenCV cannot be imported.
+    """
     try:
         import opencv_tools.pictures as pictures
     except ImportError as err:
@@ -340,7 +354,12 @@ def _pictures() -> ModuleType:
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:
-    """Find the encoding that an image is said to have; refuse what is no array."""
+    """
+    Return the encoding of an image, and check that it fits the array.
+
+    :raises TypeError: the image is not an array.
+    :raises EncodingError: the encoding is unknown or does not fit the array.
+    """
     if not isinstance(image, (np.ndarray, np.generic)):
         raise TypeError('Your input type is not a numpy array')
     return generic_encoding(image) if encoding == 'passthrough' else declared_encoding(
@@ -348,6 +367,6 @@ def _declared(image: NDArray[Any], encoding: str) -> Encoding:
 
 
 def _channel_step() -> int:
-    """Give the difference that one more channel makes to the number of an OpenCV type."""
+    """Return by how much the number of an OpenCV type increases with each channel."""
     step: int = getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)
     return step

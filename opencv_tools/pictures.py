@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures: arrays encoded as JPEG, PNG and other formats and decoded again, by OpenCV."""
+"""Encoding and decoding of image files (JPEG, PNG and others) with OpenCV."""
 
 from __future__ import annotations
 
@@ -27,15 +27,14 @@ from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import (
-    BEGINS as JPEG_BEGINS, check_jpeg, ENDS as JPEG_ENDS, jpeg_size, JpegError,
-    with_more_pixels,
+    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, JpegError, with_extra_data,
 )
 from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
 from opencv_tools.image.text import printable
 
 
-class PictureError(ImageError):
-    """A picture that cannot be encoded or decoded; the message says why."""
+class CodecError(ImageError):
+    """An image file cannot be encoded or decoded. The message contains the reason."""
 
 
 def _types(depths: str, channels: str) -> frozenset[str]:
@@ -44,10 +43,11 @@ def _types(depths: str, channels: str) -> frozenset[str]:
 
 
 _BYTES = _types('8U', '1 3')
-# OpenCV 4.6 cannot read the 64FC3 that it writes.
+# OpenCV 4.6 cannot read the 64FC3 TIFF that it writes.
 _TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
 
-#: What each format keeps without a loss (JPEG: but for its compression), as OpenCV names types.
+#: OpenCV types that each format stores without conversion. All formats are lossless, except JPEG,
+#: and WebP with a quality.
 FORMATS = {
     '.png': _types('8U 16U', '1 3 4'),
     '.jpg': _BYTES,
@@ -57,73 +57,72 @@ FORMATS = {
     '.tiff': _TIFF,
     '.bmp': _BYTES,
     '.dib': _BYTES,
-    '.webp': _types('8U', '3'),  # of what is transparent it drops the colours
+    '.webp': _types('8U', '3'),  # with alpha it loses the colours of transparent pixels
     '.sr': _BYTES,
     '.ras': _BYTES,
     '.pgm': _types('8U 16U', '1'),
     '.ppm': _types('8U 16U', '3'),
 }
 
-# Left alone, OpenCV 4 packs 32FC3 TIFF as LogLuv, which loses; 5 is lossless LZW.
+# The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _TIFF_OPTIONS: tuple[int, ...] = (cv2.IMWRITE_TIFF_COMPRESSION, 5)
 _OPTIONS = {'.tif': _TIFF_OPTIONS, '.tiff': _TIFF_OPTIONS}
-# OpenCV 4 is quickest when it is asked for no level; 5 takes a filter too, and this one is quicker
-# still and makes smaller files.
+# OpenCV 4 is fastest without a compression level. OpenCV 5 also has filters; with UP it is faster
+# and writes smaller files.
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY,
              cv2.IMWRITE_PNG_STRATEGY_RLE, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP,
              ) if hasattr(cv2, 'IMWRITE_PNG_FILTER') else ()
 _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
             '.jpe': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
 
-# As they stand in OpenCV's names of conversions.
+# Names of the encodings in OpenCV's names of conversions, such as COLOR_BGR2RGB.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
 
-_MAX_NAME = 80  # of a format that is not known, in an error
-_SCAN_BEGINS = b'\xff\xda'
-_FILLING = 128
+_MAX_NAME = 80  # characters of an unknown format in an error message
+_FILL_GRAY = 128  # of libjpeg, in all channels
 
 
 def encode_picture(
     image: NDArray[Any], suffix: str, quality: int | None = None, compression: int = 1,
 ) -> NDArray[np.uint8]:
     """
-    Make the content of a picture file.
+    Encode an image as the content of an image file.
 
     :param image: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array in native byte order.
-    :param suffix: the format, one of ``FORMATS``.
-    :param quality: of JPEG and WebP, 1 to 100; None for OpenCV's own, 95 for JPEG.
-    :param compression: of PNG, 0 to 9; 1 is the quickest but for 0, which packs nothing.
-    :returns: the bytes of the file.
-    :raises PictureError: the format is not known or cannot hold the image without changing it.
+    :param suffix: extension of the format, one of ``FORMATS``.
+    :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for JPEG).
+    :param compression: compression level of PNG, 0 (none) to 9; 1 is the fastest that compresses.
+    :returns: content of the file, (n,) uint8.
+    :raises CodecError: the format is unknown, or cannot store the image without a conversion.
     """
     type_name = generic_encoding(image).name
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
     if suffix not in FORMATS:
-        raise PictureError(
-            f"'{printable(suffix[1:], _MAX_NAME)}' is not a known picture format; the formats are "
+        raise CodecError(
+            f"unknown picture format '{printable(suffix[1:], _MAX_NAME)}'; give one of "
             f'{", ".join(known[1:] for known in FORMATS)}')
     if type_name not in FORMATS[suffix]:
         able = [known[1:] for known, types in FORMATS.items() if type_name in types]
-        raise PictureError(
-            f'{described} cannot be kept as {suffix[1:]}'
-            + (f'; {" or ".join(able)} can hold it' if able else ', nor as any other picture'))
+        raise CodecError(
+            f'{described} cannot be stored as {suffix[1:]}; '
+            + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
     if not image.size:
-        raise PictureError(f'{described} is empty')
+        raise CodecError(f'{described} is empty and cannot be encoded')
     options: tuple[int, ...] = _OPTIONS.get(suffix, ())
     if suffix == '.png':
         options = (_FAST_PNG if compression == 1
                    else (cv2.IMWRITE_PNG_COMPRESSION, compression))
     if quality is not None:
         if suffix not in _QUALITY or not 1 <= quality <= 100:
-            raise PictureError(f'quality {quality} cannot be used for {suffix[1:]}: '
-                               'jpg and webp have one, from 1 to 100')
+            raise CodecError(f'quality {quality} is invalid for {suffix[1:]}; only jpg and webp '
+                             'have a quality, from 1 to 100')
         options = (_QUALITY[suffix], quality)
     try:
         encoded, content = cv2.imencode(suffix, image, options)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be kept as {suffix[1:]}: {err.err}') from err
+        raise CodecError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
     if not encoded:
-        raise PictureError(f'OpenCV made no {suffix[1:]} of {described}')
+        raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
     data: NDArray[np.uint8] = content.reshape(-1)
     return data
 
@@ -132,53 +131,55 @@ def decode_picture(
     data: Any, upright: bool = False, max_pixels: int = MAX_PIXELS,
 ) -> NDArray[Any]:
     """
-    Read the content of a picture file, with the depth and channels it has.
+    Decode the content of an image file, with its own depth and channels.
 
-    :param data: a buffer with the bytes of the file.
-    :param upright: turn a JPEG the way up that it says itself, as a camera held on its side does.
-    :param max_pixels: more than so many are refused by the header, before anything is decoded.
-    :returns: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array, fresh.
-    :raises PictureError: it is no picture, not a whole one, or too large.
+    :param data: buffer with the content of the file.
+    :param upright: whether to rotate a JPEG by its Exif orientation.
+    :param max_pixels: largest allowed number of pixels; the header is checked before decoding.
+    :returns: a new array: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA.
+    :raises CodecError: the content is not an image file, is incomplete, or has too many pixels.
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
     try:
         check_size(*picture_size(content), max_pixels)
     except SizeError as err:
-        raise PictureError(str(err)) from err
-    is_jpeg = content.startswith(JPEG_BEGINS)
-    scan_end = check_whole(content) if is_jpeg else 0
-    # OpenCV turns what it reads only where it may change the channels, too, which JPEG has not.
+        raise CodecError(str(err)) from err
+    is_jpeg = content.startswith(JPEG_SOI)
+    scan_end = check_complete(content) if is_jpeg else 0
+    # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
+    # channels, but not those of a JPEG.
     flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
              else cv2.IMREAD_UNCHANGED)
     try:
         image = _decode(content, flags)
-        more = (_decode(with_more_pixels(content, scan_end), flags)
-                if is_jpeg and image is not None and _has_filling(image) else image)
+        extended = (_decode(with_extra_data(content, scan_end), flags)
+                    if is_jpeg and image is not None and _has_fill_gray(image) else image)
     except cv2.error as err:
-        raise PictureError(f'{described} cannot be read as a picture: {err.err}') from err
+        raise CodecError(f'{described} cannot be decoded as a picture: {err.err}') from err
     if image is None:
-        raise PictureError(f'{described} are not a picture that OpenCV can read')
-    if more is not image and (more is None or not np.array_equal(image, more)):
-        raise PictureError(f'{described} of a JPEG picture whose end is missing')
+        raise CodecError(f'{described} are not a picture that OpenCV can read')
+    if extended is not image and (extended is None or not np.array_equal(image, extended)):
+        raise CodecError(f'{described} of a JPEG picture whose end is missing')
     return image
 
 
-def check_whole(jpeg: bytes) -> int:
+def check_complete(jpeg: bytes) -> int:
     """
-    Check that the end of a JPEG is not missing, as far as its markers tell.
+    Check that a JPEG is complete, as far as that is possible without decoding.
 
-    :returns: where the data of its last scan end.
-    :raises PictureError: it is.
+    :param jpeg: content of the file.
+    :returns: offset after the data of the last scan.
+    :raises CodecError: the JPEG is incomplete or damaged.
     """
-    end = jpeg.rfind(JPEG_ENDS)  # a thumbnail before it has an end of its own
-    if end < 0 or jpeg.find(_SCAN_BEGINS, end) >= 0:
-        raise PictureError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
+    end = jpeg.rfind(JPEG_EOI)  # the last one, because a thumbnail has its own end marker
+    if end < 0 or jpeg.find(JPEG_SOS, end) >= 0:
+        raise CodecError(f'{len(jpeg)} bytes of a JPEG picture whose end is missing')
     try:
         jpeg_size(jpeg)
         return check_jpeg(jpeg)
     except JpegError as err:
-        raise PictureError(f'{len(jpeg)} bytes of {err}') from err
+        raise CodecError(f'{len(jpeg)} bytes of {err}') from err
 
 
 def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
@@ -186,32 +187,33 @@ def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
     return image
 
 
-def _has_filling(image: NDArray[Any]) -> bool:
-    """Return whether a corner has the gray that libjpeg fills in for pixels that are missing."""
-    return any((image[row, column] == _FILLING).all() for row in (0, -1) for column in (0, -1))
+def _has_fill_gray(image: NDArray[Any]) -> bool:
+    """Return whether a corner pixel has the gray that libjpeg writes for missing pixels."""
+    return any((image[row, column] == _FILL_GRAY).all() for row in (0, -1) for column in (0, -1))
 
 
 def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
     """
-    Convert an image as ``opencv_tools.image.color.convert`` does, by OpenCV where it is quicker.
+    Convert an image between encodings, with OpenCV where OpenCV is faster.
 
-    :param image: as for ``convert``; of what OpenCV converts, in native byte order.
-    :param source: the encoding of the image.
-    :param target: the wanted encoding.
-    :returns: a fresh array, the same as from ``convert``.
-    :raises ConversionError: no such conversion.
+    :param image: array as for ``opencv_tools.image.color.convert``, in native byte order.
+    :param source: encoding of the image.
+    :param target: encoding of the result.
+    :returns: a new array, equal to that of ``opencv_tools.image.color.convert``.
+    :raises ConversionError: the conversion is not supported.
     """
     code = _conversion_code(source, target)
-    half_a_pair = source.kind == 'yuv' and image.shape[1] % 2  # which OpenCV makes anything of
-    if code is None or half_a_pair or not image.size:
+    # OpenCV returns arbitrary pixels for YUV with an odd width.
+    has_odd_width = source.kind == 'yuv' and image.shape[1] % 2
+    if code is None or has_odd_width or not image.size:
         return convert(image, source, target)
     converted: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
     return converted
 
 
-@lru_cache  # it is asked for every frame
+@lru_cache  # called for each frame
 def _conversion_code(source: Encoding, target: Encoding) -> int | None:
-    """Find OpenCV's number of a conversion between bytes, None where it has none."""
+    """Return OpenCV's code of a conversion from 8 bits to 8 bits; None if it has none."""
     into = _COLORS.get(target.name)
     if into is None or source.dtype != 'uint8' or source == target:
         return None
@@ -223,15 +225,15 @@ def _conversion_code(source: Encoding, target: Encoding) -> int | None:
 
 def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     """
-    Colour a gray image by one of OpenCV's colormaps.
+    Convert a gray image to colours with a colormap of OpenCV.
 
-    :param gray: (h, w) array.
+    :param gray: (h, w) uint8 array.
     :param colormap: number of the colormap, such as ``cv2.COLORMAP_JET``.
-    :returns: (h, w, 3) BGR array.
-    :raises PictureError: there is no such colormap.
+    :returns: (h, w, 3) uint8 array in BGR.
+    :raises CodecError: the colormap is unknown.
     """
     try:
         colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)
     except cv2.error as err:
-        raise PictureError(f'{colormap} is not the number of a colormap of OpenCV') from err
+        raise CodecError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
     return colored

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that others may have put there: only regular ones are opened, and no more is read."""
+"""Safe access to files that other users can replace: only regular files of limited size."""
 
 from __future__ import annotations
 
@@ -25,50 +25,56 @@ import stat
 
 _CHUNK = 1 << 20
 
-# What stands at a path in place of a regular file, by the type in its mode.
+# Descriptions of the file types other than a regular file.
 _KINDS = {
     stat.S_IFLNK: 'a symbolic link', stat.S_IFIFO: 'a named pipe', stat.S_IFSOCK: 'a socket',
     stat.S_IFCHR: 'a device', stat.S_IFBLK: 'a device', stat.S_IFDIR: 'a folder'}
 
 
 class RefusedFileError(OSError):
-    """A file that is not opened or not read; ``strerror`` has the reason."""
+    """A file is not opened or not read. ``strerror`` contains the reason."""
 
     def __init__(self, path: Path, reason: str, number: int = errno.EINVAL) -> None:
-        """Keep the reason as an operating system's error does."""
+        """
+        Create the error in the form of an error of the operating system.
+
+        :param path: path of the file.
+        :param reason: reason as text, for ``strerror``.
+        :param number: error number, for ``errno``.
+        """
         super().__init__(number, reason, str(path))
 
 
 def describe_kind(mode: int) -> str:
     """
-    Return what a file is, unless it is a regular one.
+    Return the type of a file as text.
 
-    :param mode: ``st_mode`` of it.
+    :param mode: ``st_mode`` of the file.
     :returns: for example ``a named pipe``; '' for a regular file.
     """
-    return '' if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), 'no file')
+    return '' if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), 'not a file')
 
 
 def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> int:
     """
-    Open a regular file, which neither waits nor reaches a device, a pipe or a socket.
+    Open a regular file without blocking. Devices, pipes and sockets are not opened.
 
-    :param path: the file.
-    :param flags: of ``os.open``, which are added to those that never block; with ``os.O_CREAT``
-        the file need not exist.
-    :param follow: whether a symbolic link at the path itself is followed.
-    :returns: the descriptor, which the caller closes.
-    :raises RefusedFileError: there is no regular file at the path.
+    :param path: path of the file.
+    :param flags: flags of ``os.open``; with ``os.O_CREAT`` the file need not exist.
+    :param follow: whether to follow a symbolic link in the last part of the path.
+    :returns: the descriptor, which the caller must close.
+    :raises RefusedFileError: the path is not a regular file.
     :raises OSError: the file cannot be opened.
     """
-    try:  # whoever opens a pipe may end its writer, and some devices do something when opened
+    # Checked before opening too: opening can end the writer of a pipe, or start a device.
+    try:
         _check_kind(path, path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:
         if not flags & os.O_CREAT:
             raise
     links = 0 if follow else os.O_NOFOLLOW
     file = os.open(path, flags | links | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
-    try:  # another one may stand there by now
+    try:  # the file may have been replaced since the first check
         _check_kind(path, os.fstat(file).st_mode)
     except RefusedFileError:
         os.close(file)
@@ -78,14 +84,14 @@ def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> i
 
 def read_regular(path: Path, limit: int, follow: bool = True) -> bytes:
     """
-    Read a regular file that is not too large.
+    Read a regular file of limited size.
 
-    :param path: the file.
-    :param limit: the most bytes that it may have.
-    :param follow: whether a symbolic link at the path itself is followed.
-    :returns: its content.
-    :raises RefusedFileError: there is no regular file at the path, or it is larger.
-    :raises OSError: it cannot be read.
+    :param path: path of the file.
+    :param limit: largest allowed size in bytes.
+    :param follow: whether to follow a symbolic link in the last part of the path.
+    :returns: content of the file.
+    :raises RefusedFileError: the path is not a regular file, or the file is larger.
+    :raises OSError: the file cannot be read.
     """
     with os.fdopen(open_regular(path, follow=follow), 'rb', buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
@@ -102,12 +108,12 @@ def read_regular(path: Path, limit: int, follow: bool = True) -> bytes:
 
 def replace_file(path: Path, content: bytes) -> None:
     """
-    Write a file, which appears whole or not at all.
+    Write a file atomically.
 
-    :param path: the file; one that is there is replaced.
-    :param content: of the file.
-    :raises RefusedFileError: something else than a regular file is there, such as a link.
-    :raises OSError: it cannot be written.
+    :param path: path of the file; an existing regular file is replaced.
+    :param content: content of the file.
+    :raises RefusedFileError: the path exists and is not a regular file, for example a link.
+    :raises OSError: the file cannot be written.
     """
     with suppress(FileNotFoundError):
         _check_kind(path, path.lstat().st_mode)

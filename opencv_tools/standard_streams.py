@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Standard input, output and error, as every program here expects them: open."""
+"""Repair of standard input, output and error that are closed or broken."""
 
 from __future__ import annotations
 
@@ -24,28 +24,29 @@ _STREAMS = (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))
 
 def open_standard_streams() -> None:
     """
-    Open ``/dev/null`` where the process was started with a standard stream that is closed.
+    Open ``/dev/null`` for each standard stream that is closed at the start of the process.
 
-    A file that is opened later would get its number otherwise, and what is printed would go
-    there.
+    Otherwise the next opened file would get the descriptor of the stream, and printed text would
+    be written to this file.
     """
     for number, (name, mode) in enumerate(_STREAMS):
         try:
             os.fstat(number)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+            opened = os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
             if opened != number:
                 os.dup2(opened, number)
                 os.close(opened)
-        if getattr(sys, name) is None:  # it was closed when Python began
+        if getattr(sys, name) is None:  # the stream was closed when Python started
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
-def let_go_of_broken_streams() -> None:
+def discard_broken_streams() -> None:
     """
-    Write what is left for a terminal or pipe that is gone to ``/dev/null``.
+    Discard buffered output to a terminal or pipe that no longer exists.
 
-    Python tries to write it at its end, and ends with status 120 where it cannot.
+    Python writes buffered output when it exits. If the stream is broken, Python exits with
+    status 120.
     """
     for stream in (sys.stdout, sys.stderr):
         try:

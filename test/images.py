@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Images of random numbers, and what cv_bridge makes of them: recorded, and asked."""
+"""Random images, and the results of cv_bridge for them, recorded or from a process."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from opencv_tools.image.encodings import find_encoding
 DATA = Path(__file__).parent / 'data'
 RANDOM = np.random.default_rng(2)
 
-# A letter of the recorded outcomes and the text of the error that it stands for.
+# Letters of the recorded outcomes, and the text of the error of each one.
 ERRORS = {
     'U': 'Unsupported conversion from [{0}] to [{1}]',
     'S': '[{0}] is not a color format. but [{1}] is. The conversion does not make sense',
@@ -44,7 +44,7 @@ ERRORS = {
 
 
 def random_image(encoding: str, height: int, width: int) -> np.ndarray:
-    """Make an image of random values over the whole range of its type, with NaN and infinities."""
+    """Return random values over the whole range of a type, with NaN and infinity for floats."""
     found = find_encoding(encoding)
     rows = found.rows(height)
     shape = (rows, width) if found.channels == 1 else (rows, width, found.channels)
@@ -60,7 +60,7 @@ def random_image(encoding: str, height: int, width: int) -> np.ndarray:
 
 
 def recorded_outcomes() -> dict[tuple[str, str], str | None]:
-    """Read what cv_bridge made of each conversion: None where it converted, or its error."""
+    """Read the recorded outcome of each conversion: None for a success, otherwise the error."""
     lines = [line.split() for line in (DATA / 'cv_bridge_outcomes.txt').read_text().splitlines()
              if not line.startswith('#')]
     desired = ['' if name == "''" else name for name in lines[0][1:]]
@@ -68,7 +68,7 @@ def recorded_outcomes() -> dict[tuple[str, str], str | None]:
             for source, letters in lines[1:] for name, letter in zip(desired, letters)}
 
 
-#: What turns a picture upright, by the orientation that its EXIF segment tells.
+#: Function that rotates an image upright, by its Exif orientation.
 UPRIGHT: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     1: lambda image: image,
     2: lambda image: image[:, ::-1],
@@ -82,7 +82,7 @@ UPRIGHT: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def oriented_jpeg(image: np.ndarray, orientation: int) -> bytes:
-    """Make a JPEG that tells by an EXIF segment which way up it is."""
+    """Return a JPEG with an Exif orientation."""
     entry = struct.pack('>HHIHH', 0x0112, 3, 1, orientation, 0)
     exif = b'Exif\0\0' + b'MM\0*' + struct.pack('>IH', 8, 1) + entry + bytes(4)
     jpeg = cv2.imencode('.jpg', image)[1].tobytes()
@@ -109,11 +109,11 @@ def ask_cv_bridge(
     jobs: Iterable[tuple[str, np.ndarray, str]],
 ) -> tuple[str, list[np.ndarray | str]] | None:
     """
-    Have the system's own cv_bridge convert images, in a process of the system's own Python.
+    Convert images with the cv_bridge of the system, in a process of the system's Python.
 
-    :param jobs: encoding, image and desired encoding of each.
-    :returns: the version of its OpenCV, and for each job an image or the text of an error; None
-        where there is no cv_bridge.
+    :param jobs: encoding, image and desired encoding of each conversion.
+    :returns: the version of OpenCV, and an image or the text of an error for each job; None if
+        the system has no cv_bridge.
     """
     request = pickle.dumps([(source, image.dtype.str, image.shape, image.tobytes(), desired)
                             for source, image, desired in jobs], 2)

@@ -12,26 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A clock that the test controls: time passes only where something waits."""
+"""A clock that the test controls: time passes only during waits."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from threading import Event
 
-# Not 0.0, and exact in binary, as are all times that the tests add to it.
+# Not 0.0, and exact in binary, like all times that the tests add.
 BEGAN = 64.0
 
-# More than any test waits for; a mutant may wait for ever.
+# Longer than any test waits; a mutant may wait forever.
 _LONGEST = 3600.0
 _MOST_WAITS = 10_000
 
 
 class SteppedClock:
-    """A clock of which every wait ends at once, with the time that it asked for gone by."""
+    """A clock whose waits return at once and advance the time by their duration."""
 
     def __init__(self) -> None:
-        """Create a clock with nothing planned."""
+        """Create a clock without planned actions."""
         self.now = BEGAN
         self.waits: list[float] = []
         self._planned: list[tuple[float, Callable[[], object]]] = []
@@ -47,12 +47,12 @@ class SteppedClock:
         return event.is_set()
 
     def plan(self, seconds: float, action: Callable[[], object]) -> None:
-        """Plan an action for when so many seconds have passed from now on."""
+        """Plan an action at some seconds from now."""
         self._planned.append((self.now + seconds, action))
         self._planned.sort(key=lambda planned: planned[0])
 
     def step_to(self, until: float, event: Event | None = None) -> None:
-        """Step on, and do what is planned meanwhile, until an event is set."""
+        """Advance the time and run the planned actions, until a time or a set event."""
         while self._planned and self._planned[0][0] <= until:
             when, action = self._planned.pop(0)
             self.now = max(self.now, when)

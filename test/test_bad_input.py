@@ -38,9 +38,9 @@ BAD_USAGE = 2
 
 PUBLISHER = {
     'no such device number': (FAILED, {'source': 987, 'reconnect': 'never'},
-                              'there is no camera /dev/video987'),
+                              'camera /dev/video987 does not exist'),
     'no such device': (FAILED, {'source': '/dev/video987', 'reconnect': 'never'},
-                       'there is no camera /dev/video987'),
+                       'camera /dev/video987 does not exist'),
     'no camera': (FAILED, {'source': '/dev/null'}, '/dev/null is not a camera'),
     'no such file': (FAILED, {'source': 'none.mp4'},
                      'none.mp4 cannot be opened: No such file or directory'),
@@ -50,12 +50,12 @@ PUBLISHER = {
                          'text.mp4 cannot be opened as a video: it is damaged or not a video'),
     'a text named png': (FAILED, {'source': 'text.png'},
                          'text.png cannot be read: 5 bytes are not a picture'),
-    'a folder without pictures': (FAILED, {'source': 'empty'}, 'there is no picture in empty'),
+    'a folder without pictures': (FAILED, {'source': 'empty'}, 'no image file in empty'),
     'a stream that is not there': (
         FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
         'rtsp://127.0.0.1:9/x is not reachable: 127.0.0.1 port 9: Connection refused'),
-    'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': name a camera"),
-    'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'as in pattern:640x480@30'),
+    'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),
+    'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'for example pattern:640x480@30'),
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},
                          "parameter encoding is 'bgr9': give one of 'rgb8'"),
     'negative rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': -1.0},
@@ -67,7 +67,7 @@ PUBLISHER = {
     'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
                     "parameter on_end is 'explode': give one of 'stop', 'loop', 'hold'"),
     'unknown pixel format': (BAD_USAGE, {'fourcc': 'H264'},
-                             "parameter fourcc is 'H264': the known pixel formats are BGR3"),
+                             "parameter fourcc is 'H264': give a supported pixel format: BGR3"),
     'a start after the stop': (
         BAD_USAGE, {'source': 'pattern', 'start_frame': 5, 'stop_frame': 5},
         'parameter start_frame is 5, which is not before stop_frame 5: give a smaller'),
@@ -303,7 +303,7 @@ def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: 
     assert ended == FAILED
     assert output.count(' is not used yet') == 2
     if reconnect != 'never':  # it is said while the camera is waited for
-        assert output.rindex(' is not used yet') < output.index('given up after')
+        assert output.rindex(' is not used yet') < output.index('gave up after')
     assert 'gain is not used yet; it is not a parameter of the node, and no camera is' in output
     assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
 

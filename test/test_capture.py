@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sources of frames and how they are played, without ROS."""
+"""Sources of frames and their playback, without ROS."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from opencv_tools.capture import camera_errors
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, Playback, Player
+from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
 from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.source import check_source, expected_size, open_source
 from opencv_tools.capture.video import VideoSource
@@ -45,8 +45,8 @@ from test_regular_files import KINDS
 def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,
          stopped: Event | None = None, clock: SteppedClock | None = None,
          **settings: Any) -> Player:
-    """Make a player that nothing holds, by a clock whose waits take no time."""
-    return Player(source, lambda: Playback(**settings), stopped or Event(), lambda: False,
+    """Create a player that is never paused, with a clock whose waits take no time."""
+    return Player(source, lambda: PlaybackSettings(**settings), stopped or Event(), lambda: False,
                   on_broken, clock or SteppedClock())
 
 
@@ -57,7 +57,7 @@ def clock() -> SteppedClock:
 
 @pytest.fixture
 def numbered(tmp_path: Path) -> Source:
-    """Give a folder of four pictures with the numbers 0 to 3."""
+    """Create a folder of four images with the numbers 0 to 3."""
     for number in range(4):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
     return open_source(str(tmp_path))
@@ -100,7 +100,7 @@ def test_pattern_frames_differ_and_repeat_exactly(width: int, height: int) -> No
 def test_pattern_shows_its_number() -> None:
     images = {draw_pattern(number, 640, 480)[160:320, 200:440].tobytes()
               for number in range(0, 640, 64)}
-    assert len(images) == 10  # the moving line is where it was, so the digits differ
+    assert len(images) == 10  # the moving line has the same position, so only the digits differ
 
 
 def test_video_gives_every_frame_and_its_rate() -> None:
@@ -193,8 +193,8 @@ def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('name', 'text'), [
     ('none.mp4', 'No such file or directory'), ('text.mp4', 'cannot be opened as a video'),
-    ('empty.mp4', 'cannot be opened as a video'), ('folder', 'there is no picture in'),
-    ('*.png', 'No such file or directory'), ('*.txt', 'there is no picture in'),
+    ('empty.mp4', 'cannot be opened as a video'), ('folder', 'no image file in'),
+    ('*.png', 'No such file or directory'), ('*.txt', 'no image file in'),
 ])
 def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / 'text.mp4').write_text('hello')
@@ -232,7 +232,7 @@ def test_only_devices_that_can_capture_are_listed(
     events: list[str] = []
 
     class Device:
-        """A device whose file says what it can do, or with which error it refuses."""
+        """A device whose file contains its capability, or the error of opening it."""
 
         def __init__(self, path: Path) -> None:
             content = path.read_text()
@@ -257,12 +257,12 @@ def test_only_devices_that_can_capture_are_listed(
     assert events == [f'{what} {name}' for name in ('video0', 'video1', 'video2', 'video10')
                       for what in ('open', 'close')]
     assert [path.name for path in camera_errors.list_cameras(tmp_path)] == listed
-    assert len(events) == 8  # a device is not opened again as long as it is the same
+    assert len(events) == 8  # an unchanged device is not opened again
 
 
 @pytest.mark.parametrize(('text', 'reason'), [
-    ('987', 'there is no camera /dev/video987; cameras on this machine: '),
-    ('/dev/v4l/by-id/none', 'there is no camera /dev/v4l/by-id/none'),
+    ('987', 'camera /dev/video987 does not exist; cameras on this machine: '),
+    ('/dev/v4l/by-id/none', 'camera /dev/v4l/by-id/none does not exist'),
     ('/dev/null', '/dev/null is not a camera'),
 ])
 def test_devices_that_are_no_camera(text: str, reason: str) -> None:
@@ -271,11 +271,11 @@ def test_devices_that_are_no_camera(text: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(('kind', 'name', 'reason'), [
-    ('fifo', 'x.png', 'x.png is a named pipe: give a file or a folder'),
-    ('socket', 'x.png', 'x.png is a socket: give a file or a folder'),
-    ('socket', 'x.mp4', 'x.mp4 is a socket: give a file or a folder'),
+    ('fifo', 'x.png', 'x.png is a named pipe; give a file or a folder'),
+    ('socket', 'x.png', 'x.png is a socket; give a file or a folder'),
+    ('socket', 'x.mp4', 'x.mp4 is a socket; give a file or a folder'),
     ('device', 'x.png', 'x.png is not a camera'),
-    ('folder', 'x.png', 'there is no picture in .*x.png')])
+    ('folder', 'x.png', 'no image file in .*x.png')])
 def test_what_is_no_file_is_refused_as_a_source(
         tmp_path: Path, kind: str, name: str, reason: str) -> None:
     KINDS[kind][0](tmp_path / name)
@@ -300,7 +300,7 @@ def test_a_picture_that_is_too_large_is_left_out(tmp_path: Path) -> None:
     (tmp_path / '1.png').touch()
     os.truncate(tmp_path / '1.png', 1 << 42)
     reasons: list[str] = []
-    with pytest.raises(CaptureError, match='has no frame that can be read'):
+    with pytest.raises(CaptureError, match='has no readable frame'):
         list(play(open_source(str(tmp_path)), lambda err: reasons.append(str(err))).frames())
     assert '1.png cannot be read: 1.png is larger than' in reasons[0]
 
@@ -319,7 +319,7 @@ def test_a_pipe_is_not_read_before_it_is_shown(
     assert expected_size(text) is None
     assert not opened
     with pytest.raises(CaptureError, match='no video'):
-        open_source(text)  # for that may be a video
+        open_source(text)  # because the pipe may contain a video
     assert opened == [str(tmp_path / 'pipe')]
 
 
@@ -341,7 +341,7 @@ def test_what_follows_the_last_frame(tmp_path: Path, on_end: str, expected: list
 def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
     (tmp_path / '1.png').write_text('no picture')
     player = play(open_source(str(tmp_path)), lambda err: None, rate=100.0, on_end=on_end)
-    with pytest.raises(CaptureError, match='has no frame that can be read'):
+    with pytest.raises(CaptureError, match='has no readable frame'):
         list(player.frames())
 
 
@@ -365,7 +365,7 @@ def test_time_that_was_lost_is_not_made_up_for(clock: SteppedClock) -> None:
     assert not pacer.is_due()
     assert not pacer.is_due(early=0.05)
     assert pacer.is_due(early=0.0625)
-    # The frames due at 0.0625, 0.125 and 0.1875 are late; one of them is shown at once.
+    # The frames due at 0.0625, 0.125 and 0.1875 are late; one of them is yielded at once.
     clock.step_to(BEGAN + 0.25)
     assert pacer.is_due()
     pacer.advance(0.0625)
@@ -406,7 +406,8 @@ def test_the_clock_of_the_system_waits_for_an_event_or_a_time() -> None:
 def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClock) -> None:
     held = Event()
     source = PatternSource(PatternSpec(200, 3, 64.0))
-    player = Player(source, lambda: Playback(stop=20), Event(), held.is_set, pytest.fail, clock)
+    player = Player(
+        source, lambda: PlaybackSettings(stop=20), Event(), held.is_set, pytest.fail, clock)
     stamps, images = [], []
     for frame in player.frames():
         stamps.append(frame.stamp_ns / 1e9 - BEGAN)
@@ -415,7 +416,7 @@ def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClo
             held.set()
             clock.plan(0.5, held.clear)
     gaps = np.diff(stamps)
-    assert 0.5 <= gaps[9] < 0.5 + 0.05  # it is looked for 50 times a second
+    assert 0.5 <= gaps[9] < 0.5 + 0.05  # polled 50 times a second
     assert np.delete(gaps, 9) == pytest.approx(1 / 64)
     for number, image in enumerate(images):
         assert np.array_equal(image, draw_pattern(number, 200, 3))
@@ -423,7 +424,7 @@ def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClo
 
 
 class StampedSource(PatternSource):
-    """A file whose frames have times of their own."""
+    """A file source whose frames have positions."""
 
     def __init__(self, *positions: float) -> None:
         super().__init__(PatternSpec(8, 8, 25.0))
@@ -440,7 +441,7 @@ class StampedSource(PatternSource):
     (0.0, [0.05, 0.2, 0.01, 0.04, 0.05, 0.2, 0.01]), (50.0, [0.02] * 7)])
 def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
         clock: SteppedClock, rate: float, gaps: list[float]) -> None:
-    source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second time round there is a step back
+    source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second play steps back by 0.26 s
     player = play(source, clock=clock, rate=rate, plays=2)
     shown = [(frame.stamp_ns / 1e9, clock.now) for frame in player.frames()]
     for times in zip(*shown, strict=True):
@@ -463,10 +464,10 @@ def test_part_of_a_file_is_played_as_often_as_asked(
 
 @pytest.mark.parametrize('first', [4, 5, 7])
 def test_a_first_frame_that_there_is_not(numbered: Source, first: int) -> None:
-    with pytest.raises(CaptureError, match=f'has 4 frames, and none of the number {first}$'):
+    with pytest.raises(CaptureError, match=f'^start_frame is {first}, but .* has only 4 '):
         list(play(numbered, rate=500.0, first=first).frames())
 
 
 def test_a_first_frame_that_a_video_has_not() -> None:
-    with pytest.raises(CaptureError, match=f'has {CLIP_FRAMES} frames, and none of the number'):
+    with pytest.raises(CaptureError, match=f'has only {CLIP_FRAMES} frames, numbered from 0$'):
         list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages in the format of the wire, against rclpy's own serialiser."""
+"""CDR messages, compared with those of rclpy."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ COMPRESSED_IMAGES = st.builds(
 
 
 def message_of(image: WireImage | WireCompressedImage) -> Image | CompressedImage:
-    """Make the ROS message with the same fields."""
+    """Return the ROS message with the same fields."""
     if isinstance(image, WireImage):
         message = Image(height=image.height, width=image.width, encoding=image.encoding,
                         is_bigendian=image.is_bigendian, step=image.step)
@@ -58,8 +58,8 @@ def message_of(image: WireImage | WireCompressedImage) -> Image | CompressedImag
 
 
 def padding_of(image: WireImage | WireCompressedImage) -> list[int]:
-    """Find the bytes between the fields, which the middleware leaves as they were."""
-    if isinstance(image, WireImage):  # two numbers, a string and a byte follow the first string
+    """Return the positions of the padding, which the middleware does not initialise."""
+    if isinstance(image, WireImage):  # two numbers, a string and a byte follow frame_id
         unaligned = [image.frame_id, f'{image.encoding}{"x" * 9}']
     else:
         unaligned = [image.frame_id, image.format]
@@ -124,7 +124,7 @@ def test_any_other_bytes_are_read_or_refused(data: bytes) -> None:
 
 
 def big_endian(image: WireImage) -> bytes:
-    """Serialise by hand, with the most significant byte first."""
+    """Return a big-endian message, serialised without the package."""
     def text(value: str, position: int) -> bytes:
         encoded = value.encode() + b'\0'
         return bytes(-position % 4) + struct.pack('>I', len(encoded)) + encoded
@@ -191,5 +191,5 @@ def test_text_that_is_not_utf_8_is_read() -> None:
     serialized[16:19] = b'\xff\xfe\xfd'
     assert cdr_to_image(serialized).frame_id == '\ufffd' * 3
     serialized[12:16] = struct.pack('<I', 2**32 - 1)
-    with pytest.raises(CdrError, match='takes 4294967295 from 16 on'):
+    with pytest.raises(CdrError, match='needs 4294967295 bytes from offset 16'):
         cdr_to_image(serialized)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every conversion of the cv_bridge replacement, against OpenCV and against cv_bridge itself."""
+"""Every conversion of the cv_bridge replacement, compared with OpenCV and with cv_bridge."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ SOURCES = [*dict.fromkeys(source for source, _ in OUTCOMES),
            'uyvy', 'yuyv', 'nv12', 'nv21', 'nv24']
 
 COLORS = {'y': 'GRAY', 'rgb': 'RGB', 'bgr': 'BGR', 'rgba': 'RGBA', 'bgra': 'BGRA'}
-MOSAICS = {'rggb': 'BG', 'bggr': 'RG', 'gbrg': 'GR', 'grbg': 'GB'}  # OpenCV begins elsewhere
+# OpenCV names a mosaic by the second row, from its second pixel on.
+MOSAICS = {'rggb': 'BG', 'bggr': 'RG', 'gbrg': 'GR', 'grbg': 'GB'}
 YUV = {'uyvy': 'UYVY', 'yuyv': 'YUY2', 'nv12': 'NV12', 'nv21': 'NV21'}
 DEPTHS = {'uint8': cv2.CV_8U, 'int8': cv2.CV_8S, 'uint16': cv2.CV_16U, 'int16': cv2.CV_16S,
           'int32': cv2.CV_32S, 'float32': cv2.CV_32F, 'float64': cv2.CV_64F}
 
 
 def is_converted(source: str, desired: str) -> bool:
-    """Tell whether there is such a conversion: cv_bridge has it, or its users miss it."""
+    """Return whether the conversion is supported by cv_bridge, or additionally by this package."""
     left, right = find_encoding(source), ENCODINGS.get(desired)
     if right and right.kind == 'color' and left.kind in ('bayer', 'yuv'):
         return True
@@ -55,7 +56,7 @@ def opencv_colors(image: np.ndarray, source: Encoding, order: str) -> np.ndarray
     if source.kind == 'bayer':
         return cv2.cvtColor(
             image, getattr(cv2, f'COLOR_Bayer{MOSAICS[source.order]}2{COLORS[order]}'))
-    if source.name == 'nv24':  # OpenCV has none: two equal pixels of UYVY for each of its own
+    if source.name == 'nv24':  # unknown to OpenCV; each pixel becomes two equal pixels of UYVY
         luma, chroma = np.split(image, [len(image) // 3])
         pairs = np.dstack([chroma.reshape(len(luma), -1), np.repeat(luma, 2, axis=1)])
         return opencv_colors(pairs, ENCODINGS['uyvy'], order)[:, ::2]
@@ -71,7 +72,7 @@ def opencv_colors(image: np.ndarray, source: Encoding, order: str) -> np.ndarray
 
 
 def opencv_depth(image: np.ndarray, dtype: str) -> np.ndarray:
-    """Change the depth with OpenCV's arithmetic."""
+    """Convert the depth with OpenCV's arithmetic."""
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     sizes = (image.itemsize, np.dtype(dtype).itemsize)
     scale = {(1, 2): 257.0, (2, 1): 1 / 257.0}.get(sizes)
@@ -93,7 +94,7 @@ def opencv_conversion(image: np.ndarray, source: str, desired: str) -> np.ndarra
 
 
 def tolerance(source: str, desired: str, version: str) -> int:
-    """Give how far OpenCV may be off: before 4.14 by one where it makes gray of 8-bit mosaics."""
+    """Return the error of OpenCV: 1 before 4.14 for 8-bit mosaics to gray, otherwise 0."""
     major, minor = (int(part) for part in version.split('.')[:2])
     if (major, minor) < (4, 14) and source.startswith('bayer') and source.endswith('8'):
         return {'mono8': 1, 'mono16': 257}.get(desired, 0)
@@ -101,7 +102,7 @@ def tolerance(source: str, desired: str, version: str) -> int:
 
 
 def same(left: np.ndarray, right: np.ndarray, within: int = 0) -> bool:
-    """Compare two images, type and shape and all; NaN equals NaN."""
+    """Return whether two images are equal in type, shape and values; NaN equals NaN."""
     if (left.shape, left.dtype) != (right.shape, right.dtype):
         return False
     if left.dtype.kind == 'f':
@@ -110,14 +111,14 @@ def same(left: np.ndarray, right: np.ndarray, within: int = 0) -> bool:
 
 
 def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
-    """Give the same image as several messages: tight, with padded rows, in both byte orders."""
+    """Yield an image as messages: without padding, with padded rows, in both byte orders."""
     bridge = CvBridge()
     yield bridge.cv2_to_imgmsg(image, encoding)
     yield bridge.cv2_to_imgmsg(image.astype(image.dtype.newbyteorder('>')), encoding)
     message = bridge.cv2_to_imgmsg(image, encoding)
     padding = 3 * find_encoding(encoding).pixel_bytes
     rows = np.frombuffer(message.data, np.uint8)
-    if encoding == 'nv24':  # its lines of chroma are twice as long, and so is what pads them
+    if encoding == 'nv24':  # its chroma lines and their padding have twice the length
         luma, chroma = np.split(rows, [message.height * message.step])
         parts = [np.pad(luma.reshape(message.height, -1), ((0, 0), (0, padding)),
                         constant_values=77),
@@ -133,9 +134,9 @@ def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
 
 
 def sizes_of(encoding: str) -> list[tuple[int, int]]:
-    """Give the sizes that an encoding can have."""
+    """Return the sizes that an encoding can have."""
     found = find_encoding(encoding)
-    columns, rows = 2 if found.kind == 'yuv' else 1, 2 if found.planes == 1.5 else 1
+    columns, rows = 2 if found.kind == 'yuv' else 1, 2 if found.row_factor == 1.5 else 1
     return [(height, width) for height, width in SIZES
             if not width % columns and not height % rows]
 
@@ -187,7 +188,7 @@ def test_every_refusal_has_the_text_of_cv_bridge(tell: Callable[[str], None]) ->
 def test_everything_equals_the_cv_bridge_of_this_machine(
         tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
-    # Debian's is of ROS 1, whose tables lack these.
+    # Debian's cv_bridge is of ROS 1, whose tables do not contain these.
     unknown = {'uyvy', 'yuyv', 'yuv422_yuy2', 'nv21', 'nv24', '64UC1', '64UC3', '8FC1', '16FC3'}
     jobs = [(source, random_image(source, height, width), desired)
             for source, desired in OUTCOMES if not {source, desired} & unknown

@@ -514,7 +514,7 @@ def test_broken_messages_are_reported_and_the_next_frame_arrives(
     assert received.numbers() == [1]
     assert len(received.errors) == 3
     assert 'the message ends after' in str(received.errors[0])
-    assert 'takes 4294967295' in str(received.errors[1])
+    assert 'needs 4294967295' in str(received.errors[1])
     assert 'the middleware cannot read the message' in str(received.errors[2])
     assert subscription.lost == 0
 

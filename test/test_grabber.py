@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The grabber by a clock that the test controls: nothing here takes any time."""
+"""The grabber with a clock that the test controls, so that no test waits."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ import numpy as np
 from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
 )
-from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.player import Playback
+from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
+from opencv_tools.capture.player import PlaybackSettings
 import pytest
 from stepped_clock import BEGAN, SteppedClock
 
@@ -34,7 +34,7 @@ DEADLINE = 30.0
 
 
 class Camera:
-    """A camera that gives a numbered frame RATE times a second, whether or not it is read."""
+    """A camera that sends a numbered frame RATE times a second, whether it is read or not."""
 
     name = 'camera'
     description = '1x1'
@@ -79,7 +79,7 @@ class Camera:
 
 
 class Log:
-    """Keep what a grabber tells, and look at its frames or not."""
+    """A listener that records the events of a grabber, and a demand that the test sets."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -97,10 +97,10 @@ class Log:
     def broken(self, reason: BrokenFrameError) -> None:
         self.lines.append(f'broken: {reason}')
 
-    def is_there(self) -> bool:
+    def may_publish(self) -> bool:
         return self.there
 
-    def is_looking(self) -> bool:
+    def has_subscribers(self) -> bool:
         return self.looking
 
 
@@ -121,8 +121,8 @@ def camera(clock: SteppedClock) -> Camera:
 
 @pytest.fixture
 def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
-    """Make grabbers of a sequence of cameras and failures to open one."""
-    def _grab(*attempts: Camera | Exception, **settings: float) -> Grabber:
+    """Return a function that creates a grabber for a sequence of cameras and open errors."""
+    def _grab(*attempts: Camera | Exception, rate: float = 0.0, **policy: float) -> Grabber:
         coming = iter(attempts)
 
         def _open() -> Source:
@@ -131,13 +131,14 @@ def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
                 raise attempt
             return attempt
 
-        return Grabber(_open, Playback(**settings), log, log, clock)
+        return Grabber(
+            _open, PlaybackSettings(rate=rate), ReconnectPolicy(**policy), log, log, clock)
 
     return _grab
 
 
 def take(grabber: Grabber, clock: SteppedClock, seconds: float) -> list[Frame | None]:
-    """Take the frames that come within a time."""
+    """Return the frames that come within some seconds."""
     clock.plan(seconds, grabber.stop)
     return list(grabber.frames())
 
@@ -223,7 +224,7 @@ def test_a_camera_that_goes_is_closed_and_opened_again(
     assert log.lines[1:] == ['lost: gone', 'lost: not there', 'lost: not ours', 'lost: not there',
                              'opened', 'returned after 3.50 s']
     assert grabber.reconnects == 1
-    assert not grabber.trouble
+    assert not grabber.unavailable_reason
 
 
 def test_a_camera_that_is_not_there_yet_is_the_same_case(
@@ -254,22 +255,22 @@ def test_a_camera_that_stalls_is_opened_anew_until_it_gives_frames(
     cameras[0].stalled = True
     began = clock.now
     next(frames)
-    # Three waits of 0.1 s, for two are not enough, and a pause; the third camera has a frame.
+    # Three waits of 0.1 s (two are shorter than 0.25 s) and a delay; the third camera has a frame.
     assert clock.now - began == pytest.approx(0.3 + 0.1 + 0.3 + 0.2)
     assert [camera.closed for camera in cameras] == [True, True, False]
-    assert log.lines[1:] == ['lost: camera has given no frame for 0.25 s', 'opened', 'opened',
+    assert log.lines[1:] == ['lost: camera sent no frame for 0.25 s', 'opened', 'opened',
                              'returned after 0.90 s']
 
 
 @pytest.mark.parametrize(('reconnect', 'message', 'waits'), [
-    (0.0, 'gone', []), (0.0625, r'not there; given up after 0\.1 s', [0.0625]),
-    (0.5, r'not there; given up after 0\.5 s', [0.1, 0.2, 0.2]),
-    (3.0, r'not there; given up after 3\.0 s', [0.1, 0.2, 0.4, 0.8, 1.0, 0.5])])
+    (0.0, 'gone', []), (0.0625, r'not there; gave up after 0\.1 s', [0.0625]),
+    (0.5, r'not there; gave up after 0\.5 s', [0.1, 0.2, 0.2]),
+    (3.0, r'not there; gave up after 3\.0 s', [0.1, 0.2, 0.4, 0.8, 1.0, 0.5])])
 def test_a_camera_that_stays_away_is_given_up(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, reconnect: float,
         message: str, waits: list[float]) -> None:
     frames = grab(camera, *itertools.repeat(UnavailableError('not there'), 20),
-                  reconnect=reconnect).frames()
+                  reconnect_timeout=reconnect).frames()
     next(frames)
     clock.waits.clear()
     camera.fault = UnavailableError('gone')
@@ -293,7 +294,7 @@ def test_a_pause_lets_the_camera_go_and_an_end_of_it_takes_it_back(
     grabber = grab(*cameras)
     frames = grabber.frames()
     next(frames)
-    assert not grabber.pause(0.0)  # not before the next frame is asked for
+    assert not grabber.pause(0.0)  # the camera is closed when the next frame is requested
     assert grabber.paused
 
     def look_and_resume() -> None:

@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""JPEG whose data break off: noticed where that is certain, and whole ones pass."""
+"""Truncated JPEG: detected where the check is certain, and complete JPEG passes."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size, JpegError
-from opencv_tools.pictures import decode_picture, PictureError
+from opencv_tools.pictures import CodecError, decode_picture
 import pytest
 
 ENDS = b'\xff\xd9'
-# What libjpeg puts for pixels that are missing.
+# The value that libjpeg writes for missing pixels.
 FILLING = 128
 
 
 def photo(height: int = 96, width: int = 128, channels: int = 3) -> np.ndarray:
-    """Make an image as varied as a photo."""
+    """Return an image with as much variation as a photo."""
     random = np.random.default_rng(5).integers(0, 256, (height, width, channels), np.uint8)
     blurred = cv2.GaussianBlur(random, (9, 9), 2)
     return blurred.reshape(random.shape[:2 if channels == 1 else 3])
@@ -41,7 +41,7 @@ def encoded(image: np.ndarray, *options: int) -> bytes:
 
 
 def broken_off(jpeg: bytes, part: float) -> bytes:
-    """Keep a part of the data of the last scan, and end as a JPEG does."""
+    """Return a JPEG with a part of the data of its last scan, and with an end marker."""
     begin = jpeg.rfind(b'\xff\xda') + 14
     return jpeg[:begin + int(part * (len(jpeg) - begin))].rstrip(b'\xff') + ENDS
 
@@ -75,7 +75,7 @@ def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
 def test_a_scan_that_breaks_off_is_no_picture(
         kind: str, part: float, channels: int, upright: bool) -> None:
     jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
-    with pytest.raises(PictureError, match=r'whose end is missing$'):
+    with pytest.raises(CodecError, match=r'whose end is missing$'):
         decode_picture(broken_off(jpeg, part), upright)
 
 
@@ -87,7 +87,7 @@ def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
     assert len(ends) > 8
     for place in ends:
         for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
-            with pytest.raises(PictureError, match=r'whose end is missing$'):
+            with pytest.raises(CodecError, match=r'whose end is missing$'):
                 decode_picture(data)
 
 

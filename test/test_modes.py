@@ -16,15 +16,17 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from opencv_tools.capture import videodev
 from opencv_tools.capture.frame import BrokenFrameError
 from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.capture.pixel_formats import check_fourcc, PIXEL_FORMATS, read_pixels
-from opencv_tools.capture.videodev import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.pixel_formats import (
+    check_fourcc, pack_fourcc, PIXEL_FORMATS, read_pixels, unpack_fourcc,
+)
 from opencv_tools.image.encodings import find_encoding
 import pytest
 
-# A webcam as they are sold: raw frames are slow where they are large.
+# A typical webcam: raw frames have a low rate at large sizes.
 RATES = {
     Mode('YUYV', 640, 480): [15.0, 30.0], Mode('YUYV', 1280, 720): [10.0],
     Mode('YUYV', 1920, 1080): [5.0], Mode('MJPG', 640, 480): [30.0],
@@ -87,7 +89,7 @@ def test_modes_are_described_by_their_sizes() -> None:
 @pytest.mark.parametrize(('text', 'number'), [
     ('YUYV', 0x56595559), ('Y16', 0x20363159), ('Y16-BE', 0xa0363159), ('RGB3', 0x33424752)])
 def test_four_letters_are_a_number_and_back(text: str, number: int) -> None:
-    assert pack_fourcc(text) == number  # as v4l2_fourcc of <videodev2.h> makes them
+    assert pack_fourcc(text) == number  # from v4l2_fourcc of <linux/videodev2.h>
     assert unpack_fourcc(number) == text
 
 
@@ -117,7 +119,7 @@ def test_pixels_are_read_without_the_padding(fourcc: str, padding: int) -> None:
     image = read_pixels(known, data, HEIGHT, WIDTH, padded.shape[1])
     assert image.tobytes() == content.tobytes()
     assert image.dtype == encoding.dtype
-    with pytest.raises(BrokenFrameError, match='the camera sent a part of a frame'):
+    with pytest.raises(BrokenFrameError, match='the camera sent an incomplete frame'):
         read_pixels(known, data[:len(data) // 2], HEIGHT, WIDTH, padded.shape[1])
 
 
@@ -137,3 +139,28 @@ def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) ->
 def test_a_jpeg_is_left_as_it_is() -> None:
     image = read_pixels(PIXEL_FORMATS['MJPG'], b'\xff\xd8 and so on', 48, 64, 0)
     assert image.tobytes() == b'\xff\xd8 and so on'
+
+
+@pytest.mark.parametrize(('name', 'number'), [
+    ('QUERYCAP', 0x80685600), ('ENUM_FMT', 0xc0405602), ('S_FMT', 0xc0d05605),
+    ('REQBUFS', 0xc0145608), ('QUERYBUF', 0xc0585609), ('QBUF', 0xc058560f),
+    ('DQBUF', 0xc0585611), ('STREAMON', 0x40045612), ('G_PARM', 0xc0cc5615),
+    ('S_PARM', 0xc0cc5616), ('G_CTRL', 0xc008561b), ('S_CTRL', 0xc008561c),
+    ('QUERYMENU', 0xc02c5625), ('ENUM_FRAMESIZES', 0xc02c564a),
+    ('ENUM_FRAMEINTERVALS', 0xc034564b), ('DQEVENT', 0x80885659),
+    ('SUBSCRIBE_EVENT', 0x4020565a), ('QUERY_EXT_CTRL', 0xc0e85667)])
+def test_ioctl_numbers_of_64_bit_linux(name: str, number: int) -> None:
+    assert getattr(videodev, f'VIDIOC_{name}') == number
+
+
+@pytest.mark.parametrize(('structure', 'field', 'offset'), [
+    ('v4l2_capability', 'device_caps', 88), ('v4l2_fmtdesc', 'pixelformat', 44),
+    ('v4l2_frmsizeenum', 'union', 12), ('v4l2_frmivalenum', 'union', 20),
+    ('v4l2_format', 'fmt', 8), ('v4l2_pix_format', 'bytesperline', 16),
+    ('v4l2_pix_format_mplane', 'plane_fmt', 20), ('v4l2_plane_pix_format', 'bytesperline', 4),
+    ('v4l2_captureparm', 'timeperframe', 8), ('v4l2_plane', 'm', 8),
+    ('v4l2_plane', 'data_offset', 16), ('v4l2_buffer', 'timestamp', 24),
+    ('v4l2_buffer', 'sequence', 56), ('v4l2_buffer', 'm', 64), ('v4l2_buffer', 'length', 72),
+    ('v4l2_query_ext_ctrl', 'flags', 72), ('v4l2_event', 'id', 96)])
+def test_offsets_in_v4l2_structures(structure: str, field: str, offset: int) -> None:
+    assert getattr(getattr(videodev, structure), field).offset == offset

@@ -55,7 +55,7 @@ def test_the_colours_of_a_turned_bayer_image_are_those_of_the_image_turned(
         name: str, height: int, width: int, flip: str, degrees: int) -> None:
     encoding = find_encoding(name)
     full = np.random.default_rng(7).integers(0, 200, (1, 1, 3)).astype(encoding.dtype)
-    scene = np.tile(full, (height, width, 1))  # one colour, which any demosaicing gives back
+    scene = np.tile(full, (height, width, 1))  # one colour, which any demosaicing reproduces
     colours = np.tile(np.array(list(encoding.order)).reshape(2, 2), (4, 4))[:height, :width]
     mosaic = np.choose(np.vectorize('bgr'.index)(colours), np.moveaxis(scene, 2, 0))
     oriented, found = orient(mosaic, encoding, flip, degrees)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import struct
 import zlib
 
-from opencv_tools.pictures import PictureError
+from opencv_tools.pictures import CodecError
 from opencv_tools.recording.payload import ImageHeader, read_image_header
 import pytest
 
@@ -47,7 +47,7 @@ IHDR = b'IHDR', b'\0\0\1\7\0\0\0\5\x08\0\0\0\0'
 def test_a_frame_of_any_kind_has_the_size(marker: int) -> None:
     data = jpeg(COMMENT, bytes([0xff, marker]) + SIZE)
     if marker in (0xc4, 0xc8, 0xcc):
-        with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size'):
+        with pytest.raises(CodecError, match=f'^{len(data)} bytes of a picture without a size'):
             read_image_header(data)
     else:
         assert read_image_header(data) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
@@ -65,7 +65,7 @@ def test_markers_without_a_length_are_passed_over(marker: int) -> None:
     jpeg(b'\xff\xc0\x00\x0b'), jpeg(), jpeg(*[COMMENT] * 1000, b'\xff\xc0' + SIZE)],
     ids=['zero', 'fill', 'long', 'again', 'short', 'nothing', 'many'])
 def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
-    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a picture without a size$'):
+    with pytest.raises(CodecError, match=f'^{len(data)} bytes of a picture without a size$'):
         read_image_header(data)
 
 
@@ -77,7 +77,7 @@ def test_a_size_is_found_behind_many_segments() -> None:
 @pytest.mark.parametrize('data', [
     b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
 def test_an_end_that_is_missing_is_told(data: bytes) -> None:
-    with pytest.raises(PictureError, match=f'^{len(data)} bytes of .* whose end is missing$'):
+    with pytest.raises(CodecError, match=f'^{len(data)} bytes of .* whose end is missing$'):
         read_image_header(data)
 
 
@@ -97,5 +97,5 @@ def test_a_png_tells_its_size() -> None:
     png(IHDR)[:-12] + b'\xff\xff\xff\xffIDAT' + png()[-12:]],
     ids=['nothing', 'no pixels', 'no header', 'header later', 'sum', 'rubbish', 'long'])
 def test_a_png_with_rubbish_in_it_is_refused(data: bytes) -> None:
-    with pytest.raises(PictureError, match=f'^{len(data)} bytes of a PNG picture .* damaged$'):
+    with pytest.raises(CodecError, match=f'^{len(data)} bytes of a PNG picture .* damaged$'):
         read_image_header(data)

@@ -33,19 +33,19 @@ from sensor_msgs.msg import CompressedImage
 LOSSLESS = ('png', 'bmp', 'dib', 'tif', 'tiff', 'sr', 'ras', 'ppm')
 LOSSY = ('jpg', 'jpeg', 'jpe')
 
-# OpenCV before 4.14 is off by one where it makes gray of mosaics.
+# OpenCV before 4.14 has errors of 1 in the conversion of Bayer mosaics to gray.
 OLD_BAYER = tuple(map(int, cv2.__version__.split('.')[:2])) < (4, 14)
 
 
 def compressed(image: np.ndarray, suffix: str, text: str) -> CompressedImage:
-    """Make a message as another node would, with OpenCV alone."""
+    """Create a message with OpenCV only, as another node would."""
     message = CompressedImage(format=text)
     message.data.frombytes(cv2.imencode(suffix, image)[1].tobytes())
     return message
 
 
 def smooth_image(height: int, width: int) -> np.ndarray:
-    """Make a BGR image that JPEG can hold well."""
+    """Return a smooth BGR image, which JPEG stores with small errors."""
     return cv2.GaussianBlur(random_image('bgr8', height, width), (0, 0), 5)
 
 
@@ -163,13 +163,14 @@ def test_format_strings(text: str, expected: CompressedFormat) -> None:
 
 @pytest.mark.parametrize(('image', 'text', 'quality', 'reason'), [
     (np.zeros((2, 3), np.uint16), 'jpg', None,
-     'a 3x2 16UC1 image cannot be kept as jpg; png or tif or tiff or pgm can hold it'),
-    (np.zeros((2, 3, 4), np.uint8), 'jpeg', None, 'a 3x2 8UC4 image cannot be kept as jpeg; png'),
-    (np.zeros((2, 3, 2), np.float32), 'png', None, 'nor as any other picture'),
-    (np.zeros((2, 3), np.uint8), 'gif2', None, "'gif2' is not a known picture format"),
-    (np.zeros((2, 3), np.uint8), '', None, "'' is not a known picture format"),
-    (np.zeros((2, 3), np.uint8), 'jpg', 101, 'quality 101 cannot be used for jpg'),
-    (np.zeros((2, 3), np.uint8), 'png', 50, 'quality 50 cannot be used for png'),
+     'a 3x2 16UC1 image cannot be stored as jpg; use png or tif or tiff or pgm'),
+    (np.zeros((2, 3, 4), np.uint8), 'jpeg', None,
+     'a 3x2 8UC4 image cannot be stored as jpeg; use png'),
+    (np.zeros((2, 3, 2), np.float32), 'png', None, 'no picture format can store it'),
+    (np.zeros((2, 3), np.uint8), 'gif2', None, "unknown picture format 'gif2'; give one of png"),
+    (np.zeros((2, 3), np.uint8), '', None, "unknown picture format ''"),
+    (np.zeros((2, 3), np.uint8), 'jpg', 101, 'quality 101 is invalid for jpg'),
+    (np.zeros((2, 3), np.uint8), 'png', 50, 'quality 50 is invalid for png'),
     (np.zeros((2, 3, 3), np.uint8), 'mono8; png compressed mono8', None,
      'encoding specified as mono8, but image has incompatible type 8UC3'),
 ])
@@ -189,7 +190,7 @@ def test_labels_are_shown_in_colours() -> None:
     assert (shown.reshape(-1, 3)[:3] == 0).all()
     aliceblue, antiquewhite, aqua = shown.reshape(-1, 3)[3:6].tolist()
     assert (aliceblue, antiquewhite, aqua) == ([255, 248, 239], [214, 235, 249], [255, 255, 0])
-    assert shown.reshape(-1, 3)[149].tolist() == aliceblue  # 146 begins again
+    assert shown.reshape(-1, 3)[149].tolist() == aliceblue  # the 146 colours repeat
     np.testing.assert_array_equal(
         cvtColorForDisplay(labels.astype(np.int64), '32SC1', 'bgr8'), shown)
 
@@ -205,7 +206,7 @@ def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> No
 
 
 @pytest.mark.parametrize(('image', 'shown'), [
-    (np.array([3e38, -3e38, 0.0], np.float32), [0, 0, 128]),  # a span that no float32 holds
+    (np.array([3e38, -3e38, 0.0], np.float32), [0, 0, 128]),  # a range that exceeds float32
     (np.array([np.inf, -np.inf, np.nan, 0.0, 1.0], np.float32), [0, 0, 0, 0, 255]),
     (np.array([0x7fa00000, 0, 0x3f800000], np.uint32).view(np.float32), [0, 0, 255])])
 def test_odd_numbers_are_shown_without_a_warning(image: np.ndarray, shown: list[int]) -> None:
@@ -234,7 +235,7 @@ def test_a_colormap_colours_what_is_scaled() -> None:
     expected = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_JET)
     assert shown[0, :3].tolist() == expected[0, :, ::-1].tolist()
     assert shown[0, 3].tolist() == [0, 0, 0]
-    with pytest.raises(CvBridgeError, match='999 is not the number of a colormap'):
+    with pytest.raises(CvBridgeError, match='unknown colormap 999; give one of'):
         cvtColorForDisplay(image, '32FC1', 'rgb8', True, colormap=999)
 
 
@@ -309,9 +310,9 @@ def test_half_a_pair_of_pixels_is_treated_as_without_opencv(source: str) -> None
     image = random_image(source, 4, 5)
     gray = convert_picture(image, left, ENCODINGS['mono8'])
     np.testing.assert_array_equal(gray, convert(image, left, ENCODINGS['mono8']), strict=True)
-    if source == 'nv24':  # every pixel has its own chroma
+    if source == 'nv24':  # nv24 has chroma for each pixel
         colors = convert_picture(image, left, ENCODINGS['bgr8'])
         np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
         return
-    with pytest.raises(ImageError, match='a row of 5 pixels has no whole colours'):
+    with pytest.raises(ImageError, match=r'must have an even width .* a row has 5 pixels'):
         convert_picture(image, left, ENCODINGS['bgr8'])

@@ -238,7 +238,7 @@ def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> N
     spin_until(node, lambda: bool(messages))
     (status,) = messages[-1].status
     assert status.level == b'\2'
-    assert status.message.startswith('there is no camera /dev/video987')
+    assert status.message.startswith('camera /dev/video987 does not exist')
 
 
 # While it runs
@@ -324,7 +324,7 @@ REFUSED = (
     ('source', 'pattern:8x8', 'read-only'), ('camera_info_url', '/x', 'read-only'),
     ('rotate', 91, 'give one of 0, 90, 180, 270'),
     ('encoding', 'bgr9', "parameter encoding is 'bgr9'"),
-    ('fourcc', 'H264', 'the known pixel formats are'), ('jpeg_quality', 0, 'out of range'),
+    ('fourcc', 'H264', 'give a supported pixel format'), ('jpeg_quality', 0, 'out of range'),
     ('publish_rate', 2000, 'out of range'), ('publish_rate', '5', 'Wrong parameter type'),
     ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'))
 
@@ -381,25 +381,25 @@ def test_the_subscribers_that_are_awaited_are_given_a_moment(
     topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
     now = 100.0
     clock = SimpleNamespace(monotonic=lambda: now)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
     spin_until(node, lambda: topics.images.get_subscription_count() == 2)
     monkeypatch.setattr('opencv_tools.ros.frame_topics.time', clock)
-    assert [topics.is_there() for _ in range(2)] == [False, False]
+    assert [topics.may_publish() for _ in range(2)] == [False, False]
     now += 0.19
-    assert not topics.is_there()
+    assert not topics.may_publish()
     node.destroy_subscription(first)  # and the time begins anew with the next
     spin_until(node, lambda: topics.images.get_subscription_count() == 1)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     node.create_subscription(Image, 'video_frames', print, 10)
     spin_until(node, lambda: topics.images.get_subscription_count() == 2)
-    assert not topics.is_there()
+    assert not topics.may_publish()
     now += 0.19
-    assert not topics.is_there()
+    assert not topics.may_publish()
     now += 0.02
-    assert topics.is_there()
+    assert topics.may_publish()
     now -= 1.0
-    assert topics.is_there()
+    assert topics.may_publish()
 
 
 def test_a_node_without_subscribers_says_so(start: Start) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a stream cannot be opened, in words."""
+"""The diagnosis of a stream that cannot be opened."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ import pytest
 
 @pytest.fixture
 def bound() -> Iterator[socket.socket]:
-    """Bind a port of this machine, at which nobody listens."""
+    """Bind a port of this machine without listening on it."""
     with socket.socket() as held:
         held.bind(('127.0.0.1', 0))
         yield held
@@ -37,7 +37,7 @@ def bound() -> Iterator[socket.socket]:
 
 @pytest.fixture
 def server() -> Iterator[str]:
-    """Serve nothing but errors."""
+    """Start a web server that answers every request with an error."""
     class Handler(BaseHTTPRequestHandler):
 
         def do_GET(self) -> None:
@@ -61,7 +61,7 @@ def test_a_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     bound.listen()
     assert describe_failure(url) == (
         f'{url} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
-        'but sends no video that can be read')
+        'but sends no readable video')
 
 
 @pytest.mark.parametrize(('err', 'reason'), [
@@ -86,7 +86,7 @@ def test_a_server_that_cannot_be_reached_is_named_with_its_usual_port(
 def test_who_cannot_be_called_is_not_called(monkeypatch: pytest.MonkeyPatch, url: str) -> None:
     monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
     assert describe_failure(url) == (
-        f'{url} cannot be opened as a video: it is not reachable, or sends no video')
+        f'{url} cannot be opened as a video: it is unreachable or sends no video')
 
 
 @pytest.mark.parametrize('url', [
@@ -102,5 +102,5 @@ def test_a_closed_port_may_open_later(bound: socket.socket) -> None:
 
 
 def test_a_server_without_a_video_is_told_from_a_closed_port(server: str) -> None:
-    with pytest.raises(CaptureError, match='is reachable, but sends no video'):
+    with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
         open_source(server)

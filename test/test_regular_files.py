@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that others may have put there: opened only where they are regular and small enough."""
+"""Files that other users can replace: only regular files of limited size are opened."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def make_socket(path: Path) -> None:
         listening.bind(str(path))
 
 
-#: What is made at a path, and what it is called when it is refused.
+#: Functions that create each kind of file at a path, and the reason in the error.
 KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
     'fifo': (os.mkfifo, 'is a named pipe, not a regular file'),
     'socket': (make_socket, 'is a socket, not a regular file'),
@@ -42,12 +42,12 @@ KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """List the names of what is opened."""
+    """Record the names of opened files."""
     names: list[str] = []
 
     def _open(path: Path, flags: int, mode: int = 0o777) -> int:
         names.append(Path(path).name)
-        return real(path, flags | os.O_NONBLOCK, mode)  # or a pipe would stop the test for ever
+        return real(path, flags | os.O_NONBLOCK, mode)  # without it a pipe would block forever
 
     real = os.open
     monkeypatch.setattr(os, 'open', _open)
@@ -106,14 +106,14 @@ def test_a_file_of_the_largest_size_is_read_and_no_larger_one(tmp_path: Path) ->
     for content in (b'', b'x' * (LIMIT - 1), b'x' * LIMIT):
         path.write_bytes(content)
         assert read_regular(path, LIMIT) == content
-    for size in (LIMIT + 1, 1 << 40):  # a terabyte of holes
+    for size in (LIMIT + 1, 1 << 40):  # a sparse file of 1 TB
         os.truncate(path, size)
         with pytest.raises(RefusedFileError, match=f'x is larger than {LIMIT} bytes'):
             read_regular(path, LIMIT)
 
 
 def test_a_file_without_a_size_is_read_as_far_as_the_limit() -> None:
-    status = Path('/proc/self/status')  # its size is told as 0
+    status = Path('/proc/self/status')  # a file whose reported size is 0
     assert read_regular(status, 1 << 20).startswith(b'Name:')
     with pytest.raises(RefusedFileError, match='status is larger than 100 bytes'):
         read_regular(status, 100)
@@ -126,7 +126,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(
         replace_file(path, content)
         assert path.read_bytes() == content
         assert list(tmp_path.iterdir()) == [path]
-    old.hardlink_to(path)  # what a program that has it open sees
+    old.hardlink_to(path)  # content for a program that has opened the old file
     replace_file(path, b'third')
     assert old.read_bytes() == b'second'
     monkeypatch.setattr(Path, 'replace', lambda *_: (tmp_path / 'none').rename(path))

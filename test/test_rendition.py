@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.capture.rendition import Look, Rendition
+from opencv_tools.capture.rendition import OutputImage, OutputSettings
 from opencv_tools.image.errors import ImageError
 import pytest
 
@@ -46,10 +46,10 @@ def frame_of(encoding: str) -> Frame:
     ('yuv422', 'uyvy')])
 def test_pixels_that_are_what_is_wanted_are_not_copied(captured: str, wanted: str) -> None:
     frame = frame_of(captured)
-    rendition = Rendition(frame, Look(wanted))
-    assert rendition.image is frame.image
-    assert rendition.encoding == (wanted or captured)
-    assert rendition.size == (64, 48)
+    output = OutputImage(frame, OutputSettings(wanted))
+    assert output.image is frame.image
+    assert output.encoding == (wanted or captured)
+    assert output.size == (64, 48)
 
 
 @pytest.mark.parametrize(('captured', 'wanted', 'published', 'code'), [
@@ -63,24 +63,24 @@ def test_pixels_that_are_what_is_wanted_are_not_copied(captured: str, wanted: st
 def test_pixels_are_what_is_wanted(
         captured: str, wanted: str, published: str, code: int | None) -> None:
     frame = frame_of(captured)
-    rendition = Rendition(frame, Look(wanted))
-    assert rendition.encoding == published
-    assert rendition.size == (64, 48)
+    output = OutputImage(frame, OutputSettings(wanted))
+    assert output.encoding == published
+    assert output.size == (64, 48)
     image = DECODED if captured == JPEG else np.ascontiguousarray(frame.image)
     expected = image if code is None else cv2.cvtColor(image, code)
-    np.testing.assert_array_equal(rendition.image, expected, strict=True)
+    np.testing.assert_array_equal(output.image, expected, strict=True)
 
 
 def test_colours_come_before_depth() -> None:
-    rendition = Rendition(frame_of(JPEG), Look('mono16'))
+    output = OutputImage(frame_of(JPEG), OutputSettings('mono16'))
     gray = cv2.cvtColor(DECODED, cv2.COLOR_BGR2GRAY)
-    np.testing.assert_array_equal(rendition.image, gray * np.uint16(257), strict=True)
+    np.testing.assert_array_equal(output.image, gray * np.uint16(257), strict=True)
 
 
 def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
     frame = frame_of(JPEG)
     for encoding in ('', 'bgr8', 'rgb8'):
-        data, format_text = Rendition(frame, Look(encoding)).jpeg
+        data, format_text = OutputImage(frame, OutputSettings(encoding)).jpeg
         assert data is frame.image
         assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
 
@@ -88,19 +88,22 @@ def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
 def test_the_gray_jpeg_of_a_camera_is_told_as_gray() -> None:
     gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
     for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
-        data, format_text = Rendition(Frame(gray, JPEG), Look(encoding)).jpeg
+        data, format_text = OutputImage(Frame(gray, JPEG), OutputSettings(encoding)).jpeg
         assert data is gray
         assert format_text == 'mono8; jpeg compressed mono8'
-    assert Rendition(Frame(gray, JPEG), Look('mono8', rotate=90)).jpeg[1] == format_text
+    rotated = OutputImage(Frame(gray, JPEG), OutputSettings('mono8', rotate=90))
+    assert rotated.jpeg[1] == format_text
 
 
-@pytest.mark.parametrize('look', [Look(flip='vertical'), Look(rotate=180), Look('mono8')])
-def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(look: Look) -> None:
-    rendition = Rendition(frame_of(JPEG), look)
-    data, _ = rendition.jpeg
+@pytest.mark.parametrize('settings', [
+    OutputSettings(flip='vertical'), OutputSettings(rotate=180), OutputSettings('mono8')])
+def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(
+        settings: OutputSettings) -> None:
+    output = OutputImage(frame_of(JPEG), settings)
+    data, _ = output.jpeg
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     expected = cv2.imdecode(cv2.imencode(
-        '.jpg', np.ascontiguousarray(rendition.image), (cv2.IMWRITE_JPEG_QUALITY, 95))[1],
+        '.jpg', np.ascontiguousarray(output.image), (cv2.IMWRITE_JPEG_QUALITY, 95))[1],
         cv2.IMREAD_UNCHANGED)
     assert np.array_equal(shown, expected)
     assert not np.array_equal(shown, DECODED)
@@ -113,7 +116,7 @@ def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(look: L
     ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
 def test_a_jpeg_is_told_as_compressed_image_transport_does(
         captured: str, format_text: str) -> None:
-    data, told = Rendition(frame_of(captured), Look()).jpeg
+    data, told = OutputImage(frame_of(captured), OutputSettings()).jpeg
     assert told == format_text
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
@@ -122,24 +125,24 @@ def test_a_jpeg_is_told_as_compressed_image_transport_does(
 
 
 def test_quality_makes_jpegs_larger() -> None:
-    sizes = [Rendition(frame_of('bgr8'), Look(jpeg_quality=quality)).jpeg[0].size
+    sizes = [OutputImage(frame_of('bgr8'), OutputSettings(jpeg_quality=quality)).jpeg[0].size
              for quality in (1, 50, 100)]
     assert sizes == sorted(set(sizes))
 
 
-@pytest.mark.parametrize(('captured', 'look'), [
-    ('32FC1', Look('bgr8')), ('bgr8', Look('yuv422_yuy2')), ('yuv422_yuy2', Look('uyvy')),
-    ('nv12', Look(rotate=90))])
-def test_what_cannot_be_is_refused(captured: str, look: Look) -> None:
+@pytest.mark.parametrize(('captured', 'settings'), [
+    ('32FC1', OutputSettings('bgr8')), ('bgr8', OutputSettings('yuv422_yuy2')),
+    ('yuv422_yuy2', OutputSettings('uyvy')), ('nv12', OutputSettings(rotate=90))])
+def test_what_cannot_be_is_refused(captured: str, settings: OutputSettings) -> None:
     with pytest.raises(ImageError):
-        _ = Rendition(frame_of(captured), look).image
+        _ = OutputImage(frame_of(captured), settings).image
 
 
 @pytest.mark.parametrize('data', [b'', b'no picture', JPEG_BYTES.tobytes()[:-300]])
 def test_a_jpeg_that_is_damaged_is_refused(data: bytes) -> None:
     frame = Frame(np.frombuffer(data, np.uint8), JPEG)
     with pytest.raises(ImageError):
-        _ = Rendition(frame, Look()).size
+        _ = OutputImage(frame, OutputSettings()).size
 
 
 def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,9 +152,9 @@ def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setattr(
             f'opencv_tools.capture.rendition.{name}',
             lambda *args, name=name, original=original: calls.append(name) or original(*args))
-    rendition = Rendition(frame_of(JPEG), Look('mono8'))
+    output = OutputImage(frame_of(JPEG), OutputSettings('mono8'))
     assert not calls
     for _ in range(2):
-        assert rendition.image.shape == (48, 64)
-        assert rendition.jpeg[1] == 'mono8; jpeg compressed mono8'
+        assert output.image.shape == (48, 64)
+        assert output.jpeg[1] == 'mono8; jpeg compressed mono8'
     assert calls == ['decode_picture', 'convert_picture', 'encode_picture']

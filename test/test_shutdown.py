@@ -73,7 +73,7 @@ def test_both_nodes_end_cleanly(
     ('img_publisher', {'source': 'pattern', 'wait_for_subscribers': 1}, 'Waiting for 1'),
     ('img_subscriber', {}, 'Waiting for /video_frames'),
     ('img_publisher', {'source': 'pattern:8x8@0.01', 'publish_rate': 0}, 'video frame 1:'),
-    ('img_publisher', {'source': 987}, 'there is no camera /dev/video987'),
+    ('img_publisher', {'source': 987}, 'camera /dev/video987 does not exist'),
 ])
 def test_a_node_that_waits_ends_at_once(
         start: Start, name: str, parameters: dict[str, object], text: str, number: int) -> None:

@@ -190,7 +190,7 @@ def test_a_stream_that_breaks_is_opened_again(
     url = f'http://127.0.0.1:{server.server_port}/broken.mjpg'
     publisher = start('img_publisher', source=url, publish_rate=0)
     spin_until(node, lambda: sum(np.diff(shown) < 0) >= 2)  # it began again, twice
-    assert publisher.output.count(f'{url} has ended, or is not reachable any more; waiting') >= 2
+    assert publisher.output.count(f'{url} ended or is no longer reachable; waiting') >= 2
     assert publisher.output.count(f'{url} is back after') >= 2
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Closed standard input, output and error: nothing is different, and no file gets their place."""
+"""Closed standard input, output and error: no other file gets their descriptors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ URDF = '<robot name="a"><link name="b"/></robot>'
 
 
 def closing(*closed: str) -> tuple[str, ...]:
-    """Return a command that runs another one with streams that are closed."""
+    """Return a command that runs another one with closed streams."""
     return 'bash', '-c', f'exec "$@" {" ".join(closed)}', 'bash'
 
 
@@ -100,10 +100,10 @@ def test_text_that_a_lost_terminal_never_took_does_not_change_the_status(
         stream: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('PYTHONUNBUFFERED', raising=False)
     code = ('import sys\n'
-            'from opencv_tools.standard_streams import let_go_of_broken_streams\n'
+            'from opencv_tools.standard_streams import discard_broken_streams\n'
             'sys.stdin.readline()\n'
             f'sys.{stream}.write("no line")\n'
-            'let_go_of_broken_streams()\n')
+            'discard_broken_streams()\n')
     read, write = os.pipe()
     with subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=write,
                           stderr=write) as process:

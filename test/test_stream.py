@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Streams as a source, from a camera whose frames the test sends."""
+"""Network streams as a source, with frames that the test sends."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DEADLINE = 30.0
 
 
 class Capture:
-    """What OpenCV opens, with frames that the test puts in; None ends the stream."""
+    """A replacement of cv2.VideoCapture with frames from the test; None ends the stream."""
 
     def __init__(self) -> None:
         self.coming: SimpleQueue[int | None] = SimpleQueue()
@@ -50,7 +50,7 @@ class Capture:
 
 
 class CheckedSource(StreamSource):
-    """A stream whose newest frame is only touched by who holds the lock."""
+    """A stream that checks that its newest frame is accessed only with the lock held."""
 
     @property
     def _newest(self) -> Frame | None:
@@ -77,7 +77,7 @@ class CheckedSource(StreamSource):
 
 @pytest.fixture
 def capture() -> Iterator[Capture]:
-    """Create a capture, and end its stream."""
+    """Create a capture, and end its stream after the test."""
     made = Capture()
     yield made
     made.endless = False
@@ -90,12 +90,12 @@ def source(capture: Capture) -> StreamSource:
 
 
 def send(capture: Capture, *numbers: int | None) -> None:
-    """Send frames, or the end, and wait until the last has been taken."""
+    """Send frames, or the end, and wait until the last one has been read."""
     for number in numbers:
         capture.reads.get(timeout=DEADLINE)  # the reader waits for this frame
         capture.coming.put(number)
     if None not in numbers:
-        capture.reads.get(timeout=DEADLINE)  # it is done with this one, and waits for the next
+        capture.reads.get(timeout=DEADLINE)  # the reader waits for the next frame
         capture.reads.put(None)
 
 
@@ -133,7 +133,7 @@ def test_the_last_frame_is_read_before_the_end_is_told(
     send(capture, 1, None)
     assert source.wait(0.0)
     source.read()
-    with pytest.raises(UnavailableError, match='has ended, or is not reachable any more'):
+    with pytest.raises(UnavailableError, match='ended or is no longer reachable'):
         source.wait(DEADLINE)
     source.close()
     assert capture.released

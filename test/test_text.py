@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Texts of others on a console: they are read there, and do nothing else."""
+"""Safe printing of texts of unknown origin on a console."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from opencv_tools.ros.received_frames import describe_message
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-# It sets the title of the terminal, clears the screen and begins a line of its own.
+# This text sets the title of the terminal, clears the screen and starts a new line.
 HOSTILE = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u202edlrow'
 
 

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sources of frames: cameras, videos, pictures and a test pattern."""
+"""Sources of frames: cameras, streams, videos, image files and a test pattern."""
 
 import os
 
-# OpenCV and FFmpeg write lines of their own to the console when something cannot be opened. The
-# errors raised here say the same in a sentence. Who wants those lines sets the variables.
+# OpenCV and FFmpeg print their own messages when a source cannot be opened. The exceptions of this
+# package contain the same information. To see those messages, set these environment variables.
 os.environ.setdefault('OPENCV_LOG_LEVEL', 'OFF')
 os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')

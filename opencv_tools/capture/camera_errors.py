@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a camera cannot be used, in words, and which cameras there are."""
+"""Errors of cameras in plain words, and the list of cameras on this machine."""
 
 from __future__ import annotations
 
@@ -28,60 +28,74 @@ import stat
 from opencv_tools.capture.device import VideoDevice
 from opencv_tools.capture.frame import CaptureError, UnavailableError
 from opencv_tools.capture.sequence import natural_order
-from opencv_tools.capture.videodev import MAJOR
+from opencv_tools.capture.videodev import VIDEO_MAJOR
 from opencv_tools.image.text import printable
 
 
 @contextmanager
-def explained(name: str) -> Iterator[None]:
+def capture_errors(name: str) -> Iterator[None]:
     """
-    Convert an error of a device to one that says what helps.
+    Convert each OSError of a device to a CaptureError with a remedy.
 
-    :raises UnavailableError: it is not there, busy, or not ours to use.
-    :raises CaptureError: it is no camera.
+    :param name: path of the device, for the message.
+    :raises UnavailableError: the camera is disconnected, busy, or the user has no permission.
+    :raises CaptureError: the device is not a camera.
     """
     try:
         yield
     except OSError as err:
-        raise _explain(name, err) from err
+        raise _to_capture_error(name, err) from err
 
 
 def check_device(device: Path) -> None:
     """
-    Check that a camera is there.
+    Check that a path is a V4L2 device.
 
-    :raises UnavailableError: there is no such device.
-    :raises CaptureError: it is something else.
+    :param device: path of the device.
+    :raises UnavailableError: the path does not exist.
+    :raises CaptureError: the path is another kind of file.
     """
     try:
         status = device.stat()
     except OSError as err:
-        present = ', '.join(map(str, list_cameras())) or 'none'
         raise UnavailableError(
-            f'there is no camera {device}; cameras on this machine: {present}. '
-            'To try without one: source:=pattern') from err
-    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != MAJOR:
-        raise CaptureError(f'{device} is not a camera')
+            f'camera {device} does not exist; cameras on this machine: {_present()}. '
+            'To run without a camera: source:=pattern') from err
+    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) != VIDEO_MAJOR:
+        raise CaptureError(f'{device} is not a camera; cameras on this machine: {_present()}')
+
+
+def _present() -> str:
+    """Return the cameras of this machine as text."""
+    return ', '.join(map(str, list_cameras())) or 'none'
 
 
 def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
     """
-    List the devices that capture video, and those that may not be opened to find out.
+    Return the devices that can capture video.
 
-    :param folder: where the devices are.
-    :returns: their paths, ``video2`` before ``video10``.
+    A device that cannot be opened, for example for lack of permission, is included.
+
+    :param folder: folder of the devices.
+    :returns: paths in natural order: ``video2`` before ``video10``.
     """
     cameras = []
     for path in sorted(folder.glob('video*'), key=natural_order):
-        with suppress(OSError):  # it has gone meanwhile
-            if _captures(path, path.stat().st_ctime_ns):
+        with suppress(OSError):  # the device was removed after the listing
+            if _can_capture(path, path.stat().st_ctime_ns):
                 cameras.append(path)
     return cameras
 
 
-@lru_cache(maxsize=64)  # asked for while a camera is away; opening another may wake that up
-def _captures(path: Path, _changed_ns: int) -> bool:
-    """Return whether a device captures video, as far as it may be opened."""
+# Cached, because opening another camera can wake that camera up, and the publisher lists the
+# cameras repeatedly while its own is disconnected.
+@lru_cache(maxsize=64)
+def _can_capture(path: Path, _changed_ns: int) -> bool:
+    """
+    Return whether a device can capture video; True for a device that cannot be opened.
+
+    :param _changed_ns: change time of the device in nanoseconds; a new device has a new one.
+    """
     try:
         device = VideoDevice(path)
     except OSError as err:
@@ -90,8 +104,8 @@ def _captures(path: Path, _changed_ns: int) -> bool:
     return device.can_capture
 
 
-def _explain(name: str, err: OSError) -> CaptureError:
-    """Convert an error of a camera to one that says what it means and what helps."""
+def _to_capture_error(name: str, err: OSError) -> CaptureError:
+    """Convert an OSError of a camera to a CaptureError that says the cause and the remedy."""
     if err.errno in (errno.EACCES, errno.EPERM):
         return UnavailableError(
             f'no permission to use camera {name}; add yourself to its group: '
@@ -99,14 +113,19 @@ def _explain(name: str, err: OSError) -> CaptureError:
     if err.errno == errno.EBUSY:
         return UnavailableError(f'camera {name} is used by another program{_users(name)}')
     if err.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
-        return UnavailableError(f'camera {name} has gone; is it still plugged in?')
+        return UnavailableError(f'camera {name} is disconnected; check that it is plugged in')
     if err.errno == errno.ENOTTY:
-        return CaptureError(f'{name} is not a camera that V4L2 knows')
-    return UnavailableError(f'camera {name} has failed: {err.strerror or err}')
+        return CaptureError(f'{name} is not a V4L2 camera; cameras on this machine: {_present()}')
+    return UnavailableError(f'camera {name} failed: {err.strerror or err}')
 
 
 def _group_name(name: str) -> str:
-    """Name the group of a device; one that has no name, as in some containers, by its number."""
+    """
+    Return the name of the group that owns a device.
+
+    :returns: the name; the number of a group without a name, which exists in some containers;
+        ``video`` when the device does not exist.
+    """
     try:
         number = Path(name).stat().st_gid
         return grp.getgrgid(number).gr_name
@@ -117,7 +136,7 @@ def _group_name(name: str) -> str:
 
 
 def _users(name: str) -> str:
-    """Name the programs that hold a device, as far as we may know."""
+    """Return the programs that have a device open, as far as this user can see them."""
     try:
         device = Path(name).stat().st_rdev
     except OSError:
@@ -130,5 +149,5 @@ def _users(name: str) -> str:
                 command = (process / 'comm').read_text(errors='replace')
                 users.append(f'{printable(command.strip())} (pid {process.name})')
         except OSError:
-            continue  # it has ended, or is not ours to look at
+            continue  # the process has ended, or belongs to another user
     return f': {", ".join(users)}' if users else ''

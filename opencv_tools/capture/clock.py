@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The clock that sources are shown by; a test may use one of its own."""
+"""The clock that paces sources; tests replace it by their own."""
 
 from __future__ import annotations
 
@@ -22,30 +22,32 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A monotonic clock, and waits that end by it."""
+    """A monotonic clock, and waits that time out by this clock."""
 
     def monotonic(self) -> float:
         """Return the seconds of CLOCK_MONOTONIC."""
 
     def wait(self, event: Event, seconds: float) -> bool:
         """
-        Wait until an event is set, or some seconds have passed.
+        Wait until an event is set or the timeout has passed.
 
+        :param event: event that ends the wait.
+        :param seconds: timeout in seconds.
         :returns: whether the event is set.
         """
 
 
 class SystemClock:
-    """The clock of the machine."""
+    """The monotonic clock of the machine."""
 
     def monotonic(self) -> float:
         """Return the seconds of CLOCK_MONOTONIC."""
         return time.monotonic()
 
     def wait(self, event: Event, seconds: float) -> bool:
-        """Wait until an event is set, or some seconds have passed; return whether it is set."""
+        """Wait until an event is set or the timeout has passed; return whether it is set."""
         return event.wait(seconds)
 
 
-#: The default of everything that takes a clock.
+#: The default clock of all classes of this package.
 SYSTEM_CLOCK = SystemClock()

@@ -12,35 +12,50 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The settings of a V4L2 camera, such as its brightness."""
+"""The controls of a V4L2 camera, such as its brightness."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+import enum
 
 from opencv_tools.capture import videodev
-from opencv_tools.capture.videodev import ask, ask_about, ControlType
+from opencv_tools.capture.videodev import ioctl, try_ioctl
 from opencv_tools.image.text import printable
 
-_UNUSABLE = (videodev.CONTROL_IS_DISABLED | videodev.CONTROL_IS_READ_ONLY
-             | videodev.CONTROL_IS_WRITE_ONLY)
+_UNUSABLE = (videodev.V4L2_CTRL_FLAG_DISABLED | videodev.V4L2_CTRL_FLAG_READ_ONLY
+             | videodev.V4L2_CTRL_FLAG_WRITE_ONLY)
 
-# The kernel keeps one event for each control; a program that never ends to change them waits.
+# Events that are read in one call. The limit ends the loop when another program changes controls
+# without pause. The kernel queues one event a control.
 _EVENTS = 1000
+
+
+class ControlType(enum.IntEnum):
+    """The values of ``enum v4l2_ctrl_type`` for controls with a single number."""
+
+    INTEGER = 1
+    BOOLEAN = 2
+    MENU = 3
+    INTEGER_MENU = 9
 
 
 @dataclass(frozen=True)
 class Control:
     """
-    A setting of a camera, such as its brightness.
+    A control of a camera, such as its brightness.
 
-    :param name: as the driver names it, in lower case with underscores.
-    :param number: the kernel's number for it.
-    :param kind: what its value is.
-    :param choices: of a menu what each number means.
-    :param active: False while the camera chooses the value itself, as in automatic mode.
+    :param name: name from the driver, in lower case with underscores.
+    :param number: V4L2 control ID.
+    :param kind: type of the value.
+    :param minimum: smallest value.
+    :param maximum: largest value.
+    :param step: difference between neighbouring values; may be 0.
+    :param default: the driver's default value.
+    :param choices: value and text of each menu entry; empty unless the control is a menu.
+    :param active: False while the camera sets the value itself, for example in automatic mode.
     """
 
     name: str
@@ -55,72 +70,73 @@ class Control:
 
     @property
     def remedy(self) -> str:
-        """Say what values can be given."""
+        """Sentence that tells the user which values are valid."""
         return f'give a number from {self.minimum} to {self.maximum}'
 
 
 def list_controls(fd: int) -> Iterator[Control]:
     """
-    List the settings of an open device that can be read and changed and are one number.
+    Yield the controls of a device that can be read and written and have a single number.
 
-    From then on ``changed_controls`` finds those that change.
+    Subscribes to the changes of each control, which ``changed_controls`` then yields.
 
-    :raises OSError: the device is gone.
+    :param fd: descriptor of an open device.
+    :raises OSError: the device is disconnected.
     """
-    query = videodev.ControlQuery(id=videodev.NEXT_CONTROL)
-    while ask_about(fd, videodev.QUERY_EXT_CTRL, query):
+    query = videodev.v4l2_query_ext_ctrl(id=videodev.V4L2_CTRL_FLAG_NEXT_CTRL)
+    while try_ioctl(fd, videodev.VIDIOC_QUERY_EXT_CTRL, query):
         if _is_usable(query):
             _subscribe(fd, query.id)
             yield _describe_control(fd, query)
-        query.id |= videodev.NEXT_CONTROL
+        query.id |= videodev.V4L2_CTRL_FLAG_NEXT_CTRL
 
 
 def changed_controls(fd: int) -> Iterator[Control]:
     """
-    List the settings that have changed since this was asked last, whoever changed them.
+    Yield the controls that any program has changed since the last call.
 
-    :param fd: an open device whose controls were listed.
-    :raises OSError: the device is gone.
+    :param fd: descriptor of an open device on which ``list_controls`` has run.
+    :raises OSError: the device is disconnected.
     """
     numbers: dict[int, None] = {}
-    with suppress(FileNotFoundError):  # there is no more
+    with suppress(FileNotFoundError):  # ENOENT: no event is left
         for _ in range(_EVENTS):
-            event = videodev.Event()
-            if not ask_about(fd, videodev.DQEVENT, event):
+            event = videodev.v4l2_event()
+            if not try_ioctl(fd, videodev.VIDIOC_DQEVENT, event):
                 break
-            if event.type == videodev.CONTROL_EVENT:
+            if event.type == videodev.V4L2_EVENT_CTRL:
                 numbers[event.id] = None
     for number in numbers:
-        query = videodev.ControlQuery(id=number)
-        if ask_about(fd, videodev.QUERY_EXT_CTRL, query) and _is_usable(query):
+        query = videodev.v4l2_query_ext_ctrl(id=number)
+        if try_ioctl(fd, videodev.VIDIOC_QUERY_EXT_CTRL, query) and _is_usable(query):
             yield _describe_control(fd, query)
 
 
-def _is_usable(query: videodev.ControlQuery) -> bool:
+def _is_usable(query: videodev.v4l2_query_ext_ctrl) -> bool:
     return query.type in list(ControlType) and not query.flags & _UNUSABLE
 
 
 def _subscribe(fd: int, number: int) -> None:
-    """Ask for the changes of a control, where the driver tells of them."""
+    """Subscribe to the changes of a control, if the driver supports events."""
     with suppress(OSError):
-        ask(fd, videodev.SUBSCRIBE_EVENT, videodev.EventSubscription(
-            videodev.CONTROL_EVENT, number, videodev.OWN_CHANGES_TOO))
+        ioctl(fd, videodev.VIDIOC_SUBSCRIBE_EVENT, videodev.v4l2_event_subscription(
+            videodev.V4L2_EVENT_CTRL, number, videodev.V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK))
 
 
-def _describe_control(fd: int, query: videodev.ControlQuery) -> Control:
+def _describe_control(fd: int, query: videodev.v4l2_query_ext_ctrl) -> Control:
     name = ''.join(char if char.isalnum() else ' ' for char in query.name.decode('latin-1'))
     kind = ControlType(query.type)
     return Control(
         '_'.join(name.lower().split()), query.id, kind, query.minimum, query.maximum, query.step,
         query.default_value, tuple(_menu(fd, query)) if 'MENU' in kind.name else (),
-        not query.flags & videodev.CONTROL_IS_INACTIVE)
+        not query.flags & videodev.V4L2_CTRL_FLAG_INACTIVE)
 
 
-def _menu(fd: int, query: videodev.ControlQuery) -> Iterator[tuple[int, str]]:
-    """Give the entries that a menu has, number and text."""
+def _menu(fd: int, query: videodev.v4l2_query_ext_ctrl) -> Iterator[tuple[int, str]]:
+    """Yield the value and the text of each entry of a menu."""
     for index in range(query.minimum, query.maximum + 1):
-        entry = videodev.MenuQuery(id=query.id, index=index)
-        if ask_about(fd, videodev.QUERYMENU, entry):
+        entry = videodev.v4l2_querymenu(id=query.id, index=index)
+        if try_ioctl(fd, videodev.VIDIOC_QUERYMENU, entry):
             if query.type == ControlType.INTEGER_MENU:
                 raw = bytes(entry)[8:16]
                 yield index, str(int.from_bytes(raw, 'little', signed=True))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A V4L2 capture device: opened, asked for its formats and controls, and streamed from."""
+"""A V4L2 capture device: its formats, controls and memory-mapped buffers."""
 
 from __future__ import annotations
 
@@ -26,40 +26,31 @@ import os
 from pathlib import Path
 import select
 from threading import RLock
-from typing import Any
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.controls import changed_controls, Control, list_controls
-from opencv_tools.capture.modes import Mode
+from opencv_tools.capture.modes import Mode, StreamFormat
 from opencv_tools.capture.offers import list_modes, list_rates, per_second
-from opencv_tools.capture.videodev import ask, ask_about
+from opencv_tools.capture.pixel_formats import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.videodev import ioctl, try_ioctl
 from opencv_tools.image.text import printable
 
-# Enough to capture into while one is read and one waits.
+# Enough for the driver to capture while one buffer is read and another one waits to be read.
 _BUFFERS = 4
 
 
-@dataclass(frozen=True)
-class StreamFormat:
-    """What a device really sends: ``step`` is bytes from one line to the next."""
-
-    fourcc: str
-    width: int
-    height: int
-    step: int
-
-
-@dataclass(frozen=True)
-class Captured:
+@dataclass(frozen=True, kw_only=True)
+class DequeuedBuffer:
     """
-    A filled buffer.
+    A filled buffer that the driver has handed over.
 
-    :param index: which one, for ``VideoDevice.requeue``.
-    :param start: the first byte of the picture in it.
-    :param stop: the byte behind the last one.
-    :param sequence: the device's count of frames.
-    :param stamp_ns: the driver's stamp in nanoseconds of CLOCK_MONOTONIC, 0 when it has another.
-    :param broken: the device says that the data are damaged.
+    :param index: index of the buffer, for ``VideoDevice.requeue``.
+    :param start: offset of the first byte of the image in the buffer.
+    :param stop: offset after the last byte of the image.
+    :param sequence: the driver's number of the frame.
+    :param stamp_ns: the driver's stamp in nanoseconds of CLOCK_MONOTONIC; 0 when the driver uses
+        another clock.
+    :param broken: whether the driver reports the data as damaged.
     """
 
     index: int
@@ -71,34 +62,42 @@ class Captured:
 
 
 class VideoDevice:
-    """A capture device; its methods may be called from several threads."""
+    """
+    A V4L2 capture device. All methods are thread-safe.
+
+    ``card`` is the name of the device, ``can_capture`` whether it can stream video.
+    """
 
     def __init__(self, path: Path) -> None:
         """
         Open a device.
 
-        :raises OSError: it cannot be opened, with ENOTTY when it is no V4L2 device.
+        :param path: path of the device.
+        :raises OSError: the device cannot be opened; ENOTTY when it is not a V4L2 device.
         """
         self._lock = RLock()
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         self._maps: list[mmap.mmap] = []
-        capability = videodev.Capability()
+        capability = videodev.v4l2_capability()
         try:
-            ask(self._fd, videodev.QUERYCAP, capability)
+            ioctl(self._fd, videodev.VIDIOC_QUERYCAP, capability)
         except OSError:
             os.close(self._fd)
             raise
         self.card = printable(capability.card.decode('utf-8', 'replace'))
-        has_own = capability.capabilities & videodev.HAS_DEVICE_CAPS
+        has_own = capability.capabilities & videodev.V4L2_CAP_DEVICE_CAPS
         able = capability.device_caps if has_own else capability.capabilities
-        captures = able & (videodev.CAN_CAPTURE | videodev.CAN_CAPTURE_PLANES)
-        self.can_capture = bool(captures and able & videodev.CAN_STREAM)
-        # The image processors of some boards tell of each plane, if there is but one.
-        self._planar = captures == videodev.CAN_CAPTURE_PLANES
-        self._type = videodev.CAPTURE_PLANES if self._planar else videodev.CAPTURE
+        captures = able & (
+            videodev.V4L2_CAP_VIDEO_CAPTURE | videodev.V4L2_CAP_VIDEO_CAPTURE_MPLANE)
+        self.can_capture = bool(captures and able & videodev.V4L2_CAP_STREAMING)
+        # The image processors of some boards only have the multi-planar interface, even for
+        # formats with one plane.
+        self._is_multiplanar = captures == videodev.V4L2_CAP_VIDEO_CAPTURE_MPLANE
+        self._type = (videodev.V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE if self._is_multiplanar
+                      else videodev.V4L2_BUF_TYPE_VIDEO_CAPTURE)
 
     def close(self) -> None:
-        """Stop and let go of the device; closing twice is allowed."""
+        """Stop streaming and close the device. A second call has no effect."""
         with self._lock:
             if self._fd < 0:
                 return
@@ -110,171 +109,191 @@ class VideoDevice:
 
     def modes(self, near: tuple[int, int]) -> list[Mode]:
         """
-        List formats and sizes; where any size goes, the one nearest to ``near`` (width, height).
+        Return the supported formats and sizes.
 
-        :raises OSError: the device is gone.
+        :param near: width and height in pixels; for a format with a range of sizes, only the
+            size nearest to ``near`` is returned.
+        :returns: one mode for each combination.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return list(list_modes(fd, self._type, near))
 
     def rates(self, mode: Mode) -> list[float]:
         """
-        List the frames per second of a mode; of a range its ends; empty when it is not told.
+        Return the frame rates of a mode.
 
-        :raises OSError: the device is gone.
+        :param mode: format and size.
+        :returns: rates in Hz in ascending order; the two ends of a range; empty when the device
+            does not report rates.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return sorted(list_rates(fd, mode))
 
     def set_format(self, mode: Mode) -> StreamFormat:
         """
-        Ask for a format.
+        Request a format.
 
-        :returns: what the device made of it.
-        :raises OSError: the device refuses, with EBUSY when another program streams from it.
+        :param mode: format and size.
+        :returns: the format that the device has set, which may differ.
+        :raises OSError: the device rejects the request; EBUSY when another program streams.
         """
-        structure = videodev.PlanarFormat if self._planar else videodev.Format
-        wanted: Any = structure(
-            type=self._type, width=mode.width, height=mode.height,
-            pixelformat=videodev.pack_fourcc(mode.fourcc), field=videodev.FIELD_ANY)
+        request = videodev.v4l2_format(type=self._type)
+        pix = request.fmt.pix_mp if self._is_multiplanar else request.fmt.pix
+        pix.width, pix.height = mode.width, mode.height
+        pix.pixelformat, pix.field = pack_fourcc(mode.fourcc), videodev.V4L2_FIELD_ANY
         with self._opened() as fd:
-            ask(fd, videodev.S_FMT, wanted)
-        step = wanted.planes[0].bytesperline if self._planar else wanted.bytesperline
-        return StreamFormat(
-            videodev.unpack_fourcc(wanted.pixelformat), wanted.width, wanted.height, step)
+            ioctl(fd, videodev.VIDIOC_S_FMT, request)
+        step = (pix.plane_fmt[0] if self._is_multiplanar else pix).bytesperline
+        return StreamFormat(unpack_fourcc(pix.pixelformat), pix.width, pix.height, step)
 
     def set_rate(self, rate: float) -> float:
         """
-        Ask for a rate in frames per second.
+        Request a frame rate.
 
-        :returns: what the device made of it, 0.0 when it does not tell.
-        :raises OSError: the device is gone.
+        :param rate: frames per second.
+        :returns: the rate in Hz that the device has set; 0.0 when the device does not report it.
+        :raises OSError: the device is disconnected.
         """
-        parameters = videodev.StreamParameters(type=self._type)
+        parameters = videodev.v4l2_streamparm(type=self._type)
+        capture = parameters.parm.capture
         with self._opened() as fd:
-            if not ask_about(fd, videodev.G_PARM, parameters):
+            if not try_ioctl(fd, videodev.VIDIOC_G_PARM, parameters):
                 return 0.0
-            if parameters.capability & videodev.HAS_TIME_PER_FRAME:
-                parameters.timeperframe = videodev.Fraction(1000, round(rate * 1000))
-                ask_about(fd, videodev.S_PARM, parameters)
-        return per_second(parameters.timeperframe)
+            if capture.capability & videodev.V4L2_CAP_TIMEPERFRAME:
+                capture.timeperframe = videodev.v4l2_fract(1000, round(rate * 1000))
+                try_ioctl(fd, videodev.VIDIOC_S_PARM, parameters)
+        return per_second(capture.timeperframe)
 
     def controls(self, changed: bool = False) -> list[Control]:
         """
-        List the settings that can be changed and are one number.
+        Return the controls that can be read and written and have a single number.
 
-        :param changed: only those that were changed since they were listed.
-        :raises OSError: the device is gone.
+        :param changed: whether to return only the controls that changed since the last call.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return list(changed_controls(fd) if changed else list_controls(fd))
 
     def control(self, control: Control) -> int:
         """
-        Read a setting.
+        Read the value of a control.
 
-        :raises OSError: the device refuses.
+        :raises OSError: the device rejects the request.
         """
-        value = videodev.ControlValue(control.number)
+        value = videodev.v4l2_control(control.number)
         with self._opened() as fd:
-            ask(fd, videodev.G_CTRL, value)
+            ioctl(fd, videodev.VIDIOC_G_CTRL, value)
         return int(value.value)
 
     def set_control(self, control: Control, value: int) -> None:
         """
-        Change a setting.
+        Write the value of a control.
 
-        :raises OSError: the device refuses.
+        :raises OSError: the device rejects the value.
         """
         with self._opened() as fd:
-            ask(fd, videodev.S_CTRL, videodev.ControlValue(control.number, value))
+            ioctl(fd, videodev.VIDIOC_S_CTRL, videodev.v4l2_control(control.number, value))
 
     def start(self) -> None:
         """
-        Begin to stream.
+        Map the buffers, queue them and start streaming.
 
-        :raises OSError: the device refuses, with EBUSY when another program streams from it.
+        :raises OSError: the device rejects the request; EBUSY when another program streams.
         """
         with self._opened() as fd:
-            request = videodev.BufferRequest(_BUFFERS, self._type, videodev.MMAP)
-            ask(fd, videodev.REQBUFS, request)
+            request = videodev.v4l2_requestbuffers(
+                _BUFFERS, self._type, videodev.V4L2_MEMORY_MMAP)
+            ioctl(fd, videodev.VIDIOC_REQBUFS, request)
             for index in range(request.count):
                 buffer, plane = self._make_buffer(index)
-                ask(fd, videodev.QUERYBUF, buffer)
-                self._maps.append(mmap.mmap(
-                    fd, plane.length, prot=mmap.PROT_READ, offset=plane.offset))
+                ioctl(fd, videodev.VIDIOC_QUERYBUF, buffer)
+                offset = plane.m.mem_offset if self._is_multiplanar else plane.m.offset
+                self._maps.append(mmap.mmap(fd, plane.length, prot=mmap.PROT_READ, offset=offset))
                 self.requeue(index)
-            ask(fd, videodev.STREAMON, ctypes.c_int32(self._type))
+            ioctl(fd, videodev.VIDIOC_STREAMON, ctypes.c_int32(self._type))
 
     @property
     def buffers(self) -> int:
-        """Count the buffers that the device may fill before one is given back."""
+        """Count of the buffers that the driver can fill before one must be requeued."""
         return len(self._maps)
 
     def wait(self, seconds: float) -> bool:
         """
         Wait until a buffer is filled.
 
-        :returns: False when none was in this time.
-        :raises OSError: the device is gone, or its stream has broken.
+        :param seconds: timeout in seconds.
+        :returns: False when the timeout has passed.
+        :raises OSError: the device is disconnected or its stream has failed.
         """
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         events = poll.poll(seconds * 1000)
         if events and not events[0][1] & select.POLLIN:
-            self.dequeue()  # tells what has happened, most often that the device is gone
+            self.dequeue()  # raises the cause, most often ENODEV for a disconnected device
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return bool(events)
 
-    def dequeue(self) -> Captured | None:
+    def dequeue(self) -> DequeuedBuffer | None:
         """
-        Take the oldest filled buffer.
+        Dequeue the oldest filled buffer.
 
-        :returns: None when none is filled yet.
-        :raises OSError: the device is gone, or its stream has broken.
+        :returns: the buffer, or None when no buffer is filled.
+        :raises OSError: the device is disconnected or its stream has failed.
         """
         buffer, plane = self._make_buffer()
         with self._opened() as fd:
             try:
-                ask(fd, videodev.DQBUF, buffer)
+                ioctl(fd, videodev.VIDIOC_DQBUF, buffer)
             except BlockingIOError:
                 return None
-        stamp_ns = buffer.seconds * 10**9 + buffer.microseconds * 1000
-        monotonic = buffer.flags & videodev.BUFFER_CLOCK == videodev.BUFFER_CLOCK_MONOTONIC
-        return Captured(
-            buffer.index, plane.data_offset if isinstance(plane, videodev.Plane) else 0,
-            plane.bytesused or plane.length, buffer.sequence, stamp_ns if monotonic else 0,
-            bool(buffer.flags & videodev.BUFFER_IS_BROKEN))
+        seconds, microseconds = buffer.timestamp
+        clock = buffer.flags & videodev.V4L2_BUF_FLAG_TIMESTAMP_MASK
+        is_monotonic = clock == videodev.V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC
+        return DequeuedBuffer(
+            index=buffer.index, start=plane.data_offset if self._is_multiplanar else 0,
+            stop=plane.bytesused or plane.length, sequence=buffer.sequence,
+            stamp_ns=seconds * 10**9 + microseconds * 1000 if is_monotonic else 0,
+            broken=bool(buffer.flags & videodev.V4L2_BUF_FLAG_ERROR))
 
-    def content(self, captured: Captured) -> bytes:
-        """Copy the picture in a buffer."""
-        return self._maps[captured.index][captured.start:captured.stop]
+    def content(self, buffer: DequeuedBuffer) -> bytes:
+        """Return a copy of the image in a buffer."""
+        return self._maps[buffer.index][buffer.start:buffer.stop]
 
     def requeue(self, index: int) -> None:
         """
-        Give a buffer back to be filled.
+        Queue a buffer, so that the driver can fill it again.
 
-        :raises OSError: the device is gone.
+        :param index: index of the buffer.
+        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
-            ask(fd, videodev.QBUF, self._make_buffer(index)[0])
+            ioctl(fd, videodev.VIDIOC_QBUF, self._make_buffer(index)[0])
 
     def _make_buffer(
         self, index: int = 0,
-    ) -> tuple[videodev.Buffer, videodev.Buffer | videodev.Plane]:
-        """Make the description of a buffer, and of its plane, which may be the same."""
-        buffer = videodev.Buffer(index=index, type=self._type, memory=videodev.MMAP)
-        if not self._planar:
+    ) -> tuple[videodev.v4l2_buffer, videodev.v4l2_buffer | videodev.v4l2_plane]:
+        """Return a buffer and its plane; the same object twice if it is not multi-planar."""
+        buffer = videodev.v4l2_buffer(
+            index=index, type=self._type, memory=videodev.V4L2_MEMORY_MMAP)
+        if not self._is_multiplanar:
             return buffer, buffer
-        planes = (videodev.Plane * 1)()
-        buffer.offset, buffer.length = ctypes.addressof(planes), len(planes)
-        buffer.planes = planes  # which has to live as long
+        planes = (videodev.v4l2_plane * 1)()
+        buffer.m.planes, buffer.length = planes, len(planes)
+        buffer.planes = planes  # a reference that keeps the planes alive
         return buffer, planes[0]
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
-        """Keep the device open while it is asked; a number of a closed file may be another's."""
+        """
+        Return the descriptor, and keep the device open while the caller uses the descriptor.
+
+        The number of a closed descriptor can belong to another file.
+
+        :raises OSError: the device is closed.
+        """
         with self._lock:
             if self._fd < 0:
-                raise OSError('it was closed')
+                raise OSError('the device is closed')
             yield self._fd

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every source of frames yields, and how it fails."""
+"""The frame, the interface of every source, and the errors of sources."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 
-MAX_RATE = 1000.0  # frames per second; what claims to be faster is wrong
+MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
-#: Encoding of a frame that its camera has compressed itself: its image is the JPEG's bytes.
+#: Encoding of a frame that the camera has compressed; its image is the bytes of the JPEG.
 JPEG = 'jpeg'
 
-#  CaptureError          the source cannot be opened, or has broken for good
-#  ├─ UnavailableError   a camera or stream that is not there now, but may be later
-#  └─ BrokenFrameError   one frame is unreadable; the next may be fine
+#  CaptureError          the source cannot be opened, or has failed permanently
+#  ├─ UnavailableError   the camera or stream is unavailable now, but may come back
+#  └─ BrokenFrameError   one frame is unreadable; the next one may be readable
 
 
 class CaptureError(Exception):
-    """A source that cannot be used; the message names it and the remedy."""
+    """A source cannot be used. The message names the source and the remedy."""
 
 
 class UnavailableError(CaptureError):
-    """A camera or stream that is not there now, or not for us, and may come back."""
+    """A camera or stream is disconnected, busy or not permitted now, and may come back."""
 
 
 class BrokenFrameError(CaptureError):
-    """One frame that cannot be read, or the rest of a file, in a source that goes on."""
+    """One frame, or the rest of a file, cannot be read. The source can still be used."""
 
 
 @dataclass(frozen=True)
 class Frame:
     """
-    One picture of a source.
+    One captured image.
 
-    :param image: (h, w) or (h, w, c) array that nobody writes to any more; of ``JPEG`` the bytes
-        of the compressed picture, (n,) uint8.
-    :param encoding: its sensor_msgs/Image encoding, such as ``'bgr8'``, or ``JPEG``.
-    :param stamp_ns: when it was captured, in nanoseconds of CLOCK_MONOTONIC; of a file's frame
-        when it was due to be shown. A source that is a file leaves it to the player.
-    :param position: of a file's frame its own time, in seconds; None where it has none.
+    :param image: immutable (h, w) or (h, w, c) array; for ``JPEG`` frames the compressed bytes,
+        (n,) uint8.
+    :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``.
+    :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC. For a frame of a file, the
+        time at which the frame was due; the player sets it, the source leaves 0.
+    :param position: time of the frame in its file, in seconds; None if the file has no times.
     """
 
     image: NDArray[Any]
@@ -64,10 +64,10 @@ class Frame:
 
 class _Readable(Protocol):
     """
-    Somewhere that frames come from, one after the other.
+    The common part of all sources.
 
-    ``name`` says in a log line what it is, ``description`` what it gives: format, size and rate.
-    ``rate`` is its own rate in frames per second, 0.0 when it has none.
+    ``name`` identifies the source in log lines. ``description`` contains its format, size and
+    rate. ``rate`` is its native rate in frames per second; 0.0 if it has none.
     """
 
     name: str
@@ -75,44 +75,44 @@ class _Readable(Protocol):
     rate: float
 
     def close(self) -> None:
-        """Let go of the device or file; closing twice is allowed."""
+        """Close the device or file. A second call has no effect."""
 
 
 class FileSource(_Readable, Protocol):
-    """A source that has a beginning and waits for its reader: a video, pictures, a pattern."""
+    """A source that is read at any speed: a video, image files or the test pattern."""
 
     live: Literal[False]
 
     def skip(self) -> bool:
         """
-        Pass over the next frame without decoding it.
+        Skip the next frame without decoding it.
 
-        :returns: False at the end.
-        :raises CaptureError: the source has broken.
+        :returns: False at the end of the source.
+        :raises CaptureError: the source has failed.
         """
 
     def read(self) -> Frame | None:
         """
         Read the next frame.
 
-        :returns: the frame, or None at the end.
+        :returns: the frame, or None at the end of the source.
         :raises BrokenFrameError: this frame is unreadable; the next call reads the next one.
-        :raises CaptureError: the source has broken.
+        :raises CaptureError: the source has failed.
         """
 
     def rewind(self) -> None:
         """
         Go back to the first frame.
 
-        :raises CaptureError: it cannot be opened any more.
+        :raises CaptureError: the source cannot be opened again.
         """
 
 
 class LiveSource(_Readable, Protocol):
     """
-    A source that goes on whether or not anybody reads it: a camera or a stream.
+    A source that sends frames at its own speed: a camera or a stream.
 
-    ``missed`` counts the frames that it gave and nobody could ask for, for want of time.
+    ``missed`` counts the frames that were lost because the reader was too slow.
     """
 
     live: Literal[True]
@@ -122,23 +122,24 @@ class LiveSource(_Readable, Protocol):
         """
         Wait for a frame.
 
-        :returns: False when none came in this time.
-        :raises UnavailableError: the camera or stream has gone.
+        :param seconds: timeout in seconds.
+        :returns: False when the timeout has passed.
+        :raises UnavailableError: the camera or stream is disconnected.
         """
 
     def skip(self) -> None:
         """
-        Pass over the frame that ``wait`` has found, without decoding it.
+        Drop the frame for which ``wait`` returned True, without decoding it.
 
-        :raises UnavailableError: the camera or stream has gone.
+        :raises UnavailableError: the camera or stream is disconnected.
         """
 
     def read(self) -> Frame:
         """
-        Read the frame that ``wait`` has found, the newest there is.
+        Read the frame for which ``wait`` returned True, which is the newest one.
 
         :raises BrokenFrameError: this frame is unreadable.
-        :raises UnavailableError: the camera or stream has gone.
+        :raises UnavailableError: the camera or stream is disconnected.
         """
 
 

@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Keep a source open: show the newest frame of a camera, and find it again when it was away."""
+"""Keep a source open: read the newest frame of a camera, and reconnect after an outage."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import math
 from threading import Event
 from typing import Protocol
 
@@ -24,155 +26,175 @@ from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.frame import (
     BrokenFrameError, CaptureError, Frame, LiveSource, Source, UnavailableError,
 )
-from opencv_tools.capture.player import Pacer, Playback, Player
+from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
 
-# How long one wait for a frame, or for a change of mind, may last.
-_SLICE_SECONDS = 0.1
+# Longest wait for a frame before pause, stop and reopen requests are checked again.
+_POLL_SECONDS = 0.1
 
-# A camera that is away is looked for after the first delay, twice that, ..., the last delay.
+# Seconds between two attempts to open a disconnected camera: doubled from the first to the last.
 _FIRST_DELAY = 0.1
 _LAST_DELAY = 1.0
 
 
-class Watcher(Protocol):
-    """Who wants to know how it goes with a source; told from the thread that reads it."""
+@dataclass(frozen=True)
+class ReconnectPolicy:
+    """
+    When a camera or stream is opened again.
+
+    :param read_timeout: seconds without a frame after which the source is opened again.
+    :param reconnect_timeout: seconds after which an unavailable source is an error; infinity to
+        retry forever.
+    """
+
+    read_timeout: float = 2.0
+    reconnect_timeout: float = math.inf
+
+
+class SourceListener(Protocol):
+    """Receiver of the events of a source. All methods run in the thread that reads the source."""
 
     def opened(self, source: Source) -> None:
-        """Hear that a source is open."""
+        """Handle a source that has been opened."""
 
     def lost(self, reason: UnavailableError) -> None:
-        """Hear why a source is not there, each time that the reason is another."""
+        """Handle a source that is unavailable; called again only when the reason changes."""
 
     def returned(self, source: Source, seconds: float) -> None:
-        """Hear that a source gives frames again, after so many seconds."""
+        """Handle a source that sends frames again after an outage of some seconds."""
 
     def broken(self, reason: BrokenFrameError) -> None:
-        """Hear of a frame that is left out."""
+        """Handle a frame that is unreadable and therefore skipped."""
 
 
-class Audience(Protocol):
-    """Whom the frames are for."""
+class Demand(Protocol):
+    """The demand for the frames of a source."""
 
-    def is_there(self) -> bool:
-        """Tell whether the show may begin, and go on."""
+    def may_publish(self) -> bool:
+        """Return whether publishing may run."""
 
-    def is_looking(self) -> bool:
-        """Tell whether anybody would see the next frame."""
+    def has_subscribers(self) -> bool:
+        """Return whether any topic has a subscriber."""
 
 
 class Grabber:
     """
-    The frames of a source, which is opened, and opened again when it comes back.
+    A source that is opened, read, and opened again after an outage.
 
-    One thread runs through ``frames``; the other methods are for any thread. ``trouble`` says why
-    the source is away, until it gives frames again.
+    One thread iterates over ``frames``; the other methods are thread-safe. ``unavailable_reason``
+    is empty while the source sends frames.
     """
 
     def __init__(
-        self, open_source: Callable[[], Source], playback: Playback,
-        watcher: Watcher, audience: Audience, clock: Clock = SYSTEM_CLOCK,
+        self, open_source: Callable[[], Source], playback: PlaybackSettings,
+        reconnect: ReconnectPolicy, listener: SourceListener, demand: Demand,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
-        Prepare to open.
+        Create a grabber; ``frames`` opens the source.
 
-        :param open_source: opens the source, and raises ``UnavailableError`` as long as it is not
-            there.
-        :param playback: how it is shown; may be replaced at any time.
-        :param watcher: told how it goes.
-        :param audience: whom the frames are for; a camera's that nobody sees are not decoded.
-        :param clock: tells when a frame is due, and how long a source is away.
+        :param open_source: function that opens the source; raises ``UnavailableError`` while the
+            source is unavailable.
+        :param playback: playback settings; the attribute may be replaced at any time.
+        :param reconnect: policy for outages; the attribute may be replaced at any time.
+        :param listener: receiver of the events of the source.
+        :param demand: demand for frames; camera frames without a subscriber are not decoded.
+        :param clock: clock that paces frames and measures outages.
         """
         self.playback = playback
+        self.reconnect = reconnect
         self.source: Source | None = None
         self.reconnects = 0
         self._missed = 0
         self._open_source = open_source
-        self._watcher = watcher
-        self._audience = audience
+        self._listener = listener
+        self._demand = demand
         self._clock = clock
         self._stopped = Event()
         self._paused = Event()
         self._reopened = Event()
         self._released = Event()
         self._released.set()
-        self.trouble = ''
-        self._heard_at = self._clock.monotonic()
+        self.unavailable_reason = ''
+        self._last_frame_at = self._clock.monotonic()
         self._delay = 0.0
 
     @property
     def stopped(self) -> bool:
-        """Tell whether it was asked to stop."""
+        """Whether ``stop`` was called."""
         return self._stopped.is_set()
 
     def stop(self) -> None:
-        """End ``frames``."""
+        """Stop the iteration over ``frames``."""
         self._stopped.set()
 
     def pause(self, seconds: float) -> bool:
         """
-        Show nothing, and let a camera or stream go, for others to use.
+        Stop publishing, and close a camera or stream so that other programs can use it.
 
-        :param seconds: how long to wait until it has gone.
-        :returns: whether it has.
+        :param seconds: longest wait for the source to close, in seconds.
+        :returns: whether the source is closed; always True for a file, which stays open.
         """
         self._paused.set()
         source = self.source
         return (source is not None and not source.live) or self._released.wait(seconds)
 
     def resume(self) -> None:
-        """Go on after a pause."""
-        self._heard_at = self._clock.monotonic()
+        """End a pause."""
+        self._last_frame_at = self._clock.monotonic()
         self._paused.clear()
 
     @property
     def paused(self) -> bool:
-        """Tell whether nothing is to be shown."""
+        """Whether publishing is paused."""
         return self._paused.is_set()
 
     @property
     def missed(self) -> int:
-        """Count the frames that a camera gave and nobody could take, for want of time."""
+        """Count of the camera frames that were lost because the publisher was too slow."""
         source = self.source
         return self._missed + (source.missed if source is not None and source.live else 0)
 
     def reopen(self) -> None:
-        """Close a camera or stream and open it as it is wanted now."""
+        """Request that a camera or stream is closed and opened with the current settings."""
         self._reopened.set()
 
     def frames(self) -> Iterator[Frame | None]:
         """
-        Yield each frame when it is due; None for one of a camera that nobody wants to see.
+        Yield each frame when it is due, and None for a camera frame without a subscriber.
 
-        :raises CaptureError: the source cannot be opened, has broken, or stayed away too long.
+        :raises CaptureError: the source cannot be opened, has failed, or was unavailable for
+            longer than the reconnect time.
         """
         while (source := self._open()) is not None:
             try:
                 if not source.live:
-                    yield from Player(source, lambda: self.playback, self._stopped, self._is_held,
-                                      self._watcher.broken, self._clock).frames()
+                    yield from Player(
+                        source, lambda: self.playback, self._stopped, self._is_suspended,
+                        self._listener.broken, self._clock).frames()
                     return
-                yield from self._show(source)
+                yield from self._live_frames(source)
             except UnavailableError as err:
-                self._note_loss(err)
+                self._handle_unavailable(err)
             finally:
                 self._missed = self.missed
                 self.source = None
                 source.close()
                 self._released.set()
 
-    def _is_held(self) -> bool:
-        return self._paused.is_set() or not self._audience.is_there()
+    def _is_suspended(self) -> bool:
+        return self._paused.is_set() or not self._demand.may_publish()
 
     def _open(self) -> Source | None:
         """
-        Open the source as soon as it is there.
+        Open the source, and retry while it is unavailable.
 
-        :returns: the source, or None when it was asked to stop.
-        :raises CaptureError: it cannot be opened, or stayed away too long.
+        :returns: the source, or None after ``stop``.
+        :raises CaptureError: the source cannot be opened, or was unavailable for longer than the
+            reconnect time.
         """
         while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
-                self._delay = _SLICE_SECONDS
+                self._delay = _POLL_SECONDS
                 continue
             self._reopened.clear()
             self._released.clear()
@@ -180,59 +202,60 @@ class Grabber:
                 self.source = self._open_source()
             except UnavailableError as err:
                 self._released.set()
-                self._note_loss(err)
+                self._handle_unavailable(err)
                 continue
-            self._watcher.opened(self.source)
+            self._listener.opened(self.source)
             return self.source
         return None
 
-    def _note_loss(self, err: UnavailableError) -> None:
+    def _handle_unavailable(self, err: UnavailableError) -> None:
         """
-        Take note that the source is away.
+        Report an outage to the listener, and set the delay of the next attempt.
 
-        :raises CaptureError: it has been for too long.
+        :param err: the reason of the outage.
+        :raises CaptureError: the source was unavailable for longer than the reconnect time.
         """
-        away = self._clock.monotonic() - self._heard_at
-        left = self.playback.reconnect - away
+        away = self._clock.monotonic() - self._last_frame_at
+        left = self.reconnect.reconnect_timeout - away
         if left <= 0:
             raise CaptureError(
-                f'{err}; given up after {away:.1f} s' if self._delay else str(err)) from err
-        if str(err) != self.trouble:
-            self.trouble = str(err)
-            self._watcher.lost(err)
+                f'{err}; gave up after {away:.1f} s' if self._delay else str(err)) from err
+        if str(err) != self.unavailable_reason:
+            self.unavailable_reason = str(err)
+            self._listener.lost(err)
         self._delay = min(self._delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
 
-    def _note_frame(self, source: LiveSource) -> None:
-        """Take note that a frame came."""
-        if self.trouble:
+    def _mark_alive(self, source: LiveSource) -> None:
+        """Record that a frame has come, and report the end of an outage to the listener."""
+        if self.unavailable_reason:
             self.reconnects += 1
-            self._watcher.returned(source, self._clock.monotonic() - self._heard_at)
-        self.trouble = ''
+            self._listener.returned(source, self._clock.monotonic() - self._last_frame_at)
+        self.unavailable_reason = ''
         self._delay = 0.0
-        self._heard_at = self._clock.monotonic()
+        self._last_frame_at = self._clock.monotonic()
 
-    def _show(self, source: LiveSource) -> Iterator[Frame | None]:
+    def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
         """
-        Yield the newest frame whenever one is due, until the source is let go.
+        Yield the newest frame whenever one is due, until the source has to be closed.
 
-        :raises UnavailableError: the source has gone or stalled.
+        :raises UnavailableError: the source is disconnected or has stalled.
         """
         pacer = Pacer(self._clock)
-        # A frame that comes half its period early is nearer to its slot than the next.
+        # A frame that is up to half a period early is nearer to the due time than the next frame.
         early = 0.5 / source.rate if source.rate else 0.0
         quiet_since = self._clock.monotonic()
         while not (self._stopped.is_set() or self._paused.is_set() or self._reopened.is_set()):
-            if not source.wait(_SLICE_SECONDS):
-                timeout = self.playback.read_timeout
+            if not source.wait(_POLL_SECONDS):
+                timeout = self.reconnect.read_timeout
                 if self._clock.monotonic() - quiet_since > timeout:
-                    raise UnavailableError(f'{source.name} has given no frame for {timeout:g} s')
+                    raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
-            self._note_frame(source)
-            if pacer.is_due(early) and self._audience.is_there():
+            self._mark_alive(source)
+            if pacer.is_due(early) and self._demand.may_publish():
                 try:
-                    frame = self._take(source)
+                    frame = self._read(source)
                 except BrokenFrameError as err:
-                    self._watcher.broken(err)
+                    self._listener.broken(err)
                 else:
                     pacer.advance(self._period(source))
                     yield frame
@@ -240,19 +263,20 @@ class Grabber:
                 source.skip()
             quiet_since = self._clock.monotonic()
 
-    def _take(self, source: LiveSource) -> Frame | None:
+    def _read(self, source: LiveSource) -> Frame | None:
         """
-        Read a frame if anybody looks.
+        Read the frame, or skip it if there is no subscriber.
 
-        :raises BrokenFrameError: it is unreadable.
+        :returns: the frame, or None when it was skipped.
+        :raises BrokenFrameError: the frame is unreadable.
         """
-        if self._audience.is_looking():
+        if self._demand.has_subscribers():
             return source.read()
         source.skip()
         return None
 
     def _period(self, source: LiveSource) -> float:
-        """Give the seconds between frames that are shown, 0.0 for each that comes."""
+        """Return the seconds between published frames; 0.0 to publish every frame."""
         rate = self.playback.rate
         if rate and source.rate:
             rate = min(rate, source.rate)

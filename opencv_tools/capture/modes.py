@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which of a camera's formats, sizes and rates to ask it for."""
+"""Choice of the format, size and rate that a camera is asked for."""
 
 from __future__ import annotations
 
@@ -23,22 +23,25 @@ from opencv_tools.capture.frame import JPEG
 from opencv_tools.capture.pixel_formats import PIXEL_FORMATS
 from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 
-#: What OpenCV asks a camera for, which most can do: width and height, frames per second.
-USUAL_SIZE = (640, 480)
-USUAL_RATE = 30.0
+#: Default size in pixels (width, height) and rate in Hz. Most cameras support these defaults of
+#: OpenCV.
+DEFAULT_SIZE = (640, 480)
+DEFAULT_RATE = 30.0
 
 
 @dataclass(frozen=True)
 class CameraRequest:
     """
-    What is wanted of a camera; of what is left out the usual, or what comes nearest to it.
+    Requested camera settings. Unset fields use the default or the closest supported value.
 
-    :param width: in pixels; 0 for the usual one.
-    :param height: in pixels; 0 for the usual one.
-    :param fps: frames per second; 0.0 for the usual ones.
-    :param fourcc: four letters of a pixel format; '' for the best one.
-    :param encoding: what the frames are wanted in, which a raw format may already have.
-    :param controls: settings to make, name and value; those that the camera lacks are passed by.
+    :param width: width in pixels; 0 for the default (640).
+    :param height: height in pixels; 0 for the default (480).
+    :param fps: frames per second; 0.0 for the default (30).
+    :param fourcc: pixel format, one of ``PIXEL_FORMATS``; '' to choose the best one.
+    :param encoding: encoding in which frames are published; a raw format that already has this
+        encoding is preferred. '' for no preference.
+    :param controls: name and value of each control to set; controls that the camera does not
+        have are ignored.
     """
 
     width: int = 0
@@ -49,13 +52,19 @@ class CameraRequest:
     controls: tuple[tuple[str, int], ...] = ()
 
 
-#: What is wanted when nothing is said.
-NO_WISHES = CameraRequest()
+#: The request with all defaults.
+DEFAULT_REQUEST = CameraRequest()
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A pixel format in a size that a camera offers."""
+    """
+    A pixel format and size that a camera supports.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    """
 
     fourcc: str
     width: int
@@ -63,23 +72,42 @@ class Mode:
 
     @property
     def size(self) -> str:
-        """Write the size as ``640x480``."""
+        """Size as text, such as ``640x480``."""
         return f'{self.width}x{self.height}'
+
+
+@dataclass(frozen=True)
+class StreamFormat:
+    """
+    The format that a camera sends.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param step: bytes from the start of one line to the start of the next.
+    """
+
+    fourcc: str
+    width: int
+    height: int
+    step: int
 
 
 def choose_mode(
     modes: Sequence[Mode], request: CameraRequest, rates: Callable[[Mode], Sequence[float]],
 ) -> Mode | None:
     """
-    Choose the mode that comes nearest to what is wanted.
+    Return the mode that is closest to a request.
 
-    The format that was named counts most, then an encoding that no other format can become, then
-    the size, then the rate: at full size many cameras are slow but for one format.
+    Criteria in order: the requested pixel format; an encoding to which other formats cannot be
+    converted; the size; the rate; the requested encoding; the order of ``PIXEL_FORMATS``. The
+    rate matters because many cameras reach their full rate at full size in one format only.
 
-    :param modes: what the camera offers.
-    :param request: what is wanted.
-    :param rates: gives the rates of a mode, empty when the camera does not tell.
-    :returns: the mode, or None when there is none of a known format.
+    :param modes: modes that the camera supports.
+    :param request: requested settings.
+    :param rates: function that returns the rates of a mode in Hz; empty when the camera does not
+        report them.
+    :returns: the mode, or None when the camera supports no known pixel format.
     """
     order = list(PIXEL_FORMATS)
     known = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
@@ -88,43 +116,48 @@ def choose_mode(
                    key=lambda mode: _size_distance(mode, request))
                for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
 
-    def badness(mode: Mode) -> tuple[object, ...]:
-        same = _is_sent(mode, request.encoding)
-        return (not same and not _can_be_made(request.encoding), _size_distance(mode, request),
+    def cost(mode: Mode) -> tuple[object, ...]:
+        same = _has_encoding(mode, request.encoding)
+        return (not same and not _can_convert_to(request.encoding), _size_distance(mode, request),
                 _rate_distance(rates(mode), request.fps), not same, order.index(mode.fourcc))
 
-    return min(nearest, key=badness, default=None)
+    return min(nearest, key=cost, default=None)
 
 
-def _is_sent(mode: Mode, encoding: str) -> bool:
-    """Return whether the frames of a mode have the layout of an encoding, by any of its names."""
+def _has_encoding(mode: Mode, encoding: str) -> bool:
+    """Return whether the frames of a mode have the layout of an encoding."""
     sent = PIXEL_FORMATS[mode.fourcc].encoding
     return (sent != JPEG and bool(encoding)
             and find_encoding(sent).has_layout_of(find_encoding(encoding)))
 
 
-def _can_be_made(encoding: str) -> bool:
-    """Tell whether frames of any format can be converted to an encoding with nothing missing."""
+def _can_convert_to(encoding: str) -> bool:
+    """Return whether all pixel formats can be converted to an encoding without loss of depth."""
     return not encoding or (encoding in COLOR_ENCODINGS and not encoding.endswith('16'))
 
 
 def _size_distance(mode: Mode, request: CameraRequest) -> tuple[int, int]:
-    usual_width, usual_height = USUAL_SIZE
-    wanted = ((abs(mode.width - request.width) if request.width else 0)
-              + (abs(mode.height - request.height) if request.height else 0))
-    return wanted, abs(mode.width - usual_width) + abs(mode.height - usual_height)
+    default_width, default_height = DEFAULT_SIZE
+    distance = ((abs(mode.width - request.width) if request.width else 0)
+                + (abs(mode.height - request.height) if request.height else 0))
+    return distance, abs(mode.width - default_width) + abs(mode.height - default_height)
 
 
-def _rate_distance(rates: Sequence[float], wanted: float) -> float:
+def _rate_distance(rates: Sequence[float], requested: float) -> float:
     if not rates:
         return 0.0
-    if wanted:
-        return min(abs(rate - wanted) for rate in rates)
-    return max(0.0, USUAL_RATE - max(rates))
+    if requested:
+        return min(abs(rate - requested) for rate in rates)
+    return max(0.0, DEFAULT_RATE - max(rates))
 
 
 def describe_modes(modes: Sequence[Mode]) -> str:
-    """List what a camera offers, the formats with the same sizes together."""
+    """
+    Return modes as text for a message.
+
+    :returns: for example ``YUYV MJPG in 640x480 320x240; GREY in 640x480``: formats with the same
+        sizes are grouped.
+    """
     sizes: dict[str, list[str]] = {}
     for mode in modes:
         sizes.setdefault(mode.fourcc, []).append(mode.size)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The formats, sizes and rates that a V4L2 camera offers."""
+"""Enumeration of the formats, sizes and rates that a V4L2 camera supports."""
 
 from __future__ import annotations
 
@@ -21,61 +21,81 @@ import itertools
 
 from opencv_tools.capture import videodev
 from opencv_tools.capture.modes import Mode
-from opencv_tools.capture.videodev import ask_about
+from opencv_tools.capture.pixel_formats import pack_fourcc, unpack_fourcc
+from opencv_tools.capture.videodev import try_ioctl
 
 
 def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mode]:
     """
-    Give the formats and sizes of an open device.
+    Yield the formats and sizes of an open device.
 
-    :param buffer_type: ``videodev.CAPTURE`` or ``CAPTURE_PLANES``.
-    :param near: width and height; of a format in which any size goes, the nearest to it is given.
-    :raises OSError: the device is gone.
+    :param fd: descriptor of the device.
+    :param buffer_type: ``V4L2_BUF_TYPE_VIDEO_CAPTURE`` or ``V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE``.
+    :param near: width and height in pixels; for a format with a range of sizes, only the size
+        nearest to ``near`` is yielded.
+    :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
-        description = videodev.FormatDescription(index=index, type=buffer_type)
-        if not ask_about(fd, videodev.ENUM_FMT, description):
+        description = videodev.v4l2_fmtdesc(index=index, type=buffer_type)
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FMT, description):
             return
-        fourcc = videodev.unpack_fourcc(description.pixelformat)
+        fourcc = unpack_fourcc(description.pixelformat)
         for size in _sizes(fd, fourcc, near):
             yield Mode(fourcc, *size)
 
 
 def list_rates(fd: int, mode: Mode) -> Iterator[float]:
     """
-    Give the frames per second of a mode; of a range its ends; none when it is not told.
+    Yield the frame rates of a mode in Hz.
 
-    :raises OSError: the device is gone.
+    Yields both ends of a range of rates, and nothing when the device does not report rates.
+
+    :param fd: descriptor of the device.
+    :param mode: format and size.
+    :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
-        interval = videodev.FrameInterval(
-            index=index, pixelformat=videodev.pack_fourcc(mode.fourcc),
+        interval = videodev.v4l2_frmivalenum(
+            index=index, pixel_format=pack_fourcc(mode.fourcc),
             width=mode.width, height=mode.height)
-        if not ask_about(fd, videodev.ENUM_FRAMEINTERVALS, interval):
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FRAMEINTERVALS, interval):
             return
-        ends = 1 if interval.type == videodev.DISCRETE else 2
-        yield from map(per_second, interval.fractions[:ends])
+        if interval.type == videodev.V4L2_FRMIVAL_TYPE_DISCRETE:
+            yield per_second(interval.discrete)
+        else:
+            yield per_second(interval.stepwise.min)
+            yield per_second(interval.stepwise.max)
 
 
-def per_second(interval: videodev.Fraction) -> float:
-    """Give the rate of an interval, 0.0 when the device does not tell it."""
+def per_second(interval: videodev.v4l2_fract) -> float:
+    """Return the rate of a frame interval in Hz; 0.0 when the device does not report it."""
     return interval.denominator / interval.numerator if interval.numerator else 0.0
 
 
 def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Give the sizes of a format; ``near`` itself when the device does not tell any."""
+    """Yield the sizes of a format; ``near`` itself when the device does not report sizes."""
     for index in itertools.count():
-        size = videodev.FrameSize(index=index, pixelformat=videodev.pack_fourcc(fourcc))
-        if not ask_about(fd, videodev.ENUM_FRAMESIZES, size):
+        size = videodev.v4l2_frmsizeenum(index=index, pixel_format=pack_fourcc(fourcc))
+        if not try_ioctl(fd, videodev.VIDIOC_ENUM_FRAMESIZES, size):
             if index == 0:
                 yield near
             return
-        if size.type == videodev.DISCRETE:
-            yield size.numbers[0], size.numbers[1]
+        if size.type == videodev.V4L2_FRMSIZE_TYPE_DISCRETE:
+            yield size.discrete.width, size.discrete.height
         else:
-            yield _step_to(near[0], *size.numbers[:3]), _step_to(near[1], *size.numbers[3:])
+            steps = size.stepwise
+            yield (_round_down(near[0], steps.min_width, steps.max_width, steps.step_width),
+                   _round_down(near[1], steps.min_height, steps.max_height, steps.step_height))
 
 
-def _step_to(wanted: int, least: int, most: int, step: int) -> int:
-    """Give the number from least to most, in steps, that is nearest below the wanted one."""
-    return least + (min(max(wanted, least), most) - least) // max(1, step) * max(1, step)
+def _round_down(number: int, least: int, most: int, step: int) -> int:
+    """
+    Round a number down to a step, within a range.
+
+    :param number: the number.
+    :param least: first number of the range.
+    :param most: last number of the range.
+    :param step: difference between neighbouring numbers; 0 is read as 1.
+    :returns: the largest number of the range that is not above ``number``; ``least`` when all are.
+    """
+    return least + (min(max(number, least), most) - least) // max(1, step) * max(1, step)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A numbered test pattern: frames without any hardware or file."""
+"""A test pattern with numbered frames, for use without a camera or file."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from opencv_tools.capture.frame import Frame, MAX_RATE
 _SPEC = re.compile(r'pattern(?::([0-9]+)x([0-9]+)(?:@([0-9]+(?:\.[0-9]+)?))?)?')
 _MAX_SIDE = 16384
 
-# Colour bars in BGR, as they stand on a television test card.
+# Colour bars in BGR, in the order of a television test card.
 _BARS = ((192, 192, 192), (0, 192, 192), (192, 192, 0), (0, 192, 0),
          (192, 0, 192), (0, 0, 192), (192, 0, 0), (16, 16, 16))
 
-# Digits of 3 x 5 cells, one row of cells a string.
+# Digits of 3 x 5 cells. Each string is a row of cells.
 _DIGITS = (
     ('###', '# #', '# #', '# #', '###'), (' # ', '## ', ' # ', ' # ', '###'),
     ('###', '  #', '###', '#  ', '###'), ('###', '  #', '###', '  #', '###'),
@@ -43,7 +43,13 @@ _DIGITS = (
 
 @dataclass(frozen=True)
 class PatternSpec:
-    """Size in pixels and rate in frames per second of a test pattern."""
+    """
+    The settings of a test pattern.
+
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param rate: frames per second.
+    """
 
     width: int = 640
     height: int = 480
@@ -52,26 +58,27 @@ class PatternSpec:
 
 def parse_pattern(spec: str) -> PatternSpec:
     """
-    Read ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+    Read the settings of a test pattern from text.
 
-    :raises ValueError: it is written otherwise, or out of range.
+    :param spec: ``pattern[:WIDTHxHEIGHT[@FPS]]``; defaults are 640x480 and 30.
+    :raises ValueError: the text has another form, or a number is out of range.
     """
     match = _SPEC.fullmatch(spec)
     if not match:
-        raise ValueError('a pattern is written pattern[:WIDTHxHEIGHT[@FPS]], '
-                         'as in pattern:640x480@30')
+        raise ValueError('write a pattern as pattern[:WIDTHxHEIGHT[@FPS]], '
+                         'for example pattern:640x480@30')
     default = PatternSpec()
     parsed = PatternSpec(int(match[1] or default.width), int(match[2] or default.height),
                          float(match[3] or default.rate))
     if not (1 <= parsed.width <= _MAX_SIDE and 1 <= parsed.height <= _MAX_SIDE
             and 0 < parsed.rate <= MAX_RATE):
-        raise ValueError(f'a pattern is 1 to {_MAX_SIDE} pixels wide and high '
-                         f'and has at most {MAX_RATE:g} frames per second')
+        raise ValueError(f'give a pattern a width and a height from 1 to {_MAX_SIDE} pixels '
+                         f'and a rate above 0 and up to {MAX_RATE:g} frames per second')
     return parsed
 
 
 class PatternSource:
-    """Colour bars, a moving line and the frame's number; it never ends."""
+    """An endless source of colour bars with a moving line and the number of the frame."""
 
     live: Literal[False] = False
 
@@ -100,16 +107,18 @@ class PatternSource:
 
 def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
     """
-    Draw one frame of the pattern.
+    Return one frame of the pattern.
 
-    :param number: of the frame, from 0.
-    :returns: (height, width, 3) uint8 in BGR.
+    :param number: number of the frame, from 0.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :returns: (height, width, 3) uint8 array in BGR.
     """
     return _draw_over(_draw_background(width, height), number)
 
 
 def _draw_over(background: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
-    """Draw what changes from frame to frame over a copy of what does not."""
+    """Return a copy of the background with the line and the number of a frame."""
     image = np.array(background)
     _draw_line(image, number)
     _draw_number(image, number)
@@ -117,7 +126,7 @@ def _draw_over(background: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
 
 
 def _draw_background(width: int, height: int) -> NDArray[np.uint8]:
-    """Draw colour bars, with a ramp from black to white below them."""
+    """Return the colour bars with a gray ramp from black to white below them."""
     image = np.empty((height, width, 3), np.uint8)
     columns = np.arange(width)
     image[:] = np.array(_BARS, np.uint8)[columns * len(_BARS) // width]
@@ -126,7 +135,7 @@ def _draw_background(width: int, height: int) -> NDArray[np.uint8]:
 
 
 def _draw_line(image: NDArray[np.uint8], number: int) -> None:
-    """Draw a white upright line that moves to the right, once across in 64 frames."""
+    """Draw a white vertical line that crosses the image from left to right in 64 frames."""
     width = image.shape[1]
     thickness = max(1, width // 64)
     left = number % 64 * width // 64
@@ -134,7 +143,7 @@ def _draw_line(image: NDArray[np.uint8], number: int) -> None:
 
 
 def _draw_number(image: NDArray[np.uint8], number: int) -> None:
-    """Draw the number in white on black, in the middle of the bars."""
+    """Draw the number of the frame in white on black, in the middle of the image."""
     digits = [_DIGITS[int(digit)] for digit in f'{number:06d}']
     rows = [' '.join(digit[row] for digit in digits) for row in range(5)]
     cells = np.pad([[cell == '#' for cell in row] for row in rows], 1)

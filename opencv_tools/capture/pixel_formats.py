@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the pixels of a V4L2 pixel format are, and how they become an array."""
+"""The supported V4L2 pixel formats, and their conversion to arrays."""
 
 from __future__ import annotations
 
@@ -29,18 +29,22 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
 
-#: Makes an array of a buffer's bytes, the picture's height and width, and the bytes a line.
+# Flag in the number of a pixel format with big-endian words: v4l2_fourcc_be().
+_BIG_ENDIAN = 1 << 31
+_BIG_ENDIAN_SUFFIX = '-BE'
+
+#: Function that converts a buffer to an array: data, height and width in pixels, bytes a line.
 Reader = Callable[[bytes, int, int, int], NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class PixelFormat:
     """
-    One pixel format of a camera.
+    One V4L2 pixel format.
 
-    :param fourcc: its four letters, without blanks behind them.
-    :param encoding: what the arrays made of it are: a sensor_msgs/Image encoding, or ``JPEG``.
-    :param read: makes such an array.
+    :param fourcc: four-character code without trailing blanks.
+    :param encoding: sensor_msgs/Image encoding of the arrays that ``read`` returns, or ``JPEG``.
+    :param read: function that converts a buffer to an array.
     """
 
     fourcc: str
@@ -51,14 +55,18 @@ class PixelFormat:
 def _read_pixels(
     encoding: str, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
-    """View pixels that an encoding of ROS describes."""
+    """Return a view of pixels that have an encoding of ROS."""
     return view_pixels(data, height, width, step, find_encoding(encoding))
 
 
 def _read_planes(
     conversion: int, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
-    """Convert luma with two planes of chroma behind it, for which ROS has no encoding, to BGR."""
+    """
+    Convert a luma plane and two chroma planes to BGR, because ROS has no such encoding.
+
+    :param conversion: code of ``cv2.cvtColor``.
+    """
     lines = np.frombuffer(data, np.uint8, height * step * 3 // 2)
     luma = lines[:height * step].reshape(height, step)[:, :width]
     chroma = lines[height * step:].reshape(height, step // 2)[:, :width // 2]
@@ -75,7 +83,7 @@ def _raw(fourcc: str, encoding: str) -> PixelFormat:
     return PixelFormat(fourcc, encoding, partial(_read_pixels, encoding))
 
 
-#: Every format that can be read, by its letters, in the order in which they are preferred.
+#: All supported pixel formats by their code, the preferred ones first.
 PIXEL_FORMATS = {known.fourcc: known for known in (
     _raw('BGR3', 'bgr8'), _raw('RGB3', 'rgb8'), _raw('XR24', 'bgra8'), _raw('AR24', 'bgra8'),
     _raw('YUYV', 'yuv422_yuy2'), _raw('UYVY', 'yuv422'),
@@ -94,30 +102,45 @@ PIXEL_FORMATS = {known.fourcc: known for known in (
 
 def check_fourcc(text: str) -> None:
     """
-    Refuse letters that are no known pixel format.
+    Check that a pixel format is supported.
 
-    :raises ValueError: it is none of ``PIXEL_FORMATS`` and not empty.
+    :param text: four-character code; '' is valid too.
+    :raises ValueError: the code is not in ``PIXEL_FORMATS``.
     """
     if text and text not in PIXEL_FORMATS:
-        raise ValueError(f'the known pixel formats are {", ".join(PIXEL_FORMATS)}')
+        raise ValueError(f'give a supported pixel format: {", ".join(PIXEL_FORMATS)}')
+
+
+def pack_fourcc(text: str) -> int:
+    """Return the V4L2 number of a pixel format from its text, as ``unpack_fourcc`` writes it."""
+    letters = text.removesuffix(_BIG_ENDIAN_SUFFIX)
+    number = int.from_bytes(letters.ljust(4).encode('latin-1'), 'little')
+    return number if letters == text else number | _BIG_ENDIAN
+
+
+def unpack_fourcc(number: int) -> str:
+    """Return a pixel format as text without trailing blanks, with ``-BE`` if big-endian."""
+    letters = (number & ~_BIG_ENDIAN).to_bytes(4, 'little').decode('latin-1').rstrip()
+    return letters + _BIG_ENDIAN_SUFFIX if number & _BIG_ENDIAN else letters
 
 
 def read_pixels(
     pixel_format: PixelFormat, data: bytes, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """
-    Make an array of a camera's buffer.
+    Convert the data of a camera buffer to an array.
 
-    :param pixel_format: of the camera.
-    :param data: the bytes that the camera filled, copied.
-    :param height: of the picture, in pixels.
-    :param width: of the picture, in pixels.
-    :param step: bytes from one line to the next.
-    :returns: an array of the format's encoding, for the most part a view of the bytes; of ``JPEG``
-        those themselves, (n,) uint8.
-    :raises BrokenFrameError: the buffer holds less than a picture.
+    :param pixel_format: pixel format of the data.
+    :param data: the bytes that the camera has written.
+    :param height: height of the image in pixels.
+    :param width: width of the image in pixels.
+    :param step: bytes from the start of one line to the start of the next.
+    :returns: array with the encoding of the format: for ``JPEG`` the bytes themselves, (n,) uint8;
+        a converted copy for YU12 and YV12; otherwise a view of the data, copied only where
+        padding splits the chroma.
+    :raises BrokenFrameError: the data are shorter than an image.
     """
     try:
         return pixel_format.read(data, height, width, step)
     except (LayoutError, ValueError) as err:
-        raise BrokenFrameError(f'the camera sent a part of a frame: {err}') from err
+        raise BrokenFrameError(f'the camera sent an incomplete frame: {err}') from err

@@ -12,37 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Play a file: every frame in order, each when it is due."""
+"""Playback of files: every frame in order, each at its due time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-import math
 from threading import Event
 
 from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, FileSource, Frame
 
 ON_END = ('stop', 'loop', 'hold')
-PICTURE_RATE = 10.0  # frames per second of pictures, which have no rate of their own
+PICTURE_RATE = 10.0  # frames per second of image files, which have no native rate
 
-_HELD_SECONDS = 0.02
+_PAUSE_POLL_SECONDS = 0.02
 
 
-@dataclass(frozen=True)
-class Playback:
+@dataclass(frozen=True, kw_only=True)
+class PlaybackSettings:
     """
-    How a source is shown.
+    How a source is played.
 
-    :param rate: frames per second; 0.0 for the source's own.
-    :param on_end: what follows the last frame of a file, one of ``ON_END``: ``stop``, ``loop``
-        back to the first, or ``hold`` the last and show it again at the same rate.
-    :param plays: how often a file is played before its end counts; 0 for ever.
-    :param first: number of the first frame of a file to show, from 0.
-    :param stop: number of the frame of a file to end before; 0 for its end.
-    :param read_timeout: seconds without a frame after which a camera has stalled.
-    :param reconnect: seconds after which a camera that is away is given up.
+    :param rate: frames per second; 0.0 for the native rate of the source.
+    :param on_end: action after the last frame of a file, one of ``ON_END``: ``stop``; ``loop``
+        back to the first frame; ``hold`` the last frame and repeat it at the same rate.
+    :param plays: number of times that a file is played before ``on_end`` applies; 0 for endless.
+    :param first: number of the first frame of a file to play, from 0.
+    :param stop: number of the first frame of a file not to play; 0 to play to the end.
     """
 
     rate: float = 0.0
@@ -50,31 +47,30 @@ class Playback:
     plays: int = 1
     first: int = 0
     stop: int = 0
-    read_timeout: float = 2.0
-    reconnect: float = math.inf
 
 
 class Pacer:
-    """Say when the next frame is due."""
+    """The due time of the next frame."""
 
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
-        """Start at once: the first frame is due now."""
+        """Create a pacer whose first frame is due now."""
         self._clock = clock
         self._due = 0.0
 
     def is_due(self, early: float = 0.0) -> bool:
         """
-        Tell whether the next frame's time has come.
+        Return whether the next frame is due.
 
-        :param early: seconds that it may be ahead of its time.
+        :param early: tolerance in seconds: a frame counts as due this long before its due time.
         """
         return self._clock.monotonic() >= self._due - early
 
     def wait(self, stopped: Event) -> int:
         """
-        Wait until the next frame is due, or playing is stopped.
+        Wait until the next frame is due or playback is stopped.
 
-        :returns: when it was due, in nanoseconds of CLOCK_MONOTONIC.
+        :param stopped: event that ends the wait.
+        :returns: due time in nanoseconds of CLOCK_MONOTONIC.
         """
         self._due = self._due or self._clock.monotonic()
         delay = self._due - self._clock.monotonic()
@@ -84,55 +80,58 @@ class Pacer:
 
     def advance(self, interval: float) -> None:
         """
-        Take note that a frame was shown; time that was lost is not made up for.
+        Set the due time of the next frame, counted from the due time of this one.
 
-        :param interval: seconds until the next.
+        After a delay of more than one interval the schedule continues from the current time:
+        frames are not played faster to catch up.
+
+        :param interval: seconds from this frame to the next.
         """
         now = self._clock.monotonic()
         self._due = max((self._due or now) + interval, now - interval)
 
     def restart(self) -> None:
-        """Let the next frame be due now."""
+        """Make the next frame due now."""
         self._due = 0.0
 
 
 class Player:
-    """Play every frame of a file, at the rate that is asked for or in its own time."""
+    """Playback of every frame of a file, at a fixed rate or with the times of the file."""
 
     def __init__(
-        self, source: FileSource, playback: Callable[[], Playback], stopped: Event,
-        is_held: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
+        self, source: FileSource, playback: Callable[[], PlaybackSettings], stopped: Event,
+        is_paused: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
-        Prepare to play.
+        Create a player; ``frames`` starts the playback.
 
-        :param source: where the frames come from.
-        :param playback: tells how to play; asked again for each frame.
-        :param stopped: set by another thread to end the playing.
-        :param is_held: tells whether nothing shall be shown for now.
-        :param on_broken: told of each frame that cannot be read and is left out.
-        :param clock: tells when a frame is due.
+        :param source: source of the frames.
+        :param playback: function that returns the current settings; called for each frame.
+        :param stopped: event that another thread sets to end the playback.
+        :param is_paused: function that returns whether playback is paused.
+        :param on_broken: function that is called for each unreadable frame, which is skipped.
+        :param clock: clock that paces the frames.
         """
         self._source = source
         self._playback = playback
         self._stopped = stopped
-        self._is_held = is_held
+        self._is_paused = is_paused
         self._on_broken = on_broken
         self._clock = clock
 
     def frames(self) -> Iterator[Frame]:
         """
-        Yield each frame when it is due, stamped with that time.
+        Yield each frame at its due time, with the due time as its stamp.
 
-        :raises CaptureError: the source broke, or has no frame that can be read.
+        :raises CaptureError: the source has failed, or has no readable frame.
         """
         pacer = Pacer(self._clock)
         last: Frame | None = None
         for frame in self._sequence():
             if last is not None:
                 pacer.advance(self._interval(last, frame))
-            while self._is_held() and not self._clock.wait(self._stopped, _HELD_SECONDS):
+            while self._is_paused() and not self._clock.wait(self._stopped, _PAUSE_POLL_SECONDS):
                 pacer.restart()
             due_ns = pacer.wait(self._stopped)
             if self._stopped.is_set():
@@ -141,27 +140,27 @@ class Player:
             last = frame
 
     def _interval(self, last: Frame, frame: Frame) -> float:
-        """Give the seconds from one frame to the next."""
+        """Return the seconds from one frame to the next."""
         rate = self._playback().rate
         if not rate and last.position is not None and frame.position is not None:
             interval = frame.position - last.position
-            if interval > 0:  # but from the last frame to the first there is none
+            if interval > 0:  # negative from the last frame back to the first
                 return interval
         return 1.0 / (rate or self._source.rate or PICTURE_RATE)
 
     def _sequence(self) -> Iterator[Frame]:
-        """Yield the frames in the order in which they are shown."""
+        """Yield the frames in playback order, with repetitions."""
         played = 0
         while True:
             last = None
-            for frame in self._pass():
+            for frame in self._readable_frames():
                 last = frame
                 yield frame
             played += 1
             if self._stopped.is_set():
                 return
             if last is None:
-                raise CaptureError(f'{self._source.name} has no frame that can be read')
+                raise CaptureError(f'{self._source.name} has no readable frame')
             playback = self._playback()
             if not playback.plays or played < playback.plays:
                 self._source.rewind()
@@ -170,11 +169,11 @@ class Player:
                 yield last
             return
 
-    def _pass(self) -> Iterator[Frame]:
+    def _readable_frames(self) -> Iterator[Frame]:
         """
-        Yield the frames that can be read, once.
+        Yield the readable frames of one pass.
 
-        :raises CaptureError: the source ends before the first frame to show.
+        :raises CaptureError: the source ends before the first frame to play.
         """
         playback = self._playback()
         for number in range(playback.first):
@@ -195,5 +194,5 @@ class Player:
             yield frame
 
     def _too_short(self, count: int, first: int) -> CaptureError:
-        return CaptureError(f'{self._source.name} has {count} frames, '
-                            f'and none of the number {first}')
+        return CaptureError(f'start_frame is {first}, but {self._source.name} has only {count} '
+                            'frames, numbered from 0')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why a stream cannot be opened: its server cannot be reached, or sends no video."""
+"""Diagnosis of a stream that cannot be opened: server unreachable, or no video."""
 
 from __future__ import annotations
 
@@ -21,27 +21,30 @@ from urllib.parse import urlsplit
 
 from opencv_tools.image.text import printable, without_password
 
-# What FFmpeg opens over TCP, and the port where none is named.
+# URL schemes that FFmpeg opens over TCP, with their default ports.
 _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
           'ftp': 21, 'tcp': 0}
 
-# How long each address of the server may take to answer.
+# Timeout of the connection to each address of the server.
 _ANSWER_SECONDS = 2.0
 
 
 def describe_failure(url: str) -> str:
     """
-    Describe why a stream was not opened, for which its server is called once more.
+    Return the reason why a stream could not be opened.
 
-    :param url: of the stream.
-    :returns: a sentence with the host, the port and the reason, as far as they can be known.
+    Connects to the server of the stream once, to find out whether the server is reachable.
+
+    :param url: URL of the stream.
+    :returns: a sentence with the host, the port and the reason, as far as they are known; without
+        the password of the URL.
     """
     shown = without_password(url)
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
         if parts.scheme not in _PORTS or not host or not port:
-            return f'{shown} cannot be opened as a video: it is not reachable, or sends no video'
+            return f'{shown} cannot be opened as a video: it is unreachable or sends no video'
         socket.create_connection((host, port), _ANSWER_SECONDS).close()
     except ValueError as err:
         return f'{shown} is not a URL: {printable(err)}'
@@ -51,5 +54,5 @@ def describe_failure(url: str) -> str:
         reason = err.strerror or str(err)
     else:
         return (f'{shown} cannot be opened as a video: {printable(host)} port {port} is '
-                'reachable, but sends no video that can be read')
+                'reachable, but sends no readable video')
     return f'{shown} is not reachable: {printable(host)} port {port}: {reason}'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is published of a frame: its pixels as they are wanted, and a JPEG of them."""
+"""The forms in which a captured frame is published: converted pixels and a JPEG."""
 
 from __future__ import annotations
 
@@ -28,19 +28,20 @@ from opencv_tools.image.jpeg import jpeg_components, JpegError
 from opencv_tools.image.orientation import orient
 from opencv_tools.pictures import convert_picture, decode_picture, encode_picture
 
-# What a JPEG from a camera stands for without a change: its colours have no order of their own.
+# Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
+# the colour channels, so it can be decoded to each of them.
 _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
 
 
 @dataclass(frozen=True)
-class Look:
+class OutputSettings:
     """
-    How frames are wanted.
+    How frames are converted before they are published.
 
-    :param encoding: sensor_msgs/Image encoding; '' for the frame's own.
-    :param flip: see ``orient``.
-    :param rotate: degrees clockwise, see ``orient``.
-    :param jpeg_quality: 1 to 100.
+    :param encoding: sensor_msgs/Image encoding; '' for the encoding of the frame.
+    :param flip: mirroring, one of ``FLIPS`` of ``opencv_tools.image.orientation``.
+    :param rotate: clockwise rotation after the mirroring, in degrees: 0, 90, 180 or 270.
+    :param jpeg_quality: quality of JPEG, 1 to 100.
     """
 
     encoding: str = ''
@@ -49,38 +50,38 @@ class Look:
     jpeg_quality: int = 95
 
     @property
-    def turns(self) -> bool:
-        """Tell whether frames are flipped or rotated."""
+    def is_transformed(self) -> bool:
+        """Whether frames are flipped or rotated."""
         return self.flip != 'none' or self.rotate != 0
 
 
-class Rendition:
-    """A frame as it is published; what nobody asks for is not made, and nothing is made twice."""
+class OutputImage:
+    """The forms of a frame that can be published, computed on first use and cached."""
 
-    def __init__(self, frame: Frame, look: Look) -> None:
+    def __init__(self, frame: Frame, settings: OutputSettings) -> None:
         """
-        Take a frame.
+        Keep a frame; nothing is converted yet.
 
-        :param frame: as it was captured.
-        :param look: how it is wanted.
+        :param frame: the captured frame.
+        :param settings: how the frame is converted.
         """
         self._frame = frame
-        #: How the frame is wanted.
-        self.look = look
+        #: How the frame is converted.
+        self.settings = settings
 
     @property
     def image(self) -> NDArray[Any]:
         """
-        Give the pixels, (h, w) or (h, w, c).
+        Pixels after the conversion, (h, w) or (h, w, c) array.
 
-        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        :raises ImageError: the frame cannot be decoded, or cannot be converted.
         """
         return self._pixels[0]
 
     @property
     def encoding(self) -> str:
         """
-        Name the encoding of the pixels.
+        Name of the sensor_msgs/Image encoding of ``image``.
 
         :raises ImageError: as for ``image``.
         """
@@ -89,7 +90,7 @@ class Rendition:
     @property
     def size(self) -> tuple[int, int]:
         """
-        Give width and height of the picture.
+        Width and height of the image in pixels.
 
         :raises ImageError: as for ``image``.
         """
@@ -99,37 +100,38 @@ class Rendition:
     @cached_property
     def jpeg(self) -> tuple[NDArray[Any], str]:
         """
-        Make a JPEG, (n,) uint8, and its format string, as compressed_image_transport writes it.
+        JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
 
-        What the camera has compressed is passed on as it is.
+        The camera's own JPEG is used unchanged when the settings allow it.
 
-        :raises ImageError: the frame is no picture, or cannot be what is wanted.
+        :raises ImageError: the frame cannot be decoded, or cannot be converted.
         """
-        if self._is_ready():
+        if self._can_pass_jpeg_through():
             if self._is_gray_jpeg:
                 return self._frame.image, 'mono8; jpeg compressed mono8'
-            return self._frame.image, f'{self.look.encoding or "bgr8"}; jpeg compressed bgr8'
+            return self._frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
             image = convert_picture(image, actual, stored)
-        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.look.jpeg_quality)
-        # Sixteen bits, and other things than colours, are told as what is left of them.
-        told = actual.name if actual.name in _AS_JPEG else stored.name
-        return data, f'{told}; jpeg compressed {stored.name}'
+        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
+        # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
+        # string contains the encoding that is stored.
+        declared = actual.name if actual.name in _AS_JPEG else stored.name
+        return data, f'{declared}; jpeg compressed {stored.name}'
 
-    def _is_ready(self) -> bool:
-        """Tell whether the camera's own JPEG is what is wanted."""
-        return (self._frame.encoding == JPEG and not self.look.turns
-                and (self.look.encoding in _AS_JPEG
-                     or (self.look.encoding == 'mono8' and self._is_gray_jpeg)))
+    def _can_pass_jpeg_through(self) -> bool:
+        """Return whether the camera's own JPEG can be published unchanged."""
+        return (self._frame.encoding == JPEG and not self.settings.is_transformed
+                and (self.settings.encoding in _AS_JPEG
+                     or (self.settings.encoding == 'mono8' and self._is_gray_jpeg)))
 
     @cached_property
     def _is_gray_jpeg(self) -> bool:
         try:
             return jpeg_components(self._frame.image.tobytes()) == 1
         except JpegError:
-            return False  # whoever decodes it will find out
+            return False  # decoding raises the error
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
@@ -139,7 +141,7 @@ class Rendition:
             encoding = picture_encoding(image)
         else:
             encoding = find_encoding(self._frame.encoding)
-        wanted = find_encoding(self.look.encoding) if self.look.encoding else encoding
-        if not wanted.has_layout_of(encoding):
-            image = convert_picture(image, encoding, wanted)
-        return orient(image, wanted, self.look.flip, self.look.rotate)
+        target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
+        if not target.has_layout_of(encoding):
+            image = convert_picture(image, encoding, target)
+        return orient(image, target, self.settings.flip, self.settings.rotate)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures as a source: one file, a folder of them, or those that a pattern matches."""
+"""Image files as a source: one file, a folder, or the matches of a glob pattern."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ _FILE_BYTES = 1 << 30
 
 
 def natural_order(path: Path) -> list[tuple[bool, int, str]]:
-    """Sort key that puts ``frame2`` before ``frame10``."""
+    """Return a sort key that orders ``frame2`` before ``frame10``."""
     parts = re.split(r'([0-9]+)', path.name)
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 class PictureSequence:
-    """Picture files, one after the other, in their own depth and channels."""
+    """A sequence of image files, each with its own depth and channels."""
 
     rate = 0.0
     live: Literal[False] = False
 
     def __init__(self, paths: Sequence[Path], name: str) -> None:
         """
-        Keep the files, which are read one at a time.
+        Keep the paths; each file is read when its turn comes.
 
-        :param paths: the files in order.
-        :param name: what to call the whole.
-        :raises CaptureError: there is no file.
+        :param paths: paths of the files in playback order.
+        :param name: name of the sequence in messages, such as the folder.
+        :raises CaptureError: ``paths`` is empty.
         """
         if not paths:
-            raise CaptureError(f'there is no picture in {printable(name, MAX_PATH)}; '
-                               f'pictures end in {", ".join(sorted(PICTURE_SUFFIXES))}')
+            raise CaptureError(f'no image file in {printable(name, MAX_PATH)}; supported '
+                               f'extensions: {", ".join(sorted(PICTURE_SUFFIXES))}')
         self.name = printable(name, MAX_PATH)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
         self._paths = tuple(paths)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the text of the parameter ``source`` stands for."""
+"""The sources that the parameter ``source`` can name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ import stat
 
 import cv2
 from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
-from opencv_tools.capture.modes import CameraRequest, NO_WISHES, USUAL_SIZE
+from opencv_tools.capture.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.stream import StreamSource
@@ -35,49 +35,50 @@ from opencv_tools.capture.video import frame_count, open_video, VideoSource
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import describe_kind
 
-# How much of a name has to be as in ``pattern`` for it to be mistyped: 0.0 nothing, 1.0 all.
+# Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8
 
 
 def check_source(text: str) -> None:
     """
-    Refuse a text that can be no source at all.
+    Check that a text can name a source.
 
-    :raises ValueError: it is empty, or a pattern that is written wrongly.
+    :param text: as for :func:`open_source`.
+    :raises ValueError: the text is empty or an invalid pattern.
     """
     if not text:
-        raise ValueError('name a camera, a file, a folder, a URL, or pattern')
+        raise ValueError('give a camera, a file, a folder, a URL or pattern')
     if _is_pattern(text):
         parse_pattern(text)
 
 
 def is_camera(text: str) -> bool:
-    """Tell whether a source is a camera of this machine, be it plugged in or not."""
+    """Return whether a source is a camera of this machine, connected or not."""
     if text.isdecimal():
         return True
     path = Path(text).expanduser()
     try:
         return stat.S_ISCHR(path.stat().st_mode)
     except OSError:
-        with suppress(OSError):  # of a working folder that was removed
+        with suppress(OSError):  # the working directory was removed
             path = path.resolve()
         return path.is_relative_to('/dev')
 
 
 def open_source(
-    text: str, request: CameraRequest = NO_WISHES, timeout: float = 2.0,
+    text: str, request: CameraRequest = DEFAULT_REQUEST, timeout: float = 2.0,
 ) -> Source:
     """
     Open a source.
 
-    :param text: a device number, a device's path, a video file, a picture file, a folder or glob
-        of pictures, a stream's URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
-    :param request: what is wanted of a camera.
-    :param timeout: seconds after which a silent stream is given up.
-    :returns: the source, opened; ``live`` tells which kind it is.
-    :raises UnavailableError: a camera or stream cannot be opened now.
-    :raises CaptureError: it cannot be opened at all.
-    :raises ValueError: see :func:`check_source`.
+    :param text: device number, device path, video file, image file, folder or glob pattern of
+        image files, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+    :param request: requested camera settings.
+    :param timeout: timeout in seconds for opening a stream and for reading from it.
+    :returns: the open source; ``live`` is True for a camera or stream.
+    :raises UnavailableError: the camera or stream cannot be opened now.
+    :raises CaptureError: the source cannot be opened.
+    :raises ValueError: the text is empty or an invalid pattern.
     """
     check_source(text)
     if _is_pattern(text):
@@ -90,21 +91,24 @@ def open_source(
     return _open_path(_path(text))
 
 
-def expected_size(text: str, request: CameraRequest = NO_WISHES) -> tuple[int, int] | None:
+def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[int, int] | None:
     """
-    Tell how large the frames of a source will be, before it is opened to be shown.
+    Return the expected size of the frames of a source.
+
+    A file is opened and its first frame is read. A camera is not opened.
 
     :param text: as for :func:`open_source`.
-    :param request: what is wanted of a camera, which may give something else.
-    :returns: width and height; None for a stream, and for a pipe, which can be read once.
+    :param request: requested camera settings; the camera may send another size.
+    :returns: width and height in pixels; None for a stream, for an empty source, and for a named
+        pipe, which can be read only once.
     :raises CaptureError: a file cannot be read.
-    :raises ValueError: see :func:`check_source`.
+    :raises ValueError: the text is empty or an invalid pattern.
     """
     if _is_pattern(text):
         spec = parse_pattern(text)
         return spec.width, spec.height
     if is_camera(text):
-        return request.width or USUAL_SIZE[0], request.height or USUAL_SIZE[1]
+        return request.width or DEFAULT_SIZE[0], request.height or DEFAULT_SIZE[1]
     if _is_url(text) or _path(text).is_fifo():
         return None
     source = open_source(text)
@@ -128,7 +132,7 @@ def _is_url(text: str) -> bool:
 
 
 def _open_url(url: str, timeout: float) -> Source:
-    """Open a stream, or a file on a web server, which has a number of frames."""
+    """Open a stream, or a video file on a web server, which has a known number of frames."""
     milliseconds = max(1, int(timeout * 1000))
     try:
         capture = open_video(url, cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds,
@@ -139,7 +143,7 @@ def _open_url(url: str, timeout: float) -> Source:
 
 
 def _open_path(path: Path) -> Source:
-    """Open what lies at a path: a folder, a picture, a video, or a glob of pictures."""
+    """Open a folder, an image file, a video file or the matches of a glob pattern."""
     shown = printable(path, MAX_PATH)
     try:
         mode = path.stat().st_mode
@@ -150,27 +154,27 @@ def _open_path(path: Path) -> Source:
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
         raise CaptureError(f'{shown} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
-        raise CaptureError(f'no permission to read {shown}')
+        raise CaptureError(f'no permission to read {shown}; check its owner and mode')
     if stat.S_ISDIR(mode):
         return PictureSequence(_pictures(path.iterdir()), str(path))
     is_picture = path.suffix.lower() in PICTURE_SUFFIXES
     kind = describe_kind(mode)
     if kind and (is_picture or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
-        raise CaptureError(f'{shown} is {kind}: give a file or a folder')
+        raise CaptureError(f'{shown} is {kind}; give a file or a folder')
     if is_picture:
         return PictureSequence([path], str(path))
     return VideoSource(str(path), open_video(str(path)))
 
 
 def _suggestion(path: Path) -> str:
-    """Return a hint to ``pattern``, where that may have been meant by a file that is missing."""
+    """Return a hint for a missing file whose name is similar to ``pattern``; '' otherwise."""
     name, colon, size = str(path).partition(':')
     is_close = difflib.get_close_matches(name, ['pattern'], cutoff=_CLOSE)
     return f'; did you mean pattern{colon}{size}?' if is_close else ''
 
 
 def _pictures(paths: Iterable[Path]) -> list[Path]:
-    """Keep the picture files, in natural order."""
+    """Return the image files among some paths, in natural order."""
     return sorted((path for path in paths
                    if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()),
                   key=natural_order)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Streams as a source: cameras on the network, read as fast as they send."""
+"""Network streams as a source."""
 
 from __future__ import annotations
 
@@ -27,16 +27,20 @@ from opencv_tools.image.text import without_password
 
 
 class StreamSource:
-    """The newest frame of a stream: a thread reads it all the time, so that nothing piles up."""
+    """
+    A stream that is read continuously by a thread, which keeps the newest frame only.
+
+    Frames therefore do not queue up when the publisher is slower than the stream.
+    """
 
     live: Literal[True] = True
 
     def __init__(self, url: str, capture: cv2.VideoCapture) -> None:
         """
-        Begin to read an opened stream.
+        Start the thread that reads an open stream.
 
-        :param url: where it is.
-        :param capture: the same from ``open_video``.
+        :param url: URL of the stream.
+        :param capture: the open stream, as ``open_video`` returns it.
         """
         self.name = without_password(url)
         self.rate = video_rate(capture)
@@ -53,7 +57,7 @@ class StreamSource:
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._ended, seconds)
             if self._newest is None and self._ended:
-                raise UnavailableError(f'{self.name} has ended, or is not reachable any more')
+                raise UnavailableError(f'{self.name} ended or is no longer reachable')
             return self._newest is not None
 
     def skip(self) -> None:
@@ -73,7 +77,7 @@ class StreamSource:
         self._thread.join()
 
     def _read_all(self) -> None:
-        """Keep the newest frame until the stream ends or is closed."""
+        """Read frames and keep the newest one, until the stream ends or is closed."""
         while not self._ended:
             decoded, image = self._capture.read()
             with self._changed:

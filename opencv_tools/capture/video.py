@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Video files as a source, decoded by OpenCV's FFmpeg."""
+"""Video files as a source, decoded by the FFmpeg backend of OpenCV."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MA
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.image.text import MAX_PATH, printable, without_password
 
-# Files of these kinds have a list of their frames; of others OpenCV guesses how many there are.
+# Containers with an index of their frames. For other containers OpenCV estimates the number.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
 
 
 class VideoSource:
-    """The frames of a video file, each with its own time."""
+    """A video file. Each frame has its time in the file."""
 
     live: Literal[False] = False
 
     def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
         """
-        Take an opened video.
+        Wrap an open video.
 
-        :param location: a file's path, or the URL of one on a web server.
-        :param capture: the same from ``open_video``.
+        :param location: path of the file, or its URL on a web server.
+        :param capture: the open video, as ``open_video`` returns it.
         """
         self._location = location
         self.name = without_password(location)
@@ -61,8 +61,8 @@ class VideoSource:
         if not self.skip():
             return None
         position = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        # 0 also stands for a time that OpenCV does not know: the last frames of an AVI that are
-        # not coded in their order, and of any such file for OpenCV 4.6.
+        # OpenCV also returns 0 for an unknown time: for the last frames of an AVI with reordered
+        # frames (B-frames), and with OpenCV 4.6 for those of any file with reordered frames.
         known = math.isfinite(position) and (position or self._number == 1)
         decoded, image = self._capture.retrieve()
         if not decoded:
@@ -70,7 +70,7 @@ class VideoSource:
         return Frame(image, 'bgr8', position=position if known else None)
 
     def rewind(self) -> None:
-        # Opening again is exact for every container; seeking to frame 0 is not.
+        # Reopening is exact for every container; seeking to frame 0 is not.
         self._capture.release()
         self._capture = open_video(self._location)
         self._number = 0
@@ -80,9 +80,9 @@ class VideoSource:
 
     def _check_end(self) -> None:
         """
-        Tell, once, when the video ends before its time.
+        Check, once, that the video did not end early.
 
-        :raises BrokenFrameError: frames are missing.
+        :raises BrokenFrameError: the file has fewer frames than its index lists.
         """
         number, listed = self._number, self._listed
         self._listed = 0
@@ -95,10 +95,10 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
     """
     Open a video file or a stream.
 
-    :param location: a path or a URL.
-    :param options: properties to open it with, each followed by its value.
-    :returns: the opened capture.
-    :raises CaptureError: it cannot be opened as a video.
+    :param location: path or URL.
+    :param options: ``cv2.CAP_PROP_*`` properties for opening, each followed by its value.
+    :returns: the open video.
+    :raises CaptureError: the location cannot be opened as a video.
     """
     capture = cv2.VideoCapture(location, cv2.CAP_FFMPEG, options)
     if not capture.isOpened():
@@ -109,18 +109,18 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
 
 
 def video_rate(capture: cv2.VideoCapture) -> float:
-    """Give the frames per second that a video says it has, 0.0 when that cannot be."""
+    """Return the frames per second in the header of a video; 0.0 if the value is implausible."""
     rate: float = capture.get(cv2.CAP_PROP_FPS)
     return rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
 
 
 def frame_count(capture: cv2.VideoCapture) -> int:
-    """Give the number of frames of a video; a stream has none."""
+    """Return the number of frames of a video file; 0 for a stream."""
     return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
 
 
 def describe_video(capture: cv2.VideoCapture) -> str:
-    """Write size and rate of a video."""
+    """Return the size and rate of a video as text, such as ``640x480 at 30 Hz``."""
     width, height = (int(capture.get(prop)) for prop in (
         cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     return f'{width}x{height} at {video_rate(capture):g} Hz'

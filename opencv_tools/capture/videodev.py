@@ -12,55 +12,51 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The kernel's interface to cameras, V4L2: structures and request numbers of <videodev2.h>."""
+"""The kernel's camera interface V4L2: structures and requests of ``<linux/videodev2.h>``."""
 
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_char, c_int32, c_int64, c_long, c_uint32, c_uint64, c_uint8
-import enum
+from ctypes import c_char, c_int32, c_int64, c_long, c_uint32, c_uint64, c_uint8, c_ulong, c_void_p
 import errno
 import fcntl
+from typing import Any
 
-MAJOR = 81  # Documentation/admin-guide/devices.txt: video4linux
+VIDEO_MAJOR = 81
 
-CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE
-CAPTURE_PLANES = 9  # V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE
-MMAP = 1  # V4L2_MEMORY_MMAP
-FIELD_ANY = 0
+V4L2_BUF_TYPE_VIDEO_CAPTURE = 1
+V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE = 9
+V4L2_MEMORY_MMAP = 1
+V4L2_FIELD_ANY = 0
 
-CAN_CAPTURE = 0x00000001  # V4L2_CAP_VIDEO_CAPTURE
-CAN_CAPTURE_PLANES = 0x00001000  # V4L2_CAP_VIDEO_CAPTURE_MPLANE
-CAN_STREAM = 0x04000000
-HAS_DEVICE_CAPS = 0x80000000
-HAS_TIME_PER_FRAME = 0x1000
+V4L2_CAP_VIDEO_CAPTURE = 0x00000001
+V4L2_CAP_VIDEO_CAPTURE_MPLANE = 0x00001000
+V4L2_CAP_STREAMING = 0x04000000
+V4L2_CAP_DEVICE_CAPS = 0x80000000
+V4L2_CAP_TIMEPERFRAME = 0x1000
 
-BUFFER_IS_BROKEN = 0x0040  # V4L2_BUF_FLAG_ERROR
-BUFFER_CLOCK = 0xe000
-BUFFER_CLOCK_MONOTONIC = 0x2000
+V4L2_BUF_FLAG_ERROR = 0x00000040
+V4L2_BUF_FLAG_TIMESTAMP_MASK = 0x0000e000
+V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC = 0x00002000
 
-DISCRETE = 1  # V4L2_FRMSIZE_TYPE_DISCRETE, V4L2_FRMIVAL_TYPE_DISCRETE
+V4L2_FRMSIZE_TYPE_DISCRETE = 1
+V4L2_FRMIVAL_TYPE_DISCRETE = 1
 
-NEXT_CONTROL = 0x80000000
-CONTROL_IS_DISABLED = 0x0001
-CONTROL_IS_READ_ONLY = 0x0004
-CONTROL_IS_INACTIVE = 0x0010
-CONTROL_IS_WRITE_ONLY = 0x0040
+V4L2_CTRL_FLAG_NEXT_CTRL = 0x80000000
+V4L2_CTRL_FLAG_DISABLED = 0x0001
+V4L2_CTRL_FLAG_READ_ONLY = 0x0004
+V4L2_CTRL_FLAG_INACTIVE = 0x0010
+V4L2_CTRL_FLAG_WRITE_ONLY = 0x0040
 
-CONTROL_EVENT = 3  # V4L2_EVENT_CTRL
-OWN_CHANGES_TOO = 0x0002  # V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK
-
-
-class ControlType(enum.IntEnum):
-    """``enum v4l2_ctrl_type``, as far as a control's value is one number."""
-
-    INTEGER = 1
-    BOOLEAN = 2
-    MENU = 3
-    INTEGER_MENU = 9
+V4L2_EVENT_CTRL = 3
+V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK = 0x0002
 
 
-class Capability(ctypes.Structure):
+def _union(**members: Any) -> type[ctypes.Union]:
+    return type('union', (ctypes.Union,), {'_fields_': [*members.items()]})
+
+
+class v4l2_capability(ctypes.Structure):
     """``struct v4l2_capability``."""
 
     _fields_ = [
@@ -69,7 +65,7 @@ class Capability(ctypes.Structure):
         ('reserved', c_uint32 * 3)]
 
 
-class FormatDescription(ctypes.Structure):
+class v4l2_fmtdesc(ctypes.Structure):
     """``struct v4l2_fmtdesc``."""
 
     _fields_ = [
@@ -78,90 +74,129 @@ class FormatDescription(ctypes.Structure):
         ('reserved', c_uint32 * 3)]
 
 
-class Fraction(ctypes.Structure):
+class v4l2_fract(ctypes.Structure):
     """``struct v4l2_fract``."""
 
     _fields_ = [('numerator', c_uint32), ('denominator', c_uint32)]
 
 
-class FrameSize(ctypes.Structure):
-    """``struct v4l2_frmsizeenum``; of a discrete size the first two numbers count."""
+class v4l2_frmsize_stepwise(ctypes.Structure):
+    """``struct v4l2_frmsize_stepwise``."""
 
     _fields_ = [
-        ('index', c_uint32), ('pixelformat', c_uint32), ('type', c_uint32),
-        ('numbers', c_uint32 * 6), ('reserved', c_uint32 * 2)]
+        ('min_width', c_uint32), ('max_width', c_uint32), ('step_width', c_uint32),
+        ('min_height', c_uint32), ('max_height', c_uint32), ('step_height', c_uint32)]
 
 
-class FrameInterval(ctypes.Structure):
-    """``struct v4l2_frmivalenum``; of a discrete interval the first fraction counts."""
+class v4l2_frmsize_discrete(ctypes.Structure):
+    """``struct v4l2_frmsize_discrete``."""
 
+    _fields_ = [('width', c_uint32), ('height', c_uint32)]
+
+
+class v4l2_frmsizeenum(ctypes.Structure):
+    """``struct v4l2_frmsizeenum``."""
+
+    _anonymous_ = ('union',)
     _fields_ = [
-        ('index', c_uint32), ('pixelformat', c_uint32), ('width', c_uint32),
-        ('height', c_uint32), ('type', c_uint32), ('fractions', Fraction * 3),
+        ('index', c_uint32), ('pixel_format', c_uint32), ('type', c_uint32),
+        ('union', _union(discrete=v4l2_frmsize_discrete, stepwise=v4l2_frmsize_stepwise)),
         ('reserved', c_uint32 * 2)]
 
 
-class Format(ctypes.Structure):
-    """``struct v4l2_format`` of a capture device whose pixels lie in one plane."""
+class v4l2_frmival_stepwise(ctypes.Structure):
+    """``struct v4l2_frmival_stepwise``."""
+
+    _fields_ = [('min', v4l2_fract), ('max', v4l2_fract), ('step', v4l2_fract)]
+
+
+class v4l2_frmivalenum(ctypes.Structure):
+    """``struct v4l2_frmivalenum``."""
+
+    _anonymous_ = ('union',)
+    _fields_ = [
+        ('index', c_uint32), ('pixel_format', c_uint32), ('width', c_uint32),
+        ('height', c_uint32), ('type', c_uint32),
+        ('union', _union(discrete=v4l2_fract, stepwise=v4l2_frmival_stepwise)),
+        ('reserved', c_uint32 * 2)]
+
+
+class v4l2_pix_format(ctypes.Structure):
+    """``struct v4l2_pix_format``, without its last fields."""
 
     _fields_ = [
-        ('type', c_uint32), ('align', c_uint32 * (ctypes.sizeof(ctypes.c_void_p) // 8)),
         ('width', c_uint32), ('height', c_uint32), ('pixelformat', c_uint32),
-        ('field', c_uint32), ('bytesperline', c_uint32), ('sizeimage', c_uint32),
-        ('rest', c_uint8 * (200 - 24))]
+        ('field', c_uint32), ('bytesperline', c_uint32), ('sizeimage', c_uint32)]
 
 
-class PlaneFormat(ctypes.Structure):
+class v4l2_plane_pix_format(ctypes.Structure):
     """``struct v4l2_plane_pix_format``."""
 
     _fields_ = [('sizeimage', c_uint32), ('bytesperline', c_uint32), ('reserved', c_uint32 * 3)]
 
 
-class PlanarFormat(ctypes.Structure):
-    """``struct v4l2_format`` of a device that describes each plane of its pixels."""
+class v4l2_pix_format_mplane(ctypes.Structure):
+    """``struct v4l2_pix_format_mplane``, without its last fields."""
 
     _fields_ = [
-        ('type', c_uint32), ('align', c_uint32 * (ctypes.sizeof(ctypes.c_void_p) // 8)),
         ('width', c_uint32), ('height', c_uint32), ('pixelformat', c_uint32),
-        ('field', c_uint32), ('colorspace', c_uint32), ('planes', PlaneFormat * 8),
-        ('num_planes', c_uint8), ('rest', c_uint8 * (200 - 20 - 8 * 20 - 1))]
+        ('field', c_uint32), ('colorspace', c_uint32), ('plane_fmt', v4l2_plane_pix_format * 8),
+        ('num_planes', c_uint8)]
 
 
-class StreamParameters(ctypes.Structure):
-    """``struct v4l2_streamparm`` of a capture device."""
+class v4l2_format(ctypes.Structure):
+    """``struct v4l2_format``."""
+
+    # Other members contain pointers, which determine the alignment of the union.
+    _fields_ = [('type', c_uint32), ('fmt', _union(
+        pix=v4l2_pix_format, pix_mp=v4l2_pix_format_mplane, pointer=c_void_p,
+        raw_data=c_uint8 * 200))]
+
+
+class v4l2_captureparm(ctypes.Structure):
+    """``struct v4l2_captureparm``."""
 
     _fields_ = [
-        ('type', c_uint32), ('capability', c_uint32), ('capturemode', c_uint32),
-        ('timeperframe', Fraction), ('rest', c_uint8 * (200 - 16))]
+        ('capability', c_uint32), ('capturemode', c_uint32), ('timeperframe', v4l2_fract),
+        ('extendedmode', c_uint32), ('readbuffers', c_uint32), ('reserved', c_uint32 * 4)]
 
 
-class BufferRequest(ctypes.Structure):
+class v4l2_streamparm(ctypes.Structure):
+    """``struct v4l2_streamparm``."""
+
+    _fields_ = [
+        ('type', c_uint32), ('parm', _union(capture=v4l2_captureparm, raw_data=c_uint8 * 200))]
+
+
+class v4l2_requestbuffers(ctypes.Structure):
     """``struct v4l2_requestbuffers``."""
 
     _fields_ = [
         ('count', c_uint32), ('type', c_uint32), ('memory', c_uint32),
-        ('capabilities', c_uint32), ('reserved', c_uint32)]
+        ('capabilities', c_uint32), ('flags', c_uint8), ('reserved', c_uint8 * 3)]
 
 
-class Plane(ctypes.Structure):
+class v4l2_plane(ctypes.Structure):
     """``struct v4l2_plane``."""
 
     _fields_ = [
-        ('bytesused', c_uint32), ('length', c_uint32), ('offset', c_uint64),
-        ('data_offset', c_uint32), ('reserved', c_uint32 * 11)]
+        ('bytesused', c_uint32), ('length', c_uint32),
+        ('m', _union(mem_offset=c_uint32, userptr=c_ulong)), ('data_offset', c_uint32),
+        ('reserved', c_uint32 * 11)]
 
 
-class Buffer(ctypes.Structure):
-    """``struct v4l2_buffer``; of a planar device ``offset`` points to ``length`` planes."""
+class v4l2_buffer(ctypes.Structure):
+    """``struct v4l2_buffer``; ``timestamp`` has seconds and microseconds."""
 
     _fields_ = [
         ('index', c_uint32), ('type', c_uint32), ('bytesused', c_uint32), ('flags', c_uint32),
-        ('field', c_uint32), ('seconds', c_long), ('microseconds', c_long),
-        ('timecode', c_uint32 * 4), ('sequence', c_uint32), ('memory', c_uint32),
-        ('offset', c_uint64), ('length', c_uint32), ('reserved', c_uint32 * 2)]
+        ('field', c_uint32), ('timestamp', c_long * 2), ('timecode', c_uint32 * 4),
+        ('sequence', c_uint32), ('memory', c_uint32),
+        ('m', _union(offset=c_uint32, planes=ctypes.POINTER(v4l2_plane))), ('length', c_uint32),
+        ('reserved2', c_uint32), ('request_fd', c_int32)]
 
 
-class ControlQuery(ctypes.Structure):
+class v4l2_query_ext_ctrl(ctypes.Structure):
     """``struct v4l2_query_ext_ctrl``."""
 
     _fields_ = [
@@ -171,104 +206,95 @@ class ControlQuery(ctypes.Structure):
         ('nr_of_dims', c_uint32), ('dims', c_uint32 * 4), ('reserved', c_uint32 * 32)]
 
 
-class MenuQuery(ctypes.Structure):
-    """``struct v4l2_querymenu``; the name of an integer menu's entry is its value."""
+class v4l2_querymenu(ctypes.Structure):
+    """``struct v4l2_querymenu``; for an integer menu ``name`` holds the value of the entry."""
 
     _fields_ = [
         ('id', c_uint32), ('index', c_uint32), ('name', c_char * 32), ('reserved', c_uint32)]
 
 
-class ControlValue(ctypes.Structure):
+class v4l2_control(ctypes.Structure):
     """``struct v4l2_control``."""
 
     _fields_ = [('id', c_uint32), ('value', c_int32)]
 
 
-class EventSubscription(ctypes.Structure):
+class v4l2_event_subscription(ctypes.Structure):
     """``struct v4l2_event_subscription``."""
 
     _fields_ = [
         ('type', c_uint32), ('id', c_uint32), ('flags', c_uint32), ('reserved', c_uint32 * 5)]
 
 
-class Event(ctypes.Structure):
-    """``struct v4l2_event``; ``id`` is that of the control which has changed."""
+class v4l2_event(ctypes.Structure):
+    """``struct v4l2_event``; ``id`` is the ID of the control that has changed."""
 
     _fields_ = [
-        ('type', c_uint32), ('data', c_int64 * 8), ('pending', c_uint32), ('sequence', c_uint32),
-        ('seconds', c_long), ('nanoseconds', c_long), ('id', c_uint32),
-        ('reserved', c_uint32 * 8)]
+        ('type', c_uint32), ('u', c_int64 * 8), ('pending', c_uint32), ('sequence', c_uint32),
+        ('timestamp', c_long * 2), ('id', c_uint32), ('reserved', c_uint32 * 8)]
 
 
 _WRITE, _READ = 1, 2
 
 
-def _request(number: int, argument: type[ctypes.Structure] | type[ctypes._SimpleCData[int]],
-             direction: int = _WRITE | _READ) -> int:
-    """Make a request's number as ``_IOC`` of <asm-generic/ioctl.h> does."""
+def _ioc(number: int, argument: type[ctypes.Structure] | type[ctypes._SimpleCData[int]],
+         direction: int = _WRITE | _READ) -> int:
+    """
+    Return the number of an ioctl request, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does.
+
+    :param number: number of the request within V4L2.
+    :param argument: type of the argument.
+    :param direction: ``_WRITE``, ``_READ`` or both.
+    """
     return direction << 30 | ctypes.sizeof(argument) << 16 | ord('V') << 8 | number
 
 
-QUERYCAP = _request(0, Capability, _READ)
-ENUM_FMT = _request(2, FormatDescription)
-G_FMT = _request(4, Format)
-S_FMT = _request(5, Format)
-REQBUFS = _request(8, BufferRequest)
-QUERYBUF = _request(9, Buffer)
-QBUF = _request(15, Buffer)
-DQBUF = _request(17, Buffer)
-STREAMON = _request(18, c_int32, _WRITE)
-STREAMOFF = _request(19, c_int32, _WRITE)
-G_PARM = _request(21, StreamParameters)
-S_PARM = _request(22, StreamParameters)
-G_CTRL = _request(27, ControlValue)
-S_CTRL = _request(28, ControlValue)
-QUERYMENU = _request(37, MenuQuery)
-ENUM_FRAMESIZES = _request(74, FrameSize)
-ENUM_FRAMEINTERVALS = _request(75, FrameInterval)
-DQEVENT = _request(89, Event, _READ)
-SUBSCRIBE_EVENT = _request(90, EventSubscription, _WRITE)
-QUERY_EXT_CTRL = _request(103, ControlQuery)
+VIDIOC_QUERYCAP = _ioc(0, v4l2_capability, _READ)
+VIDIOC_ENUM_FMT = _ioc(2, v4l2_fmtdesc)
+VIDIOC_S_FMT = _ioc(5, v4l2_format)
+VIDIOC_REQBUFS = _ioc(8, v4l2_requestbuffers)
+VIDIOC_QUERYBUF = _ioc(9, v4l2_buffer)
+VIDIOC_QBUF = _ioc(15, v4l2_buffer)
+VIDIOC_DQBUF = _ioc(17, v4l2_buffer)
+VIDIOC_STREAMON = _ioc(18, c_int32, _WRITE)
+VIDIOC_G_PARM = _ioc(21, v4l2_streamparm)
+VIDIOC_S_PARM = _ioc(22, v4l2_streamparm)
+VIDIOC_G_CTRL = _ioc(27, v4l2_control)
+VIDIOC_S_CTRL = _ioc(28, v4l2_control)
+VIDIOC_QUERYMENU = _ioc(37, v4l2_querymenu)
+VIDIOC_ENUM_FRAMESIZES = _ioc(74, v4l2_frmsizeenum)
+VIDIOC_ENUM_FRAMEINTERVALS = _ioc(75, v4l2_frmivalenum)
+VIDIOC_DQEVENT = _ioc(89, v4l2_event, _READ)
+VIDIOC_SUBSCRIBE_EVENT = _ioc(90, v4l2_event_subscription, _WRITE)
+VIDIOC_QUERY_EXT_CTRL = _ioc(103, v4l2_query_ext_ctrl)
 
 
-def ask(fd: int, request: int, argument: ctypes.Structure | ctypes._SimpleCData[int]) -> None:
+def ioctl(fd: int, request: int, argument: ctypes.Structure | ctypes._SimpleCData[int]) -> None:
     """
-    Send a request to a device, which fills its argument.
+    Send a request to a device.
 
-    :raises OSError: the device refuses.
+    :param fd: descriptor of the device.
+    :param request: number of the request.
+    :param argument: argument of the request; the kernel writes the answer to it.
+    :raises OSError: the device rejects the request.
     """
     fcntl.ioctl(fd, request, argument)
 
 
-def ask_about(fd: int, request: int, argument: ctypes.Structure) -> bool:
+def try_ioctl(fd: int, request: int, argument: ctypes.Structure) -> bool:
     """
-    Ask for one entry of a list.
+    Send a request that a device may not support, such as for one entry of a list.
 
-    :returns: False when the device has no such entry, or no such list.
-    :raises OSError: the device refuses for another reason.
+    :param fd: descriptor of the device.
+    :param request: number of the request.
+    :param argument: argument of the request; the kernel writes the answer to it.
+    :returns: False when the device has no such entry, or does not support the request.
+    :raises OSError: the device rejects the request for another reason.
     """
     try:
-        ask(fd, request, argument)
+        ioctl(fd, request, argument)
     except OSError as err:
         if err.errno in (errno.EINVAL, errno.ENOTTY):
             return False
         raise
     return True
-
-
-# Set in the number of a pixel format whose words have their most significant byte first.
-_BIG_ENDIAN = 1 << 31
-_BIG_ENDIAN_SUFFIX = '-BE'
-
-
-def pack_fourcc(text: str) -> int:
-    """Give the number of a pixel format that is written as by ``unpack_fourcc``."""
-    letters = text.removesuffix(_BIG_ENDIAN_SUFFIX)
-    number = int.from_bytes(letters.ljust(4).encode('latin-1'), 'little')
-    return number if letters == text else number | _BIG_ENDIAN
-
-
-def unpack_fourcc(number: int) -> str:
-    """Write a pixel format: its letters without blanks behind them, and ``-BE`` for big-endian."""
-    letters = (number & ~_BIG_ENDIAN).to_bytes(4, 'little').decode('latin-1').rstrip()
-    return letters + _BIG_ENDIAN_SUFFIX if number & _BIG_ENDIAN else letters

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image mosaics: bayer patterns turned into gray, RGB and BGR, as OpenCV's cvtColor does it."""
+"""Demosaicing: conversion of Bayer patterns to gray, RGB and BGR, as OpenCV's cvtColor does."""
 
 from __future__ import annotations
 
@@ -23,30 +23,31 @@ from numpy.typing import NDArray
 from opencv_tools.image.blocks import row_blocks
 from opencv_tools.image.columns import write_columns
 
-# Weights of red, green and blue, scaled by 2**14 as OpenCV's demosaicing to gray has them.
+# Weights of red, green and blue times 2**14, as in OpenCV's demosaicing to gray.
 _GRAY_WEIGHTS = {'r': 4899, 'g': 9617, 'b': 1868}
 
 
 def bayer_to_color(image: NDArray[Any], pattern: str, target: str) -> NDArray[Any]:
     """
-    Fill in the colours that a mosaic lacks, each from the nearest pixels that have it.
+    Convert a Bayer mosaic to colours or gray by bilinear interpolation.
 
-    Where two neighbours have it, the mean ``(a + b + 1) >> 1``; where four have it, the mean
-    ``(a + b + c + d + 2) >> 2``. Gray weighs the sums before they are rounded. The outermost
-    columns, then the outermost rows, are those beside them; in an image that is nothing but
-    outermost ones everything is 0, alpha too.
+    A missing colour is the mean of the nearest pixels that have this colour: ``(a + b + 1) >> 1``
+    of two, ``(a + b + c + d + 2) >> 2`` of four. Gray is the weighted sum of the unrounded means.
+    The first and last columns, then the first and last rows, are copies of their neighbours. In
+    an image with fewer than 3 rows or columns all values are 0, also alpha.
 
     :param image: contiguous (h, w) array of uint8 or uint16 in native byte order.
-    :param pattern: colours of the first two rows' first two pixels, such as ``'rggb'``.
+    :param pattern: colours of the first two pixels of the first two rows, such as ``'rggb'``.
     :param target: channels in order: ``'y'``, ``'rgb'``, ``'bgr'``, ``'rgba'`` or ``'bgra'``.
-    :returns: a fresh contiguous array of the same type, (h, w) for ``'y'``.
+    :returns: a new contiguous array of the same type: (h, w) for ``'y'``, (h, w, c) otherwise.
     """
     height, width = image.shape
     colors = np.empty((height, width, len(target)), image.dtype)
     if height < 3 or width < 3:
         colors[...] = 0
     else:
-        for rows in row_blocks(height - 2, width // 4):  # each array has a quarter of the pixels
+        # A quarter of the width, because each intermediate array has a quarter of the pixels.
+        for rows in row_blocks(height - 2, width // 4):
             _fill_inner(image[rows.start:rows.stop + 2], colors[rows.start:rows.stop + 2],
                         pattern if rows.start % 2 == 0 else pattern[2:] + pattern[:2], target)
         colors[:, 0] = colors[:, 1]
@@ -62,34 +63,39 @@ def _fill_inner(
     mosaic: NDArray[Any], colors: NDArray[Any], pattern: str, target: str,
 ) -> None:
     """
-    Fill in all but the outermost rows; what the outermost columns get is of no use.
+    Write the colours of all rows except the first and the last one.
 
-    :param mosaic: (h, w) array, both at least 3.
-    :param colors: (h, w, c) array, written to.
+    The first and last columns get meaningless values, which the caller overwrites.
+
+    :param mosaic: (h, w) array with at least 3 rows and columns.
+    :param colors: (h, w, c) output array.
+    :param pattern: colours of the first two pixels of the first two rows of ``mosaic``.
+    :param target: channels in order, as for ``bayer_to_color``.
     """
     rows = len(mosaic)
     fill = _fill_gray if target == 'y' else _fill_colors
     planes = [_split_columns(mosaic[parity::2]) for parity in (0, 1)]
     width = planes[0][0].shape[1]
-    # Even rows stand between two odd ones from the second on, odd rows from the first.
+    # The first even row has no odd row above it and is not filled. All odd rows have an even row
+    # above them.
     for parity, count in ((0, (rows - 2) // 2), (1, (rows - 1) // 2)):
         colors_of_row = pattern[2 * parity:2 * parity + 2]
         present = colors_of_row.strip('g')
-        lacking = 'b' if present == 'r' else 'r'
+        missing = 'b' if present == 'r' else 'r'
         above_and_below = planes[1 - parity]
         vertical = [_flat(plane, 0, count) + _flat(plane, 1, count) for plane in above_and_below]
         filled = []
         for column, site in enumerate(colors_of_row):
             own, other = (_flat(planes[parity][index], 1 - parity, count)
                           for index in (column, 1 - column))
-            values = fill(site, present, lacking, target, own, _beside(other, column),
-                          vertical[column], _beside(vertical[1 - column], column))
+            values = fill(site, present, missing, target, own, _horizontal_sum(other, column),
+                          vertical[column], _horizontal_sum(vertical[1 - column], column))
             filled.append([value.reshape(count, width) for value in values])
         write_columns(filled, colors[2 - parity:-1:2])
 
 
 def _split_columns(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Give the even and the odd columns, of equal width, as integers that hold sums of four."""
+    """Return the even and the odd columns, of equal width, in a type that holds sums of four."""
     if rows.shape[1] % 2:
         rows = np.pad(rows, ((0, 0), (0, 1)))
     pairs = rows.view(f'<u{2 * rows.itemsize}')
@@ -98,12 +104,21 @@ def _split_columns(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _flat(plane: NDArray[Any], first: int, count: int) -> NDArray[Any]:
-    """Give some rows of a plane as one: that a row's ends touch matters to no inner column."""
+    """
+    Return consecutive rows of a plane as one flat array.
+
+    Values of neighbouring rows then meet at the row ends only, in the first and last columns.
+    """
     return plane[first:first + count].reshape(-1)
 
 
-def _beside(other: NDArray[Any], column: int) -> NDArray[Any]:
-    """Add the left and the right neighbours, which stand in the other columns."""
+def _horizontal_sum(other: NDArray[Any], column: int) -> NDArray[Any]:
+    """
+    Return the sum of the left and the right neighbour of each pixel of some columns.
+
+    :param other: flat values of the other columns, which contain these neighbours.
+    :param column: 0 for sums of the even columns, 1 for sums of the odd columns.
+    """
     total = np.empty_like(other)
     total[slice(1) if column == 0 else slice(-1, None)] = 0
     np.add(other[:-1], other[1:], out=total[1:] if column == 0 else total[:-1])
@@ -111,31 +126,43 @@ def _beside(other: NDArray[Any], column: int) -> NDArray[Any]:
 
 
 def _fill_colors(
-    site: str, present: str, lacking: str, target: str,
+    site: str, present: str, missing: str, target: str,
     own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
 ) -> list[NDArray[Any]]:
-    """Give the three colours of pixels whose own colour is ``site``."""
+    """
+    Return the colour channels of the pixels with one colour of the mosaic.
+
+    :param site: colour of the pixels in the mosaic.
+    :param present: the colour other than green in the rows of the pixels.
+    :param missing: the colour that is missing in the rows of the pixels.
+    :param target: channels in order.
+    :param own: values of the pixels.
+    :param across: sums of the left and right neighbours.
+    :param vertical: sums of the upper and lower neighbours.
+    :param diagonal: sums of the four diagonal neighbours.
+    :returns: an array for each channel except alpha.
+    """
     if site == 'g':
-        means = {'g': own, present: _mean(across, 1), lacking: _mean(vertical, 1)}
+        means = {'g': own, present: _mean(across, 1), missing: _mean(vertical, 1)}
     else:
-        means = {site: own, 'g': _mean(across + vertical, 2), lacking: _mean(diagonal, 2)}
+        means = {site: own, 'g': _mean(across + vertical, 2), missing: _mean(diagonal, 2)}
     return [means[channel] for channel in target[:3]]
 
 
 def _fill_gray(
-    site: str, present: str, lacking: str, _: str,
+    site: str, present: str, missing: str, _: str,
     own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
 ) -> list[NDArray[Any]]:
-    """Give the gray of pixels whose own colour is ``site``, from sums not yet rounded."""
+    """Return the gray of the pixels with one colour; parameters as for ``_fill_colors``."""
     if site == 'g':
         shift = 15
-        sums = {'g': own, present: across, lacking: vertical}
+        sums = {'g': own, present: across, missing: vertical}
     else:
         shift = 16
-        sums = {site: own, 'g': across + vertical, lacking: diagonal}
-    # The pixel's own colour counts as often as the two or four neighbours of another.
+        sums = {site: own, 'g': across + vertical, missing: diagonal}
+    # The pixel itself has the weight of two or four neighbours, because the others are sums.
     weights = {**_GRAY_WEIGHTS, site: _GRAY_WEIGHTS[site] << (shift - 14)}
-    # Without dtype numpy 1 looks at the numbers and multiplies in 16 bits.
+    # Without dtype, numpy 1 chooses the type by value and multiplies in 16 bits.
     gray = np.multiply(own, np.uint32(weights[site]), dtype=np.uint32)
     gray += np.uint32(1 << (shift - 1))
     product = np.empty_like(gray)
@@ -147,7 +174,7 @@ def _fill_gray(
 
 
 def _mean(total: NDArray[Any], bits: int) -> NDArray[Any]:
-    """Divide by a power of two, rounding half up."""
+    """Return sums divided by ``2**bits``, rounded half up."""
     mean: NDArray[Any] = total + total.dtype.type(1 << (bits - 1))
     np.right_shift(mean, mean.dtype.type(bits), out=mean)
     return mean

@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Blocks of rows: an image worked through in parts whose intermediate arrays stay in the cache."""
+"""Division of an image into blocks of rows, so that intermediate arrays fit into the cache."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-# A few arrays of 2 bytes a pixel stay in a megabyte of cache, and the half microsecond that every
-# call of numpy takes is spread over enough pixels. Half or twice as many make little difference.
+# A few arrays with 2 bytes a pixel fit into 1 MB of cache, and the overhead of 0.5 microseconds
+# for each numpy call is small. Half or twice as many pixels make little difference.
 BLOCK_PIXELS = 80_000
 
 
 def row_blocks(height: int, width: int) -> Iterator[slice]:
     """
-    Cut an image into blocks of whole rows.
+    Divide an image into blocks of whole rows.
 
-    :param height: rows of the image.
-    :param width: pixels a row.
+    :param height: number of rows.
+    :param width: number of pixels in a row.
     :returns: slices of rows, from top to bottom.
     """
     rows = max(1, BLOCK_PIXELS // max(1, width))

@@ -13,16 +13,16 @@
 # limitations under the License.
 
 """
-Image messages in the format of the wire: CDR, to and from plain values.
+Conversion of image messages to and from CDR, the serialisation format of ROS 2.
 
-What rclpy makes of a message, byte for byte but for the padding, which is zero here, with one copy
-of the pixels instead of three; and back without a copy. A message is a head of four bytes, which
-names the encapsulation, and the fields in their order, numbers aligned to their size::
+The bytes are those of rclpy, except that all padding is zero. Serialising copies the pixels once
+instead of three times, and reading does not copy them. A message has a header of four bytes, which
+identifies the encapsulation, and its fields in order, with each number aligned to its size::
 
     00 01 00 00 | sec i32 | nanosec u32 | frame_id | height u32 | width u32 | encoding |
     is_bigendian u8 | step u32 | size of data u32 | data
 
-A string is its size as u32, with the NUL at its end counted, and its bytes.
+A string has its size as u32, then its bytes with a final NUL, which is included in the size.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
 
 
 class CdrError(ImageError):
-    """Bytes that are not a message, or a message that has no such bytes."""
+    """Bytes that are not a message, or a message that cannot be serialised."""
 
 
 class EncapsulationError(CdrError):
-    """A message that is not in plain CDR; the middleware has to read it."""
+    """A message with another encapsulation than plain CDR. The middleware must read it."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class WireHeader:
 
     :param sec: seconds of the stamp.
     :param nanosec: nanoseconds of the stamp.
-    :param frame_id: frame of the header.
+    :param frame_id: coordinate frame of the data.
     """
 
     sec: int
@@ -67,14 +67,14 @@ class WireHeader:
 @dataclass(frozen=True)
 class WireImage(WireHeader):
     """
-    A sensor_msgs/Image as plain values, which CvBridge reads as it does the message.
+    A sensor_msgs/Image as plain values, which CvBridge accepts instead of the message.
 
-    :param height: rows.
-    :param width: pixels a row.
-    :param encoding: of the pixels.
-    :param is_bigendian: whether the most significant byte of a number comes first.
-    :param step: bytes from row to row.
-    :param data: a buffer of bytes.
+    :param height: height in pixels.
+    :param width: width in pixels.
+    :param encoding: name of the encoding of the pixels.
+    :param is_bigendian: whether numbers in the data are big-endian.
+    :param step: bytes from the start of one row to the start of the next.
+    :param data: buffer of bytes.
     """
 
     height: int
@@ -88,10 +88,10 @@ class WireImage(WireHeader):
 @dataclass(frozen=True)
 class WireCompressedImage(WireHeader):
     """
-    A sensor_msgs/CompressedImage as plain values, which CvBridge reads as it does the message.
+    A sensor_msgs/CompressedImage as plain values, which CvBridge accepts instead of the message.
 
-    :param format: what the data are, such as ``'jpeg'``.
-    :param data: a buffer of bytes.
+    :param format: format string, such as ``'jpeg'``.
+    :param data: buffer of bytes.
     """
 
     format: str  # noqa: A003
@@ -100,11 +100,11 @@ class WireCompressedImage(WireHeader):
 
 def image_to_cdr(image: WireImage) -> bytes:
     """
-    Serialise an image message, copying its data once.
+    Convert an image message to CDR, copying its data once.
 
-    :param image: the message; its data are contiguous.
+    :param image: the message, with contiguous data.
     :returns: little-endian CDR.
-    :raises CdrError: a number or a string that the message cannot hold.
+    :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
     head = _header(image) + _pack(_SIZES, image.height, image.width)
@@ -114,11 +114,11 @@ def image_to_cdr(image: WireImage) -> bytes:
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     """
-    Serialise a compressed image message, copying its data once.
+    Convert a compressed image message to CDR, copying its data once.
 
-    :param image: the message; its data are contiguous.
+    :param image: the message, with contiguous data.
     :returns: little-endian CDR.
-    :raises CdrError: a number or a string that the message cannot hold.
+    :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
     head = _padded(_header(image) + _string(image.format))
@@ -127,12 +127,12 @@ def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
 
 def cdr_to_image(serialized: Any) -> WireImage:
     """
-    Read a serialised image message.
+    Read an image message from CDR.
 
-    :param serialized: a buffer of CDR, little-endian or big-endian.
-    :returns: the message, its data a view of the buffer, which stays alive with it.
-    :raises EncapsulationError: it is not in plain CDR.
-    :raises CdrError: it ends too early.
+    :param serialized: buffer of CDR, little-endian or big-endian.
+    :returns: the message; its data are a view, which keeps the buffer alive.
+    :raises EncapsulationError: the buffer has another encapsulation than plain CDR.
+    :raises CdrError: the buffer is too short.
     """
     reader = _Reader(serialized)
     return WireImage(
@@ -143,12 +143,12 @@ def cdr_to_image(serialized: Any) -> WireImage:
 
 def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
     """
-    Read a serialised compressed image message.
+    Read a compressed image message from CDR.
 
-    :param serialized: a buffer of CDR, little-endian or big-endian.
-    :returns: the message, its data a view of the buffer, which stays alive with it.
-    :raises EncapsulationError: it is not in plain CDR.
-    :raises CdrError: it ends too early.
+    :param serialized: buffer of CDR, little-endian or big-endian.
+    :returns: the message; its data are a view, which keeps the buffer alive.
+    :raises EncapsulationError: the buffer has another encapsulation than plain CDR.
+    :raises CdrError: the buffer is too short.
     """
     reader = _Reader(serialized)
     return WireCompressedImage(
@@ -157,22 +157,24 @@ def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
 
 def encode_text(text: str) -> bytes:
     """
-    Encode a string of a message.
+    Convert a string of a message to UTF-8.
 
-    :returns: UTF-8 without the NUL at its end.
-    :raises CdrError: it has a NUL within, or what is no character.
+    :param text: the string.
+    :returns: UTF-8 without the final NUL.
+    :raises CdrError: the string contains a NUL or a lone surrogate.
     """
     try:
         encoded = text.encode()
     except UnicodeEncodeError as err:
         raise CdrError(f'{text[:80]!r} cannot be encoded: {err.reason}') from err
     if b'\0' in encoded:
-        raise CdrError(f'{text[:80]!r} has a NUL, which no string of a message has')
+        raise CdrError(f'{text[:80]!r} has a NUL character; remove it, because a message cannot '
+                       'hold one')
     return encoded
 
 
 def _header(header: WireHeader) -> bytes:
-    """Serialise what every message with a header begins with."""
+    """Return the CDR header and the serialised std_msgs/Header, padded to four bytes."""
     stamp = _pack(_STAMP, header.sec, header.nanosec)
     return _padded(_LITTLE_ENDIAN + stamp + _string(header.frame_id))
 
@@ -190,25 +192,35 @@ def _string(text: str) -> bytes:
 
 
 def _padded(head: bytes) -> bytes:
-    """Add what a number of four bytes needs to be aligned; the encapsulation has four as well."""
+    """
+    Return bytes with padding for the alignment of a number of four bytes.
+
+    CDR counts the alignment from the end of the CDR header. The header has four bytes, so the
+    alignment of the whole is the same.
+    """
     return head + bytes(-len(head) % 4)
 
 
 class _Reader:
-    """Read the fields of a message one after another."""
+    """A reader of the fields of a message in order."""
 
     def __init__(self, serialized: Any) -> None:
         self._bytes = memoryview(serialized).cast('B')
         encapsulation = bytes(self._bytes[:2])
         if self._bytes.nbytes < _HEAD_SIZE:
-            raise CdrError(f'{self._bytes.nbytes} bytes are no message')
+            raise CdrError(f'{self._bytes.nbytes} bytes are too few for a message')
         if encapsulation not in _ORDERS:
             raise EncapsulationError(f'encapsulation {encapsulation.hex()} is not plain CDR')
         self._order = _ORDERS[encapsulation]
         self._position = _HEAD_SIZE
 
     def number(self, code: str) -> int:
-        """Read a number with its struct format."""
+        """
+        Read a number.
+
+        :param code: format character of ``struct``, such as ``'I'``.
+        :raises CdrError: the message is too short.
+        """
         size = struct.calcsize(f'{self._order}{code}')
         self._position += -self._position % size
         field = self._take(size)
@@ -216,20 +228,29 @@ class _Reader:
         return value
 
     def string(self) -> str:
-        """Read a string; what is not UTF-8 in it is replaced."""
+        """
+        Read a string, replacing bytes that are not valid UTF-8.
+
+        :raises CdrError: the message is too short.
+        """
         text = bytes(self._take(self.number('I')))
         return text.removesuffix(b'\0').decode(errors='replace')
 
     def rest(self) -> memoryview:
-        """Read a sequence of bytes, as a view."""
+        """
+        Read a sequence of bytes.
+
+        :returns: a view of the bytes.
+        :raises CdrError: the message is too short.
+        """
         return self._take(self.number('I'))
 
     def _take(self, size: int) -> memoryview:
         end = self._position + size
         if end > self._bytes.nbytes:
             raise CdrError(
-                f'the message ends after {self._bytes.nbytes} bytes, but its next field '
-                f'takes {size} from {self._position} on')
+                f'the message ends after {self._bytes.nbytes} bytes, but its next field needs '
+                f'{size} bytes from offset {self._position}')
         field = self._bytes[self._position:end]
         self._position = end
         return field

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image channels: gray, RGB and BGR, with and without alpha, turned into each other."""
+"""Conversion between gray, RGB and BGR channels, with and without alpha."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.blocks import row_blocks
 
-# ITU-R BT.601 weights of red, green and blue, scaled by 2**15 as OpenCV's cvtColor has them.
+# ITU-R BT.601 weights of red, green and blue times 2**15, as in OpenCV's cvtColor.
 _GRAY_WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
 _GRAY_SHIFT = 15
 
 
 def reorder(image: NDArray[Any], source: str, target: str) -> NDArray[Any]:
     """
-    Turn colours in one order of channels into another; a new alpha channel is opaque.
+    Convert an image from one order of channels to another. A new alpha channel is opaque.
 
     :param image: contiguous (h, w) or (h, w, c) array of uint8 or uint16 in native byte order.
-    :param source: its channels in order: ``'y'``, ``'rgb'``, ``'bgr'``, ``'rgba'`` or ``'bgra'``.
-    :param target: the wanted channels in order, one of the same but not ``source``.
-    :returns: a fresh contiguous array, (h, w) for ``'y'``.
+    :param source: channels of the image in order: ``'y'``, ``'rgb'``, ``'bgr'``, ``'rgba'`` or
+        ``'bgra'``.
+    :param target: channels of the result in order; one of the same values, but not ``source``.
+    :returns: a new contiguous array of the same type: (h, w) for ``'y'``, (h, w, c) otherwise.
     """
     if target == 'y':
         return _weigh_to_gray(image, source)
@@ -52,7 +53,7 @@ def reorder(image: NDArray[Any], source: str, target: str) -> NDArray[Any]:
 def _copy_channels(
     source: NDArray[Any], target: NDArray[Any], source_order: str, target_order: str,
 ) -> None:
-    """Copy channel by channel between arrays of shape (n, c)."""
+    """Copy pixels between arrays of shape (n, c), one channel at a time."""
     for index, channel in enumerate(target_order):
         if source_order == 'y' and channel != 'a':
             target[:, index] = source[:, 0]
@@ -66,15 +67,18 @@ def _copy_words(
     source: NDArray[Any], target: NDArray[Any], source_order: str, target_order: str,
 ) -> None:
     """
-    Copy pixels of bytes as words of four bytes: one copy instead of one a channel.
+    Copy 8-bit pixels as words of four bytes, which needs one copy instead of one a channel.
 
-    A word is read with the byte behind its pixel, or, where swapping the bytes of the word is to
-    swap red and blue, with the byte before it. Written, that byte stands behind the pixel, where
-    the next word or the alpha channel overwrites it: numpy copies one dimension from its first to
-    its last element. The first and the last pixel, which have no such neighbour, are copied alone.
+    A word consists of a pixel of three bytes and the byte after the pixel. To swap red and blue,
+    the bytes of the word are swapped, and the word has the byte before the pixel instead. In both
+    cases the extra byte is written after the pixel. The next word or the alpha channel overwrites
+    it, because numpy copies one dimension from the first to the last element. The first and the
+    last pixel may have no such neighbour, so they are copied channel by channel.
 
     :param source: contiguous (n, 1), (n, 3) or (n, 4) array of uint8, n > 2.
-    :param target: contiguous (n, 3) or (n, 4) array of uint8.
+    :param target: contiguous (n, 3) or (n, 4) output array of uint8.
+    :param source_order: channels of ``source`` in order.
+    :param target_order: channels of ``target`` in order.
     """
     inner = (len(source) - 2,)
     read = source.shape[1]
@@ -99,7 +103,7 @@ def _copy_words(
 
 
 def _weigh_to_gray(image: NDArray[Any], order: str) -> NDArray[Any]:
-    """Weigh the colours of every pixel: ``(9798 R + 19235 G + 3735 B + 2**14) >> 15``."""
+    """Return the gray of each pixel: ``(9798 R + 19235 G + 3735 B + 2**14) >> 15``."""
     gray = np.empty(image.shape[:2], image.dtype)
     weigh = _weigh_uint8 if image.dtype == np.uint8 else _weigh_uint16
     weights = [_GRAY_WEIGHTS[channel] for channel in order[:3]]
@@ -121,12 +125,17 @@ def _weigh_uint16(source: NDArray[Any], target: NDArray[Any], weights: list[int]
 
 def _weigh_uint8(source: NDArray[Any], target: NDArray[Any], weights: list[int]) -> None:
     """
-    Weigh bytes in 16-bit arithmetic, which numpy does four times as fast as 32-bit.
+    Write the gray of 8-bit pixels, in 16-bit arithmetic.
 
-    With every weight split into ``256 * high + low``, the sums of both parts fit 16 bits, and the
-    gray is ``(64 + sum of high parts + (sum of low parts >> 8)) >> 7``, to the last bit.
-    The first two channels are read as one number ``pair``; ``weight * first`` is then
-    ``weight * (pair - 256 * second)``, where what overflows 16 bits cancels out.
+    numpy computes with 16 bits four times as fast as with 32 bits. Each weight is split into
+    ``256 * high + low``, so that the sums of both parts fit into 16 bits. The gray is exactly
+    ``(64 + sum of high parts + (sum of low parts >> 8)) >> 7``. The first two channels are read
+    as one number ``pair``, and ``weight * first`` is computed as
+    ``weight * (pair - 256 * second)``. Overflows of 16 bits cancel out.
+
+    :param source: (n, c) array of uint8.
+    :param target: (n,) output array of uint8.
+    :param weights: weights of the first three channels times 2**15.
     """
     pair = source[:, :2].view('<u2')[:, 0].astype(np.uint16)
     second = pair >> np.uint16(8)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image colours: one encoding turned into another, in the arithmetic of OpenCV."""
+"""Conversion of images between encodings, with the arithmetic of OpenCV."""
 
 from __future__ import annotations
 
@@ -34,12 +34,13 @@ def convert(
     """
     Convert an image from one encoding to another: colours first, then depth.
 
-    :param image: array of shape (h, w) or (h, w, c), of any byte order and strides; it is not
-        changed. Where chroma has rows of its own, (rows, w) with those rows below the luma's.
-    :param source: the encoding of the image.
-    :param target: the wanted encoding.
-    :returns: a fresh contiguous array in native byte order, (h, w) for one channel.
-    :raises ConversionError: no such conversion; the texts are those of cv_bridge.
+    :param image: (h, w) or (h, w, c) array of any byte order and strides, which is not changed;
+        (rows, w) for encodings with chroma in separate rows, which follow the luma rows.
+    :param source: encoding of the image.
+    :param target: encoding of the result.
+    :returns: a new contiguous array in native byte order: (h, w) for one channel, (h, w, c)
+        otherwise.
+    :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
     if source.name == target.name:
         return np.array(image, source.dtype, order='C')
@@ -60,7 +61,7 @@ def convert(
 
 
 def _empty(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
-    """Give an image without pixels, however many rows it is said to have."""
+    """Return the conversion of an image without pixels."""
     rows = source.height(len(image)) if target.kind == 'color' else len(image)
     channels = () if target.channels == 1 else (target.channels,)
     return np.empty((rows, image.shape[1], *channels), target.dtype)
@@ -68,14 +69,16 @@ def _empty(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[A
 
 def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[Any]:
     """
-    Convert an image to the encoding that a caller of cv_bridge names.
+    Convert an image to an encoding given by name, as cv_bridge does.
 
     :param image: as for ``convert``.
-    :param source: the encoding of the image.
-    :param desired: name of the wanted encoding; that of the image, or ``''``, for a mere copy.
+    :param source: encoding of the image.
+    :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
+        copy.
     :returns: as from ``convert``.
-    :raises EncodingError: the name is not known, or that of the image tells no channels (``8U``).
-    :raises ConversionError: no such conversion; the texts are those of cv_bridge.
+    :raises EncodingError: the name is unknown, or the name of ``source`` has no number of
+        channels (``8U``).
+    :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
     if desired in ('', source.name):
         return convert(image, source, source)
@@ -84,19 +87,20 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:
     """
-    Refuse what cannot be converted.
+    Check that a conversion is supported.
 
-    :raises ConversionError: no such conversion; the texts are those of cv_bridge.
+    :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
-    if source.kind and target.kind == 'color':
+    if not source.is_generic and target.kind == 'color':
         return
-    if source.kind and target.kind:
+    if not source.is_generic and not target.is_generic:
         raise ConversionError(
             f'Unsupported conversion from [{source.name}] to [{target.name}]')
-    if target.kind:
+    if not target.is_generic:
         raise ConversionError(f'[{source.name}] is not a color format. but [{target.name}] is. '
                               'The conversion does not make sense')
-    if source.kind and (source.channels != target.channels or source.planes != 1):
+    if not source.is_generic and (
+            source.channels != target.channels or source.row_factor != 1):
         raise ConversionError(
             f'[{source.name}] is a color format but [{target.name}] is not so they must have '
             'the same OpenCV type, CV_8UC3, CV16UC1 ....')

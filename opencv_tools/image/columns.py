@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image columns: the channels of even and odd columns, computed apart, written side by side."""
+"""Writing of channels that were computed separately for even and odd columns."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ def write_columns(
     values: Sequence[Sequence[NDArray[Any]] | NDArray[Any]], target: NDArray[Any],
 ) -> None:
     """
-    Write the channels of every column, or those of the even and of the odd columns.
+    Write the channels of all columns, or of the even and the odd columns.
 
-    Two bytes at a time where they come in pairs, which takes half as long as one at a time.
+    Pairs of bytes are written as one word, which takes half the time of single bytes.
 
-    :param values: for each kind of column, for each channel, an array of shape (h, n) of integers
-        that the target can hold; where n is too large for the target the rest is left out.
-    :param target: array of shape (h, w, c) whose rows are contiguous, written to; channels
-        beyond those of the values are left alone.
+    :param values: one item for all columns, or one for the even and one for the odd columns. An
+        item has an (h, n) array of integers for each channel. The values must fit the type of
+        ``target``; columns beyond its width are ignored.
+    :param target: (h, w, c) output array with contiguous rows; channels beyond those of
+        ``values`` are not changed.
     """
     channels = len(values[0])
     even_and_odd = len(values) == 2 and not target.shape[1] % 2

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Compressed images: what the format string of a sensor_msgs/CompressedImage says."""
+"""The format string of a sensor_msgs/CompressedImage."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from opencv_tools.image.encodings import (
 )
 from opencv_tools.image.errors import EncodingError
 
-# As compressed_image_transport writes it: 'rgb8; jpeg compressed bgr8', '16UC1; png compressed '.
+# The form of compressed_image_transport: 'rgb8; jpeg compressed bgr8', '16UC1; png compressed '.
 _TRANSPORT = re.compile(r'([^;]*);\s*(\w+)\s+compressed\s*(\w*).*', re.DOTALL)
 
 
@@ -36,8 +36,8 @@ class CompressedFormat:
     The format of a compressed image.
 
     :param codec: name of the codec, such as ``'jpeg'`` or ``'png'``.
-    :param original: encoding of the image that was compressed, or ``''``.
-    :param stored: encoding of the picture in the data, or ``''``.
+    :param original: encoding of the image before the compression; ``''`` if not given.
+    :param stored: encoding of the compressed image; ``''`` if not given.
     """
 
     codec: str
@@ -49,9 +49,9 @@ def parse_format(text: str) -> CompressedFormat:
     """
     Read the format string of a compressed image.
 
-    :param text: a codec alone, such as ``'jpeg'``, or what compressed_image_transport writes, such
-        as ``'rgb8; jpeg compressed bgr8'``.
-    :returns: what it says.
+    :param text: name of a codec, such as ``'jpeg'``, or the form of compressed_image_transport,
+        such as ``'rgb8; jpeg compressed bgr8'``.
+    :returns: the parts of the format string.
     """
     parts = _TRANSPORT.fullmatch(text)
     if not parts:
@@ -61,21 +61,20 @@ def parse_format(text: str) -> CompressedFormat:
 
 def stored_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
     """
-    Find out what the channels of a decoded picture are.
+    Return the encoding of a decoded image.
 
     :param picture: (h, w) or (h, w, c) array, as OpenCV decodes it.
-    :param format_text: format string of the message that it came in.
-    :returns: the encoding that the string names, where the picture can have it; otherwise gray,
-        BGR or BGRA.
-    :raises EncodingError: OpenCV has no type like that of the picture.
+    :param format_text: format string of the message.
+    :returns: the encoding in the format string if it fits the array; otherwise gray, BGR or BGRA.
+    :raises EncodingError: OpenCV has no type like that of the array.
     """
-    told = parse_format(format_text)
+    parsed = parse_format(format_text)
     actual = generic_encoding(picture)
-    for name in (told.stored, told.original):
+    for name in (parsed.stored, parsed.original):
         try:
             found = find_encoding(name)
         except EncodingError:
             continue
-        if (found.dtype, found.channels, found.planes) == (actual.dtype, actual.channels, 1):
+        if (found.dtype, found.channels, found.row_factor) == (actual.dtype, actual.channels, 1):
             return found
     return picture_encoding(picture)

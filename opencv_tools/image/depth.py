@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image depth: numbers of one type turned into another, as OpenCV's convertTo does it."""
+"""Conversion of images between types of numbers, as OpenCV's convertTo does."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.blocks import row_blocks
 
-# 65535 = 257 * 255: the factor between the ranges of 8 and of 16 bits.
+# Factor between the ranges of 8 and 16 bits: 65535 = 257 * 255.
 _RANGE_FACTOR = 257
 
 _Conversion = Callable[[NDArray[Any], NDArray[Any]], None]
@@ -31,22 +31,22 @@ _Conversion = Callable[[NDArray[Any], NDArray[Any]], None]
 
 def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
     """
-    Change the type of every channel.
+    Convert the type of all channels.
 
-    Between 8 and 16 bits, signed or not, the range is kept: times 257, or divided by 257 and
-    rounded. Any other change keeps the numbers, rounded half to even; a number that is not within
-    int32, NaN among them, counts as -2**31. What the new type cannot hold becomes its nearest.
+    Conversions between 8 and 16 bits scale the range: they multiply by 257, or divide by 257 and
+    round. All other conversions keep the numbers. Floats are rounded half to even; NaN and floats
+    outside of int32 become -2**31 first. Numbers out of range become the nearest valid number.
 
-    :param image: array of shape (h, w) or (h, w, c) in native byte order; it is not changed.
-    :param dtype: numpy name of the wanted type, such as ``'uint8'``.
-    :returns: a fresh contiguous array, or ``image`` itself when it has the type already.
+    :param image: (h, w) or (h, w, c) array in native byte order, which is not changed.
+    :param dtype: numpy name of the new type, such as ``'uint8'``.
+    :returns: a new contiguous array; ``image`` itself if it already has the type.
     """
-    wanted = np.dtype(dtype)
-    if image.dtype == wanted:
+    target = np.dtype(dtype)
+    if image.dtype == target:
         return image
-    changed = np.empty(image.shape, wanted)
-    convert = _find_conversion(image.dtype, wanted)
-    # NaN is nothing to warn of, nor is infinity, which is float32's nearest to 1e300.
+    changed = np.empty(image.shape, target)
+    convert = _find_conversion(image.dtype, target)
+    # NaN and infinity are valid results and need no warning: 1e300 becomes infinity in float32.
     with np.errstate(over='ignore', invalid='ignore'):
         for rows in row_blocks(*image.shape[:2]):
             convert(image[rows], changed[rows])
@@ -54,7 +54,7 @@ def change_depth(image: NDArray[Any], dtype: str) -> NDArray[Any]:
 
 
 def _find_conversion(source: np.dtype[Any], target: np.dtype[Any]) -> _Conversion:
-    """Choose what writes the numbers of one array, as another type, to another array."""
+    """Return the function that converts numbers of one type to another type."""
     if target.kind == 'f':
         return _cast
     if source.kind == 'f':
@@ -100,7 +100,7 @@ def _widen_bytes(source: NDArray[Any], target: NDArray[Any]) -> None:
 
 
 def _narrow_words(source: NDArray[Any], target: NDArray[Any]) -> None:
-    # With x = 257 q + r this is 256 q + r + 127, whose upper byte is q, or q + 1 from r = 129 on.
+    # For x = 257 q + r the sum is 256 q + r + 127. Its upper byte is q for r < 129, else q + 1.
     nearest = source // np.uint16(_RANGE_FACTOR)
     np.subtract(source, nearest, out=nearest)
     np.add(nearest, np.uint16(127), out=nearest)

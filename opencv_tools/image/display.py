@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Images for display: depth, labels and any other numbers made visible, as cv_bridge does it."""
+"""Conversion of depth, labels and other numbers to images for display, as cv_bridge does."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from opencv_tools.image.depth import change_depth
 from opencv_tools.image.encodings import Encoding, ENCODINGS, find_encoding, picture_encoding
 from opencv_tools.image.errors import ConversionError
 
-# The named colours of CSS from aliceblue to yellowgreen, as cv_bridge rounds them.
+# The named colours of CSS in alphabetical order, from aliceblue to yellowgreen, with the rounding
+# of cv_bridge.
 _LABEL_COLORS = np.frombuffer(bytes.fromhex(
     'eff8ff f9ebd6 00ffff 7effd3 efffff f5f5dc ffe3c4 000000 ffebcd 0000ff 892be1 a42a2a '
     'deb886 5f9e9f 7eff00 d2691e ff7e50 6394ec fff8dc dc133b 00ffff 00008a 008a8a b8850a '
@@ -48,27 +49,30 @@ _FLOAT_COLORS = {1: 'mono8', 3: 'bgr8', 4: 'bgra8'}
 Colormap = Callable[[NDArray[Any]], NDArray[Any]]
 
 
-def show(
-    image: NDArray[Any], source: Encoding, wanted: str,
+def to_display_image(
+    image: NDArray[Any], source: Encoding, target_name: str,
     limits: tuple[float, float] | None = None, colormap: Colormap | None = None,
 ) -> NDArray[Any]:
     """
-    Make an image of 8-bit colours or gray of any image.
+    Convert an image of any encoding to 8-bit colours or gray.
 
-    Labels (``32SC1``) get a colour each, -1 black, where ``bgr8`` is wanted. Numbers between
-    limits are spread over black to white, or over a colormap. Floats without limits are spread
-    between their least and their greatest finite number. ``8UC1``, ``16UC3`` and their like are
-    taken for gray, BGR and BGRA. Anything else is converted as its encoding says.
+    - ``32SC1`` to ``bgr8``: each label gets a colour; negative labels become black.
+    - With limits: numbers between the limits become black to white, or colours of a colormap.
+    - Floats without limits: the smallest and the largest finite number are the limits.
+    - Generic types such as ``8UC1`` or ``16UC3``: channels are read as gray, BGR or BGRA.
+    - All others: converted as by ``convert``.
 
-    :param image: array of shape (h, w) or (h, w, c), of any byte order; it is not changed.
-    :param source: its encoding.
-    :param wanted: an 8-bit colour encoding or ``'mono8'``; ``''`` for ``'bgr8'``.
-    :param limits: the numbers that become black and white; equal ones mean middle gray for all.
-    :param colormap: turns (h, w) uint8 into (h, w, 3) BGR; not a number becomes black.
-    :returns: a fresh contiguous uint8 array, (h, w) for ``'mono8'``.
-    :raises ConversionError: there is no such encoding to display, or no sense in the conversion.
+    :param image: (h, w) or (h, w, c) array of any byte order, which is not changed.
+    :param source: encoding of the image.
+    :param target_name: name of the encoding of the result: 8-bit colours or ``'mono8'``; ``''``
+        for ``'bgr8'``.
+    :param limits: the numbers that become black and white; all pixels become 128 if both are
+        equal.
+    :param colormap: function that converts (h, w) uint8 to (h, w, 3) BGR; NaN becomes black.
+    :returns: a new contiguous uint8 array: (h, w) for ``'mono8'``, (h, w, c) otherwise.
+    :raises ConversionError: the encoding cannot be displayed, or the conversion is not supported.
     """
-    target = _find_target(wanted)
+    target = _find_target(target_name)
     if target.name == 'bgr8' and source.name == _LABELS:
         return _color_labels(image)
     is_float = np.dtype(source.dtype).kind == 'f'
@@ -78,14 +82,14 @@ def show(
         if source.channels != 1 and not (is_float and source.channels in _FLOAT_COLORS):
             raise ConversionError('cv_bridge.cvtColorForDisplay() scaling for images '
                                   'with more than one channel is unsupported')
-        shown, encoding = _spread(image, limits), _FLOAT_COLORS[source.channels]
-        if colormap and shown.ndim == 2:
-            shown, encoding = colormap(shown), 'bgr8'
+        scaled_image, encoding = _normalize(image, limits), _FLOAT_COLORS[source.channels]
+        if colormap and scaled_image.ndim == 2:
+            scaled_image, encoding = colormap(scaled_image), 'bgr8'
             if is_float:
-                shown[np.isnan(image)] = 0
-        return convert(shown, find_encoding(encoding), target)
+                scaled_image[np.isnan(image)] = 0
+        return convert(scaled_image, find_encoding(encoding), target)
     try:
-        return convert(image, source if source.kind else picture_encoding(image), target)
+        return convert(image, picture_encoding(image) if source.is_generic else source, target)
     except ConversionError as err:
         raise ConversionError(
             f'cv_bridge.cvtColorForDisplay() while trying to convert image from '
@@ -93,14 +97,18 @@ def show(
 
 
 def finite_limits(image: NDArray[Any]) -> tuple[float, float]:
-    """Give the least and the greatest finite number of an image; 0 and 0 when there is none."""
+    """Return the smallest and the largest finite number of an image; 0.0 twice if it has none."""
     finite = image[np.isfinite(image)]
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _find_target(wanted: str) -> Encoding:
-    """Look up the encoding to display; refuse what is no 8-bit colour or gray."""
-    target = ENCODINGS.get(wanted or 'bgr8')
+def _find_target(target_name: str) -> Encoding:
+    """
+    Return the encoding for display.
+
+    :raises ConversionError: the encoding is not 8-bit colour or gray.
+    """
+    target = ENCODINGS.get(target_name or 'bgr8')
     if target is None or target.kind != 'color' or target.dtype != 'uint8':
         raise ConversionError('cv_bridge.cvtColorForDisplay() does not have an output encoding '
                               'that is color or mono, and has is bit in depth')
@@ -108,19 +116,19 @@ def _find_target(wanted: str) -> Encoding:
 
 
 def _color_labels(labels: NDArray[Any]) -> NDArray[Any]:
-    """Give every label a colour; what is below 0, the background among them, is black."""
+    """Return a BGR image with a colour for each label; negative labels, as -1, are black."""
     colors: NDArray[Any] = _LABEL_COLORS[labels % len(_LABEL_COLORS)][..., ::-1].copy()
     colors[labels < 0] = 0
     return colors
 
 
-def _spread(image: NDArray[Any], limits: tuple[float, float]) -> NDArray[Any]:
-    """Map the numbers between two limits to 0 to 255, those outside to the nearer end."""
+def _normalize(image: NDArray[Any], limits: tuple[float, float]) -> NDArray[Any]:
+    """Return numbers scaled linearly from two limits to 0 and 255, and clipped to that range."""
     least, greatest = limits
     if least == greatest:
         return np.full(image.shape, 128, np.uint8)
     dtype = image.dtype.newbyteorder('=')
-    # OpenCV's working type: the narrower one does not hold every number of these.
+    # As in OpenCV: float32 cannot represent all numbers of int32 and float64.
     work: Any = np.float64 if dtype.name in ('int32', 'float64') else np.float32
     with np.errstate(invalid='ignore', over='ignore'):
         above = change_depth(image.astype(work) - work(least), dtype.name)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image encodings: what a pixel of each sensor_msgs/Image encoding is made of."""
+"""The sensor_msgs/Image encodings: type, channels and meaning of the pixels of each one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from opencv_tools.image.text import printable
 _GENERIC = re.compile(r'(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]{1,3}))?')
 _GENERIC_DESIRED = re.compile(r'(?:8|16|32|64)[USF]C([0-9]{0,9})')
 _MAX_CHANNELS = 512  # CV_CN_MAX of OpenCV 4
-_MAX_NAME = 80  # of a name that is not known, in an error
+_MAX_NAME = 80  # characters of an unknown name in an error message
 
 
 @dataclass(frozen=True)
@@ -37,45 +37,50 @@ class Encoding:
     """
     One sensor_msgs/Image encoding.
 
-    :param name: as it stands in the message, such as ``'bgr8'`` or ``'32FC1'``.
-    :param dtype: numpy name of one channel's type, such as ``'uint8'``.
-    :param channels: values a pixel takes in a row of the message.
-    :param kind: ``'color'`` for gray, RGB and BGR; ``'bayer'``; ``'yuv'``; ``''`` for a generic
-        type, whose numbers can mean anything.
-    :param order: of a color its channels, such as ``'bgra'``, or ``'y'`` for gray; of a bayer
-        pattern its colours row by row, such as ``'rggb'``; of yuv the bytes of a pair of pixels,
-        ``'uyvy'`` or ``'yuyv'``, or the name of the format with the chroma in rows of its own.
-    :param planes: rows in the data for a row of the picture: more than 1 where rows of chroma
-        follow the rows of luma.
+    :param name: name in the message, such as ``'bgr8'`` or ``'32FC1'``.
+    :param dtype: numpy name of the type of a channel, such as ``'uint8'``.
+    :param channels: values of a pixel in a row of the message.
+    :param kind: ``'color'`` for gray, RGB and BGR; ``'bayer'``; ``'yuv'``; ``'generic'`` for a
+        type whose numbers have no defined meaning.
+    :param order: order of the values. Colour: the channels, such as ``'bgra'``, and ``'y'`` for
+        gray. Bayer: the colours of two rows, such as ``'rggb'``. Packed YUV: the bytes of two
+        pixels, ``'uyvy'`` or ``'yuyv'``. YUV with separate chroma rows: the name, as ``'nv12'``.
+    :param row_factor: rows of data for a row of the image; above 1 if chroma rows follow the luma
+        rows.
     """
 
     name: str
     dtype: str
     channels: int
-    kind: str = ''
+    kind: str = 'generic'
     order: str = ''
-    planes: float = 1
+    row_factor: float = 1
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether this is a generic type, such as ``8UC3``."""
+        return self.kind == 'generic'
 
     @property
     def pixel_bytes(self) -> int:
-        """Bytes of one pixel in a row of the message."""
+        """Bytes of a pixel in a row of the message."""
         return self.channels * np.dtype(self.dtype).itemsize
 
     def rows(self, height: int) -> int:
-        """Give the rows in the data of a picture of a height."""
-        return int(height * self.planes)
+        """Return the rows of data of an image with some height."""
+        return int(height * self.row_factor)
 
     def height(self, rows: int) -> int:
-        """Give the height of the picture that takes so many rows of data."""
-        return int(rows / self.planes)
+        """Return the height of an image with some rows of data."""
+        return int(rows / self.row_factor)
 
     def has_layout_of(self, other: Encoding) -> bool:
-        """Return whether two encodings differ in their names at most, as yuyv and yuv422_yuy2."""
+        """Return whether two encodings are equal except for their names: yuyv and yuv422_yuy2."""
         return replace(self, name=other.name) == other
 
-    def is_possible(self, height: int, width: int) -> bool:
-        """Tell whether a size leaves no pixel without the chroma that four of them share."""
-        return self.planes != 1.5 or not (height % 2 or width % 2)
+    def is_valid_size(self, height: int, width: int) -> bool:
+        """Return whether the size is valid for the chroma subsampling of this encoding."""
+        return self.row_factor != 1.5 or not (height % 2 or width % 2)
 
 
 _BAYER = tuple(
@@ -83,7 +88,7 @@ _BAYER = tuple(
     for bits in (8, 16) for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')
 )
 
-#: Every named encoding; the generic ones (``8UC3``, ``32FC1``) are read by their pattern.
+#: All named encodings; ``find_encoding`` also reads generic names (``8UC3``, ``32FC1``).
 ENCODINGS = {encoding.name: encoding for encoding in (
     Encoding('rgb8', 'uint8', 3, 'color', 'rgb'),
     Encoding('rgba8', 'uint8', 4, 'color', 'rgba'),
@@ -105,11 +110,11 @@ ENCODINGS = {encoding.name: encoding for encoding in (
     Encoding('nv24', 'uint8', 1, 'yuv', 'nv24', 3),
 )}
 
-#: The encodings whose channels are colours, which any of them can be converted to.
+#: Names of the encodings with colour channels. All named encodings can be converted to them.
 COLOR_ENCODINGS = tuple(
     name for name, encoding in ENCODINGS.items() if encoding.kind == 'color')
 
-#: numpy's name of each depth, in the order of OpenCV's numbers for them.
+#: numpy name of each OpenCV depth, in the order of OpenCV's numbers of depths.
 DEPTHS = {'8U': 'uint8', '8S': 'int8', '16U': 'uint16', '16S': 'int16', '32S': 'int32',
           '32F': 'float32', '64F': 'float64'}
 _DEPTH_OF_DTYPE = {dtype: depth for depth, dtype in DEPTHS.items()}
@@ -117,11 +122,12 @@ _DEPTH_OF_DTYPE = {dtype: depth for depth, dtype in DEPTHS.items()}
 
 def find_encoding(name: str) -> Encoding:
     """
-    Look an encoding up by its name.
+    Return the encoding with a name.
 
-    :param name: a named encoding, or a generic one as OpenCV writes its types (``8UC3``, ``16U``).
+    :param name: a key of ``ENCODINGS``, or a generic name in the form of OpenCV's types (``8UC3``,
+        ``16U``).
     :returns: the encoding.
-    :raises EncodingError: the name is neither.
+    :raises EncodingError: the name is unknown.
     """
     if name in ENCODINGS:
         return ENCODINGS[name]
@@ -134,14 +140,15 @@ def find_encoding(name: str) -> Encoding:
 
 def find_desired(name: str) -> Encoding:
     """
-    Look up the encoding that an image is to be converted to, as cv_bridge does.
+    Return the target encoding of a conversion, as cv_bridge does.
 
-    A generic name must tell its number of channels here. One whose type there is not, such as
-    ``64UC1``, is found with no type, for the channels are compared before the types.
+    A generic name must contain its number of channels here. A generic name with a type that does
+    not exist, such as ``64UC1``, is accepted, and its encoding has an empty dtype. cv_bridge
+    compares the channels before the types, so the error texts of ``convert`` need the channels.
 
-    :param name: a named encoding, or a generic one.
+    :param name: a key of ``ENCODINGS``, or a generic name such as ``8UC3``.
     :returns: the encoding.
-    :raises EncodingError: the name is neither.
+    :raises EncodingError: the name is unknown.
     """
     if name in ENCODINGS:
         return ENCODINGS[name]
@@ -155,18 +162,20 @@ def find_desired(name: str) -> Encoding:
 
 def generic_encoding(image: NDArray[Any]) -> Encoding:
     """
-    Name the type of an array as OpenCV does.
+    Return the generic encoding of an array.
 
-    :param image: array of shape (h, w) or (h, w, c), of any byte order.
+    :param image: (h, w) or (h, w, c) array of any byte order.
     :returns: a generic encoding, such as ``8UC3`` for (h, w, 3) uint8.
-    :raises EncodingError: OpenCV has no such type (bool, int64, float16, ...), or no such shape.
+    :raises EncodingError: OpenCV does not support the type (bool, int64, float16, ...) or the
+        shape.
     """
     if image.ndim not in (2, 3):
-        raise EncodingError(f'An image has 2 or 3 dimensions, not the shape {image.shape}')
+        raise EncodingError(f'An image must have 2 or 3 dimensions, but its shape is '
+                            f'{image.shape}')
     return _generic_encoding(image.dtype, image.shape[2] if image.ndim == 3 else 1)
 
 
-@lru_cache  # it is asked for every frame
+@lru_cache  # called for each frame
 def _generic_encoding(dtype: np.dtype[Any], channels: int) -> Encoding:
     depth = _DEPTH_OF_DTYPE.get(dtype.newbyteorder('=').name)
     if depth is None:
@@ -178,13 +187,13 @@ def _generic_encoding(dtype: np.dtype[Any], channels: int) -> Encoding:
 
 def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
     """
-    Look up the encoding that an array is said to have, and check that it can have it.
+    Return the encoding with a name, and check that an array can have this encoding.
 
-    :param image: array of shape (h, w) or (h, w, c), of any byte order; where chroma has rows of
-        its own, they stand below those of the luma.
+    :param image: (h, w) or (h, w, c) array of any byte order; separate chroma rows follow the
+        luma rows.
     :param name: name of the encoding.
     :returns: the encoding.
-    :raises EncodingError: it is not known, or its pixels or rows are not those of the array.
+    :raises EncodingError: the name is unknown, or the type or shape of the array does not fit.
     """
     actual, declared = generic_encoding(image), find_encoding(name)
     if (actual.dtype, actual.channels) != (declared.dtype, declared.channels):
@@ -192,9 +201,9 @@ def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
                             f'but image has incompatible type {actual.name}')
     rows, width = image.shape[:2]
     height = declared.height(rows)
-    if declared.rows(height) != rows or not declared.is_possible(height, width):
+    if declared.rows(height) != rows or not declared.is_valid_size(height, width):
         raise EncodingError(f'encoding specified as {name}, '
-                            f'but image has {rows} rows of {width}, which it cannot have')
+                            f'but image has {rows} rows of {width} pixels, which do not fit it')
     return declared
 
 
@@ -204,11 +213,12 @@ _PICTURE_NAMES = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bg
 
 def picture_encoding(image: NDArray[Any]) -> Encoding:
     """
-    Name what OpenCV read from a picture file, whose channels are gray, BGR or BGRA.
+    Return the encoding of an array with gray, BGR or BGRA channels, as OpenCV decodes it.
 
-    :param image: array of shape (h, w) or (h, w, c).
-    :returns: a colour encoding for uint8 and uint16, a generic one for other types.
-    :raises EncodingError: OpenCV has no such type.
+    :param image: (h, w) or (h, w, c) array.
+    :returns: a colour encoding for uint8 and uint16; a generic encoding for other types and
+        numbers of channels.
+    :raises EncodingError: OpenCV does not support the type or the shape.
     """
     generic = generic_encoding(image)
     return find_encoding(_PICTURE_NAMES.get((generic.dtype, generic.channels), generic.name))

@@ -12,22 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What can be wrong with an image: every error of this room has one base."""
+"""The errors of this package; all have the base class ``ImageError``."""
 
 from __future__ import annotations
 
 
 class ImageError(ValueError):
-    """An image that cannot be understood or converted; the message says why."""
+    """An image cannot be read or converted. The message contains the reason."""
 
 
 class EncodingError(ImageError):
-    """An encoding that is not known."""
+    """An encoding is unknown."""
 
 
 class LayoutError(ImageError):
-    """The size, step and data of an image that contradict each other."""
+    """The size, step and data of an image contradict each other."""
 
 
 class ConversionError(ImageError):
-    """A conversion between two encodings that makes no sense or is not known."""
+    """A conversion between two encodings is not supported."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""JPEG as far as its markers tell: the size, and whether its data can be all of it."""
+"""The size of a JPEG, and a check for truncated data, without decoding."""
 
 from __future__ import annotations
 
@@ -25,64 +25,69 @@ from typing import NamedTuple
 import numpy as np
 from opencv_tools.image.errors import ImageError
 
-BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'
+#: Markers: start of image, start of scan, end of image.
+JPEG_SOI, JPEG_SOS, JPEG_EOI = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
-# Those that begin a frame; three in their row mean something else.
-_FRAMES = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
+# Start-of-frame markers SOF0 to SOF15, without DHT, JPG and DAC, which lie between them.
+_SOF = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
 _SEQUENTIAL, _PROGRESSIVE = frozenset((0xc0, 0xc1)), 0xc2
-_TABLES, _BEGIN, _END, _SCAN = 0xc4, 0xd8, 0xd9, 0xda
+# Second bytes of markers.
+_DHT, _SOI, _EOI, _SOS = 0xc4, 0xd8, 0xd9, 0xda
 _STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
-# What libjpeg takes for a marker: it passes over what stands before one.
+# A marker as libjpeg finds it. libjpeg skips all bytes before a marker.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
-# Of the bytes behind 0xff: what ends the data of a scan, neither stuffed, a restart nor filling.
+# For each byte after 0xff, whether the two end the data of a scan. A stuffed zero, a restart
+# marker and a fill byte do not.
 _ENDS_A_SCAN = np.ones(256, np.bool_)
 _ENDS_A_SCAN[[0x00, *range(0xd0, 0xd8), 0xff]] = False
-_BLOCK = 1 << 16  # bytes that are searched at once
-_MAX_SEGMENTS = 1000  # before the size, and as many behind it
-_LENGTHS = 16  # of codes, in bits
-# Bits that decode to blocks of many kinds, and are no marker.
-_RUBBISH = bytes(range(0x11, 0xff)) * 8
+_CHUNK_BYTES = 1 << 16  # bytes of a scan that are searched at once
+_MAX_SEGMENTS = 1000  # largest number of segments before the size, and again after it
+_MAX_CODE_BITS = 16  # longest code of a Huffman table in bits
+# Bytes that decode to many different blocks and contain no marker.
+_EXTRA_DATA = bytes(range(0x11, 0xff)) * 8
 
 
 class JpegError(ImageError):
-    """A JPEG that is not a whole one; the message says why."""
+    """A JPEG is incomplete or damaged. The message contains the reason."""
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """Size and components: horizontal and vertical sampling by the component's number."""
+    """The frame header of a JPEG."""
 
-    marker: int
+    marker: int  # second byte of the marker
     width: int
     height: int
-    sampling: dict[int, tuple[int, int]]
+    sampling: dict[int, tuple[int, int]]  # horizontal and vertical factor, by component
 
 
 class _Segment(NamedTuple):
-    """What follows a marker; behind that of a scan stand its data."""
+    """A segment of a JPEG; a scan segment is followed by its entropy-coded data."""
 
-    marker: int
-    start: int  # of the content, behind its length
-    end: int
-    data_end: int = 0
-    stuffed: int = 0  # bytes among the data that follow an 0xff which is no marker
+    marker: int  # second byte of the marker
+    start: int  # offset of the content, after the length
+    end: int  # offset after the content, where the data of a scan begin
+    data_end: int = 0  # offset after the data of a scan
+    stuffed: int = 0  # stuffed zero bytes in the data of a scan
 
 
 @dataclass
-class _Scans:
-    """What the scans of a JPEG have shown so far."""
+class _ScanState:
+    """The state of the check of a JPEG after some of its segments."""
 
     frame: _Frame | None = None
-    ends: int = 0  # of the last scan's data
-    seen: set[int] = field(default_factory=set)  # components
-    shortest: dict[int, int] = field(default_factory=dict)  # bits of a symbol, by table
+    ends: int = 0  # offset after the data of the last scan
+    seen: set[int] = field(default_factory=set)  # components of the scans so far
+    shortest: dict[int, int] = field(default_factory=dict)  # fewest bits of a symbol, by table
 
 
 def jpeg_size(jpeg: bytes) -> tuple[int, int]:
     """
     Read the width and height of a JPEG.
 
-    :raises JpegError: it has none.
+    :param jpeg: content of the file.
+    :returns: width and height in pixels.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     frame = _find_frame(jpeg)
     return frame.width, frame.height
@@ -90,22 +95,23 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int]:
 
 def jpeg_components(jpeg: bytes) -> int:
     """
-    Read how many components the picture in a JPEG has: 1 for gray, 3 for colours.
+    Read the number of components of a JPEG: 1 for gray, 3 for colours.
 
-    :raises JpegError: it has no header.
+    :param jpeg: content of the file.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     return len(_find_frame(jpeg).sampling)
 
 
 def _find_frame(jpeg: bytes) -> _Frame:
     """
-    Read the header of the picture, and no more.
+    Read the frame header of a JPEG, and nothing after it.
 
-    :raises JpegError: it has none.
+    :raises JpegError: the JPEG has no valid frame header.
     """
     try:
         for segment in _segments(jpeg):
-            if segment.marker in _FRAMES:
+            if segment.marker in _SOF:
                 return _read_frame(segment.marker, jpeg[segment.start:segment.end])
     except struct.error:
         pass
@@ -114,23 +120,24 @@ def _find_frame(jpeg: bytes) -> _Frame:
 
 def check_jpeg(jpeg: bytes) -> int:
     """
-    Check that the markers of a JPEG are those of a whole one.
+    Check that a JPEG is complete, as far as that is possible without decoding.
 
-    Between them stand the bits of the pixels, which are counted: a scan is broken off when it has
-    fewer than its blocks take at least, each with the shortest codes of its tables.
+    The segments are read, and the bits of each scan are counted. A scan is truncated when it has
+    fewer bits than its blocks need with the shortest codes of their Huffman tables.
 
-    :returns: where the data of its last scan end.
-    :raises JpegError: it lacks a header, a scan or its end, or a scan is too short.
+    :param jpeg: content of the file.
+    :returns: offset after the data of the last scan.
+    :raises JpegError: a header, a scan or the end is missing, or a scan is too short.
     """
-    found = _Scans()
+    found = _ScanState()
     try:
         for segment in _segments(jpeg, 2 * _MAX_SEGMENTS):
             content = jpeg[segment.start:segment.end]
-            if segment.marker in _FRAMES:
+            if segment.marker in _SOF:
                 found.frame = _read_frame(segment.marker, content)
-            elif segment.marker == _TABLES:
+            elif segment.marker == _DHT:
                 _read_tables(content, found.shortest)
-            elif segment.marker == _SCAN:
+            elif segment.marker == _SOS:
                 _read_scan(content, segment, found)
     except (struct.error, KeyError) as err:
         raise JpegError('a JPEG picture that is damaged') from err
@@ -142,42 +149,44 @@ def check_jpeg(jpeg: bytes) -> int:
     return found.ends
 
 
-def with_more_pixels(jpeg: bytes, scan_end: int) -> bytes:
+def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     """
-    Put rubbish behind the last scan of a JPEG.
+    Return a JPEG with meaningless data after its last scan.
 
-    A decoder that has all pixels does not look at it. One that lacks some takes it for them.
+    A decoder ignores these data if the last scan is complete. Otherwise it decodes them to
+    pixels. The two JPEGs then differ when decoded, which shows that the first one is truncated.
 
-    :param jpeg: the picture.
-    :param scan_end: what ``check_jpeg`` returned.
-    :returns: another picture.
+    :param jpeg: content of the file.
+    :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
-    following = (_restarts(jpeg[:scan_end]) + 1) % 8
+    following = (_last_restart(jpeg[:scan_end]) + 1) % 8
     restart = bytes((0xff, 0xd0 + following))
-    return b''.join((jpeg[:scan_end], _RUBBISH, restart, _RUBBISH, jpeg[scan_end:]))
+    return b''.join((jpeg[:scan_end], _EXTRA_DATA, restart, _EXTRA_DATA, jpeg[scan_end:]))
 
 
-def _restarts(scan: bytes) -> int:
-    """Find the number of the last restart marker, -1 for none."""
+def _last_restart(scan: bytes) -> int:
+    """Return the number of the last restart marker, 0 to 7; -1 if there is none."""
     last = max((scan.rfind(bytes((0xff, 0xd0 + number))), number) for number in range(8))
     return last[1] if last[0] >= 0 else -1
 
 
 def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
     """
-    Yield the segments up to the end.
+    Yield the segments of a JPEG up to its end marker.
 
-    :raises JpegError: there are too many, or the end is missing.
+    :param most: largest number of markers to read.
+    :raises JpegError: there are more markers, or the end marker is missing.
+    :raises struct.error: a segment is damaged.
     """
-    position = len(BEGINS)
+    position = len(JPEG_SOI)
     for _ in range(most):
         found = _MARKER.search(jpeg, position)
         if not found:
-            raise JpegError('a picture whose end is missing')
+            raise JpegError('a JPEG picture whose end is missing')
         marker, position = found[1][0], found.end()
-        if marker == _END:
+        if marker == _EOI:
             return
-        if marker == _BEGIN:
+        if marker == _SOI:
             raise struct.error('a second beginning')
         if marker in _STANDALONE:
             continue
@@ -185,7 +194,7 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
         start, end = position + 2, position + length
         if length < 2 or end > len(jpeg):
             raise struct.error('a segment that is longer than the rest')
-        if marker == _SCAN:
+        if marker == _SOS:
             position, stuffed = _read_data(jpeg, end)
             yield _Segment(marker, start, end, position, stuffed)
         else:
@@ -196,26 +205,26 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
 
 def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
     """
-    Find the end of the data of a scan.
+    Return the offset after the data of a scan, and the number of stuffed zero bytes in them.
 
-    :returns: where the marker behind them begins, and how many bytes are stuffed.
-    :raises JpegError: there is no marker behind them.
+    :param start: offset of the data.
+    :raises JpegError: no marker follows the data.
     """
     data = np.frombuffer(jpeg, np.uint8)
     stuffed = 0
-    for begin in range(start, len(data) - 1, _BLOCK):
-        block = data[begin:begin + _BLOCK + 1]
+    for begin in range(start, len(data) - 1, _CHUNK_BYTES):
+        block = data[begin:begin + _CHUNK_BYTES + 1]
         positions = np.flatnonzero(block[:-1] == 0xff)
         following = block[1:][positions]
         markers = np.flatnonzero(_ENDS_A_SCAN[following])
         if markers.size:
             stuffed += np.count_nonzero(following[:markers[0]] == 0)
             end = begin + int(positions[markers[0]])
-            while end > start and jpeg[end - 1] == 0xff:  # filling before the marker
+            while end > start and jpeg[end - 1] == 0xff:  # fill bytes before the marker
                 end -= 1
             return end, stuffed
         stuffed += np.count_nonzero(following == 0)
-    raise JpegError('a picture whose end is missing')
+    raise JpegError('a JPEG picture whose end is missing')
 
 
 def _read_frame(marker: int, content: bytes) -> _Frame:
@@ -231,11 +240,15 @@ def _read_frame(marker: int, content: bytes) -> _Frame:
 
 
 def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
-    """Find the fewest bits of a symbol with the number that follows it, for each table."""
+    """
+    Read a DHT segment: the fewest bits of a symbol and of the number after it, for each table.
+
+    :raises struct.error: a table is truncated.
+    """
     position = 0
     while position < len(content):
         table, *counts = struct.unpack_from('17B', content, position)
-        position += 1 + _LENGTHS
+        position += 1 + _MAX_CODE_BITS
         symbols = content[position:position + sum(counts)]
         if len(symbols) != sum(counts):
             raise struct.error('a table that breaks off')
@@ -245,11 +258,13 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
             (length + (symbol & 15) for length, symbol in zip(lengths, symbols)), default=0)
 
 
-def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
+def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
     """
-    Take account of a scan.
+    Check the length of a scan, and add the scan to the state.
 
-    :raises JpegError: it is too short for its blocks.
+    :raises JpegError: the scan has fewer bits than its blocks need.
+    :raises struct.error: the scan header is damaged.
+    :raises KeyError: a component of the scan is not in the frame header.
     """
     count, = struct.unpack_from('B', content)
     selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
@@ -260,7 +275,7 @@ def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
     found.seen.update(number for number, _ in selectors)
     has_ac = found.frame.marker in _SEQUENTIAL
     if not has_ac and (found.frame.marker != _PROGRESSIVE or first or approximation >> 4):
-        return  # many blocks may share a bit
+        return  # in other scans one bit can stand for many blocks
     bits = 0
     for number, tables in selectors:
         block = found.shortest.get(tables >> 4, 0)
@@ -272,7 +287,7 @@ def _read_scan(content: bytes, segment: _Segment, found: _Scans) -> None:
 
 
 def _blocks(frame: _Frame, component: int, is_interleaved: bool) -> int:
-    """Count the blocks of 8x8 that a scan has of a component."""
+    """Return the number of 8x8 blocks of a component; interleaved scans have whole units."""
     across, down = frame.sampling[component]
     most_across = max(sampling[0] for sampling in frame.sampling.values())
     most_down = max(sampling[1] for sampling in frame.sampling.values())

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Image layout: bytes of a message seen as an array, checked before they are touched."""
+"""Conversion between the bytes of an image message and arrays, with checked sizes."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def view_pixels(
     encoding: Encoding, is_bigendian: bool = False,
 ) -> NDArray[Any]:
     """
-    View the bytes of an image message as an array, without a copy.
+    Return the pixels of an image message as an array, without a copy.
 
-    :param data: a buffer of bytes, long enough for all rows, which the view keeps alive; a list
-        of numbers is copied.
-    :param height: rows of the picture.
-    :param width: pixels a row.
-    :param step: bytes from one row to the next; padding behind the pixels is left out.
-    :param encoding: what a pixel is made of.
-    :param is_bigendian: byte order of channels wider than a byte.
-    :returns: a view of shape (h, w) for one channel, (h, w, c) otherwise; where chroma has rows
-        of its own, of shape (encoding.rows(h), w), and of padded ``nv24`` a copy.
-    :raises LayoutError: the step cannot hold the pixels of a row or a whole number of them, the
-        data are too short, or the size leaves half a pair of pixels without its chroma.
+    :param data: buffer of bytes, which the view keeps alive; a list of numbers is copied.
+    :param height: height in pixels.
+    :param width: width in pixels.
+    :param step: bytes from the start of one row to the start of the next; the padding at the end
+        of a row is skipped.
+    :param encoding: encoding of the pixels.
+    :param is_bigendian: whether numbers of several bytes are big-endian.
+    :returns: a view: (h, w) for one channel, (h, w, c) otherwise, and (encoding.rows(h), w) for
+        encodings with separate chroma rows; a copy for ``nv24`` with padding.
+    :raises LayoutError: the step is smaller than a row or not a multiple of the pixel size; the
+        data are too short; or the size is odd although the chroma is subsampled 2x2.
     """
     def error(reason: str) -> LayoutError:
         return LayoutError(f'{width}x{height} {encoding.name} image with step {step}{reason}')
@@ -50,23 +50,23 @@ def view_pixels(
     pixel = encoding.pixel_bytes
     row = width * pixel
     if step < row:
-        raise error(f': a row takes {row} bytes, more than the step')
+        raise error(f': a row needs {row} bytes, more than the step')
     if step % pixel:
         raise error(f': the step is not a whole number of pixels of {pixel} bytes')
-    if not encoding.is_possible(height, width):
-        raise error(': two rows and two columns share their chroma, so neither size can be odd')
+    if not encoding.is_valid_size(height, width):
+        raise error(': width and height must be even, because the chroma is subsampled 2x2')
     rows = encoding.rows(height)
     content = _view_bytes(data)
     if content.size < rows * step:
-        raise error(f' takes {rows * step} bytes, but data has {content.size}')
+        raise error(f' needs {rows * step} bytes, but data has {content.size}')
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
     shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
     if step == row or not row:
         tight: NDArray[Any] = content[:rows * row].view(dtype).reshape(shape)
         return tight
     lines: NDArray[Any] = content[:rows * step].reshape(rows, step)
-    if encoding.planes == 3:
-        # The lines of chroma are twice as long, and only behind both halves is there padding.
+    if encoding.row_factor == 3:
+        # A chroma line of nv24 has twice the length, and all its padding is at its end.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
         lines = np.concatenate([lines[:height, :row], chroma])
     pixels: NDArray[Any] = lines[:, :row].view(dtype).reshape(shape)
@@ -74,23 +74,29 @@ def view_pixels(
 
 
 def _view_bytes(data: Any) -> NDArray[np.uint8]:
-    """View anything that holds bytes as an array of them."""
+    """
+    Return a buffer as a uint8 array without a copy; a list is copied.
+
+    :raises LayoutError: the data are not bytes.
+    """
     try:
         return np.frombuffer(data if not isinstance(data, list) else bytes(data), np.uint8)
     except (BufferError, TypeError, ValueError) as err:
-        raise LayoutError(f'data of the type {type(data).__name__} are not bytes: {err}') from err
+        raise LayoutError(f'data must be bytes, but its type is {type(data).__name__}: '
+                          f'{err}') from err
 
 
 def pack_pixels(image: NDArray[Any]) -> memoryview:
     """
-    Give the bytes of an array as a message has them, row by row.
+    Return the bytes of an array row by row without padding, as a message contains them.
 
     :param image: array of any shape, strides and byte order.
-    :returns: the bytes, a view where the array is contiguous, which stays alive with it.
+    :returns: a view of the bytes, which keeps the array alive; a copy if the array is not
+        contiguous.
     """
     return np.ascontiguousarray(image).reshape(-1).view(np.uint8).data
 
 
 def is_bigendian(dtype: np.dtype[Any]) -> bool:
-    """Tell whether numbers of a type have their most significant byte first."""
+    """Return whether a numpy type is big-endian."""
     return dtype.byteorder == '>' or (dtype.byteorder == '=' and sys.byteorder == 'big')

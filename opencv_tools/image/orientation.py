@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which way up an image is: mirrored and turned by quarters."""
+"""Mirroring of images, and rotation by multiples of 90 degrees."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ConversionError
 
-#: What each kind of mirroring turns round: rows, columns.
+#: Step of the rows and of the columns for each mirroring; -1 reverses the order.
 FLIPS = {'none': (1, 1), 'horizontal': (1, -1), 'vertical': (-1, 1), 'both': (-1, -1)}
 ROTATIONS = (0, 90, 180, 270)
 
@@ -32,21 +32,21 @@ def orient(
     image: NDArray[Any], encoding: Encoding, flip: str, degrees: int,
 ) -> tuple[NDArray[Any], Encoding]:
     """
-    Mirror an image, then turn it.
+    Mirror an image, then rotate it.
 
-    :param image: array of shape (h, w) or (h, w, c), which is not changed.
-    :param encoding: of the image.
+    :param image: (h, w) or (h, w, c) array, which is not changed.
+    :param encoding: encoding of the image.
     :param flip: one of ``FLIPS``; ``'horizontal'`` swaps left and right.
-    :param degrees: one of ``ROTATIONS``, clockwise.
-    :returns: a view of the image, (w, h) or (w, h, c) after a quarter turn, and its encoding: of a
-        bayer image that with the pattern that it has now.
-    :raises ConversionError: several pixels of the encoding share their colour.
+    :param degrees: clockwise rotation in degrees, one of ``ROTATIONS``.
+    :returns: a view of the image, (w, h) or (w, h, c) for 90 and 270 degrees, and its encoding;
+        for a Bayer image the encoding with the new pattern.
+    :raises ConversionError: the encoding is YUV, whose pixels share their chroma.
     """
     if flip == 'none' and not degrees:
         return image, encoding
     if encoding.kind == 'yuv':
-        raise ConversionError(f'a {encoding.name} image can be neither flipped nor rotated, for '
-                              'its pixels share their colour: set encoding to bgr8 or mono8')
+        raise ConversionError(f'a {encoding.name} image cannot be flipped or rotated, because its '
+                              'pixels share their chroma; set encoding to bgr8 or mono8')
     if encoding.kind == 'bayer':
         height, width = image.shape[:2]
         cells = np.tile(np.array(list(encoding.order)).reshape(2, 2), (2, 2))
@@ -58,12 +58,12 @@ def orient(
 
 def turned_axes(flip: str, degrees: int) -> NDArray[Any]:
     """
-    Return how ``orient`` turns the axes of an image.
+    Return the matrix by which ``orient`` transforms directions in an image.
 
     :param flip: one of ``FLIPS``.
-    :param degrees: one of ``ROTATIONS``, clockwise.
-    :returns: (2, 2) orthogonal matrix of -1.0, 0.0 and 1.0, which takes a direction (x, y) of the
-        image to that of the oriented one.
+    :param degrees: clockwise rotation in degrees, one of ``ROTATIONS``.
+    :returns: (2, 2) orthogonal float64 matrix of -1.0, 0.0 and 1.0; maps a direction (x, y) of
+        the image to the direction in the mirrored and rotated image.
     """
     rows, columns = FLIPS[flip]
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])

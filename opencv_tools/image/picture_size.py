@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The size of a picture as its header tells it, before anything is decoded."""
+"""The size of an image file, read from its header without decoding."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ import re
 import struct
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 
-PNG_BEGINS = b'\x89PNG\r\n\x1a\n'
-#: Pixels of a picture that is decoded, unless another number is asked for.
+PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
+#: Default limit of the number of pixels of an image to decode.
 MAX_PIXELS = 2**27
 
-_HEADER_BYTES = 65536  # of those formats whose header is a text
-_MAX_PLACES = 100  # where a format may tell a size
+_HEADER_BYTES = 65536  # largest header that is searched in formats with a text header
+_MAX_SIZES = 100  # largest number of sizes in a file of nested boxes
 _BLANK = rb'(?:\s|#[^\r\n]*[\r\n])+'
 _PNM = re.compile(rb'P[1-6Ff]' + _BLANK + rb'([0-9]{1,9})' + _BLANK + rb'([0-9]{1,9})\s')
 _PAM = re.compile(rb'(WIDTH|HEIGHT)\s+([0-9]{1,9})\s')
@@ -37,21 +37,21 @@ _JPEG_2000 = re.compile(rb'\xff\x4f\xff\x51')
 _AVIF = re.compile(rb'ispe')
 _EXR = re.compile(rb'(?:dataWindow|displayWindow)\0box2i\0')
 _TIFF_NUMBERS = {1: 'B', 3: 'H', 4: 'I', 16: 'Q'}
-# Width and height of the picture, and of its tiles, which may be larger.
+# Tags of the image size and of the tile size. Tiles can be larger than the image.
 _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
 
 class SizeError(ImageError):
-    """A picture whose size is not known, or too large; the message says why."""
+    """The size of an image file is unknown or too large. The message contains the reason."""
 
 
 def picture_size(content: bytes) -> tuple[int, int]:
     """
-    Read the size of a picture.
+    Read the size of an image file.
 
-    :param content: a picture file of a kind that OpenCV reads.
-    :returns: width and height; the largest, where the file tells several.
-    :raises SizeError: it is no such file, or tells no size.
+    :param content: content of a file in a format that OpenCV can read.
+    :returns: width and height in pixels; the largest ones, if the file contains several sizes.
+    :raises SizeError: the format is unknown, or the header contains no size.
     """
     for begins, read in _READERS:
         if begins.match(content):
@@ -67,12 +67,15 @@ def picture_size(content: bytes) -> tuple[int, int]:
 
 def check_size(width: int, height: int, max_pixels: int) -> None:
     """
-    Refuse what is too large.
+    Check the size of an image.
 
-    :raises SizeError: it has more pixels than allowed.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param max_pixels: largest allowed number of pixels.
+    :raises SizeError: the image has more pixels.
     """
     if width * height > max_pixels:
-        raise SizeError(f'{width}x{height} pixels are more than max_pixels, {max_pixels}')
+        raise SizeError(f'{width}x{height} pixels are more than max_pixels={max_pixels}')
 
 
 def _png(content: bytes) -> tuple[int, int]:
@@ -89,7 +92,7 @@ def _bmp(content: bytes) -> tuple[int, int]:
 def _webp(content: bytes) -> tuple[int, int]:
     kind = content[12:16]
     if kind == b'VP8X':
-        sides = [int.from_bytes(content[place:place + 3], 'little') + 1 for place in (24, 27)]
+        sides = [int.from_bytes(content[offset:offset + 3], 'little') + 1 for offset in (24, 27)]
         return sides[0], sides[1]
     if kind == b'VP8L':
         bits = struct.unpack_from('<I', content, 21)[0]
@@ -101,8 +104,8 @@ def _webp(content: bytes) -> tuple[int, int]:
 def _tiff(content: bytes) -> tuple[int, int]:
     order = '<' if content[:2] == b'II' else '>'
     is_big = struct.unpack_from(f'{order}H', content, 2)[0] == 43
-    place, counts, step, values = (8, 'Q', 20, 12) if is_big else (4, 'H', 12, 8)
-    directory = struct.unpack_from(f'{order}{"Q" if is_big else "I"}', content, place)[0]
+    offset, counts, step, values = (8, 'Q', 20, 12) if is_big else (4, 'H', 12, 8)
+    directory = struct.unpack_from(f'{order}{"Q" if is_big else "I"}', content, offset)[0]
     count = struct.unpack_from(f'{order}{counts}', content, directory)[0]
     if count > 4096:
         raise ValueError('too many fields')
@@ -127,8 +130,8 @@ def _pnm(content: bytes) -> tuple[int, int]:
 
 def _pam(content: bytes) -> tuple[int, int]:
     sides = _PAM.findall(content[:_HEADER_BYTES].partition(b'ENDHDR')[0])
-    width, height = (max((int(side) for name, side in sides if name == wanted), default=0)
-                     for wanted in (b'WIDTH', b'HEIGHT'))
+    width, height = (max((int(side) for name, side in sides if name == field), default=0)
+                     for field in (b'WIDTH', b'HEIGHT'))
     return width, height
 
 
@@ -147,18 +150,25 @@ def _radiance(content: bytes) -> tuple[int, int]:
     return max(int(width) for _, width in sides), max(int(height) for height, _ in sides)
 
 
-def _anywhere(
+def _box_reader(
     mark: re.Pattern[bytes], layout: str, skip: int,
 ) -> Callable[[bytes], tuple[int, int]]:
-    """Make a reader of formats that are boxes within boxes: the size may stand anywhere."""
+    """
+    Create a reader for formats of nested boxes, in which the size can be at any offset.
+
+    :param mark: pattern before each size.
+    :param layout: ``struct`` format: width and height, or left, top, right and bottom.
+    :param skip: bytes between the mark and the size.
+    :returns: function that returns the largest width and height.
+    """
     def read(content: bytes) -> tuple[int, int]:
         width = height = 0
         for index, found in enumerate(mark.finditer(content)):
-            if index >= _MAX_PLACES:
+            if index >= _MAX_SIZES:
                 raise ValueError('too many sizes')
-            place = found.end() + skip
-            if place + struct.calcsize(layout) <= len(content):  # else no box, but pixels
-                *begins, right, bottom = struct.unpack_from(layout, content, place)
+            offset = found.end() + skip
+            if offset + struct.calcsize(layout) <= len(content):  # otherwise it is pixel data
+                *begins, right, bottom = struct.unpack_from(layout, content, offset)
                 left, top, more = (*begins, 1) if begins else (0, 0, 0)
                 width, height = max(width, right - left + more), max(height, bottom - top + more)
         return width, height
@@ -167,8 +177,8 @@ def _anywhere(
 
 
 _READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ...] = (
-    (re.compile(re.escape(JPEG_BEGINS)), jpeg_size),
-    (re.compile(re.escape(PNG_BEGINS)), _png),
+    (re.compile(re.escape(JPEG_SOI)), jpeg_size),
+    (re.compile(re.escape(PNG_SIGNATURE)), _png),
     (re.compile(rb'RIFF....WEBP', re.DOTALL), _webp),
     (re.compile(rb'BM'), _bmp),
     (re.compile(rb'II[*+]\0|MM\0[*+]'), _tiff),
@@ -178,7 +188,7 @@ _READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ..
     (re.compile(rb'GIF8[79]a'), _gif),
     (re.compile(rb'#\?(RADIANCE|RGBE)'), _radiance),
     (re.compile(rb'\0\0\0\x0cjP  \r\n\x87\n|\xff\x4f\xff\x51'),
-     _anywhere(_JPEG_2000, '>II', 4)),
-    (re.compile(rb'....ftyp(avif|avis|mif1)', re.DOTALL), _anywhere(_AVIF, '>II', 4)),
-    (re.compile(rb'\x76\x2f\x31\x01'), _anywhere(_EXR, '<iiii', 4)),
+     _box_reader(_JPEG_2000, '>II', 4)),
+    (re.compile(rb'....ftyp(avif|avis|mif1)', re.DOTALL), _box_reader(_AVIF, '>II', 4)),
+    (re.compile(rb'\x76\x2f\x31\x01'), _box_reader(_EXR, '<iiii', 4)),
 )

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Texts that others wrote, as they may be printed: messages, files, names on the graph, URLs."""
+"""Safe printing of texts from messages, files, the ROS graph and URLs."""
 
 from __future__ import annotations
 
 import re
 
 _MAX_TEXT = 200
-#: As long as a path may be.
+#: Longest path of Linux in bytes (PATH_MAX).
 MAX_PATH = 4096
 _MORE = '...'
 _PASSWORD = re.compile(r'(://[^/?#@:\s]*):[^/?#\s]*@')
@@ -29,13 +29,12 @@ _HIDDEN = '***'
 
 def printable(text: object, longest: int = _MAX_TEXT) -> str:
     """
-    Return a text that says on a console what it says, and does nothing else there.
+    Return a text in which a console cannot interpret control characters.
 
-    :param text: what somebody else wrote.
-    :param longest: characters of the result; a longer one ends in ``...``.
-    :returns: the same where it is printable and not too long. Control characters, line ends,
-        characters that turn the direction of writing and lone surrogates stand there as ``repr``
-        writes them.
+    :param text: text of unknown origin.
+    :param longest: largest number of characters of the result; a longer text ends in ``...``.
+    :returns: the text, with line ends, control characters, characters that change the writing
+        direction and lone surrogates escaped as by ``repr``.
     """
     whole = str(text)
     shown = whole[:longest + 1]
@@ -47,10 +46,10 @@ def printable(text: object, longest: int = _MAX_TEXT) -> str:
 
 def without_password(url: str) -> str:
     """
-    Return a URL as it may be printed.
+    Return a URL without its passwords, for messages.
 
-    :param url: a URL, or any other text.
-    :returns: the same, printable, with ``***`` for the password before the host and for the
-        values of such fields as ``?password=``.
+    :param url: URL or any other text.
+    :returns: the printable text, with ``***`` for the password before the host and for the values
+        of query fields such as ``?password=``.
     """
     return printable(_SECRET.sub(rf'\1{_HIDDEN}', _PASSWORD.sub(rf'\1:{_HIDDEN}@', url)), MAX_PATH)

@@ -21,9 +21,9 @@ import struct
 from typing import Any
 import zlib
 
-from opencv_tools.image.jpeg import BEGINS as JPEG_BEGINS, jpeg_size
-from opencv_tools.image.picture_size import PNG_BEGINS
-from opencv_tools.pictures import check_whole, PictureError
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image.picture_size import PNG_SIGNATURE
+from opencv_tools.pictures import check_complete, CodecError
 
 _PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
 _CHUNK_BYTES = 12  # length, type and checksum of a chunk
@@ -52,13 +52,13 @@ def read_image_header(data: Any) -> ImageHeader:
 
     :param data: buffer with the compressed image.
     :returns: format and size of a PNG or JPEG.
-    :raises PictureError: the PNG or JPEG is damaged or incomplete.
+    :raises CodecError: the PNG or JPEG is damaged or incomplete.
     """
     content = bytes(data)
-    if content.startswith(PNG_BEGINS):
+    if content.startswith(PNG_SIGNATURE):
         return ImageHeader(('.png',), *_check_png(content))
-    if content.startswith(JPEG_BEGINS):
-        check_whole(content)
+    if content.startswith(JPEG_SOI):
+        check_complete(content)
         return ImageHeader(('.jpg', '.jpeg'), *jpeg_size(content))
     return ImageHeader(())
 
@@ -68,24 +68,24 @@ def _check_png(png: bytes) -> tuple[int, int]:
     Check the chunks of a PNG.
 
     :returns: width and height.
-    :raises PictureError: a chunk is damaged, or a required chunk is missing.
+    :raises CodecError: a chunk is damaged, or a required chunk is missing.
     """
     if not png.endswith(_PNG_ENDS):
-        raise PictureError(f'{len(png)} bytes of a PNG picture whose end is missing')
+        raise CodecError(f'{len(png)} bytes of a PNG picture whose end is missing')
     view = memoryview(png)
-    position, kinds = len(PNG_BEGINS), set()
+    position, kinds = len(PNG_SIGNATURE), set()
     try:
         while position < len(png):
             length, kind = struct.unpack_from('>I4s', png, position)
             ends = position + _CHUNK_BYTES + length
             if struct.unpack_from('>I', png, ends - 4)[0] != zlib.crc32(
                     view[position + 4:ends - 4]):
-                raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged')
+                raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged')
             kinds.add(kind)
             position = ends
         if not {b'IHDR', b'IDAT', b'IEND'} <= kinds or png[12:16] != b'IHDR':
             raise struct.error('chunks are missing')
         width, height = struct.unpack_from('>II', png, 16)
     except struct.error as err:
-        raise PictureError(f'{len(png)} bytes of a PNG picture that is damaged') from err
+        raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged') from err
     return width, height

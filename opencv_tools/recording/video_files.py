@@ -274,7 +274,7 @@ def _removed_text(video: _Video) -> str:
 def _image_type(frame: RawFrame) -> str:
     """Return the type of the image of a frame, for the list of formats that can hold it."""
     try:
-        is_picture = find_encoding(frame.encoding).kind in ('', 'color')
+        is_picture = find_encoding(frame.encoding).kind in ('generic', 'color')
         return generic_encoding(frame.image).name if is_picture else frame.encoding
     except EncodingError:
         return frame.encoding

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.pictures import (
-    convert_picture, encode_picture, FORMATS as PICTURE_FORMATS, PictureError,
+    CodecError, convert_picture, encode_picture, FORMATS as PICTURE_FORMATS,
 )
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.payload import read_image_header
@@ -143,7 +143,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
-    type_name = generic_encoding(image).name if encoding.planes == 1 else encoding.name
+    type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
     if type_name not in IMAGE_FORMATS[settings.suffix]:
         raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
                               f'set the extension of file_name to {formats_for(type_name)}')
@@ -154,7 +154,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     try:
         data = encode_picture(
             _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
-    except PictureError as err:
+    except CodecError as err:
         raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
     return EncodedImage(data, encoding.name, width, height)
 

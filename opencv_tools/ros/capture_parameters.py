@@ -21,10 +21,11 @@ import math
 from typing import Any
 
 from opencv_tools.capture.frame import MAX_RATE
+from opencv_tools.capture.grabber import ReconnectPolicy
 from opencv_tools.capture.modes import CameraRequest
 from opencv_tools.capture.pixel_formats import check_fourcc
-from opencv_tools.capture.player import ON_END, Playback
-from opencv_tools.capture.rendition import Look
+from opencv_tools.capture.player import ON_END, PlaybackSettings
+from opencv_tools.capture.rendition import OutputSettings
 from opencv_tools.capture.source import check_source
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
@@ -111,7 +112,7 @@ REOPEN_ON_CHANGE = frozenset(('width', 'height', 'fps', 'fourcc'))
 ENCODING = 'encoding'
 
 
-def playback_settings(values: Mapping[str, Any]) -> Playback:
+def playback_settings(values: Mapping[str, Any]) -> PlaybackSettings:
     """
     Return the playback settings that the parameters describe.
 
@@ -123,15 +124,20 @@ def playback_settings(values: Mapping[str, Any]) -> Playback:
         raise ParameterError(f'parameter start_frame is {first}, which is not before stop_frame '
                              f'{stop}: give a smaller start_frame, or 0 as stop_frame')
     for_ever = values['on_end'] == 'loop' and values['loop'] == 1
-    return Playback(
-        values['publish_rate'], values['on_end'], 0 if for_ever else values['loop'],
-        first, stop, values['read_timeout'],
-        _parse_reconnect(values['reconnect']))
+    return PlaybackSettings(
+        rate=values['publish_rate'], on_end=values['on_end'],
+        plays=0 if for_ever else values['loop'], first=first, stop=stop)
 
 
-def output_settings(values: Mapping[str, Any]) -> Look:
+def reconnect_policy(values: Mapping[str, Any]) -> ReconnectPolicy:
+    """Return the policy for outages of a camera or stream from the parameters."""
+    return ReconnectPolicy(values['read_timeout'], _parse_reconnect(values['reconnect']))
+
+
+def output_settings(values: Mapping[str, Any]) -> OutputSettings:
     """Return the output settings that the parameters describe."""
-    return Look(values['encoding'], values['flip'], values['rotate'], values['jpeg_quality'])
+    return OutputSettings(
+        values['encoding'], values['flip'], values['rotate'], values['jpeg_quality'])
 
 
 def camera_request(

@@ -19,10 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-from opencv_tools.capture.controls import Control
+from opencv_tools.capture.controls import Control, ControlType
 from opencv_tools.capture.frame import CaptureError
 from opencv_tools.capture.v4l2 import CameraSource
-from opencv_tools.capture.videodev import ControlType
 from opencv_tools.ros.parameters import (
     closest_name, declare_parameter, describe_unknown, Parameter, ParameterError,
     unknown_parameters,

@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from opencv_tools.capture.rendition import Rendition
+from opencv_tools.capture.rendition import OutputImage
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
 from opencv_tools.image.errors import ImageError
@@ -75,7 +75,7 @@ class FrameTopics:
         self.awaited = subscribers
         self._settled_at = 0.0
 
-    def is_there(self) -> bool:
+    def may_publish(self) -> bool:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
@@ -87,15 +87,15 @@ class FrameTopics:
                     self.awaited = 0
         return not self.awaited
 
-    def is_looking(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
         return any(_count(publisher) for publisher in self._publishers())
 
-    def publish(self, rendition: Rendition, stamp: Time, frame_id: str) -> bool:
+    def publish(self, output: OutputImage, stamp: Time, frame_id: str) -> bool:
         """
         Publish a frame on each topic with subscribers, raw pixels first because they are fast.
 
-        :param rendition: frame to publish.
+        :param output: frame to publish.
         :param stamp: stamp of the messages.
         :param frame_id: coordinate frame of the camera.
         :returns: whether any topic has a subscriber.
@@ -107,19 +107,19 @@ class FrameTopics:
             _count(publisher) > 0 for publisher in self._publishers())
         try:
             if to_images:
-                self._check_room(rendition.image.nbytes)
+                self._check_room(output.image.nbytes)
                 publish_image(self.images.handle, self._bridge.cv2_to_wire(
-                    rendition.image, rendition.encoding, header))
+                    output.image, output.encoding, header))
                 self.backlog.add(self.images)
             if to_infos:
-                look = rendition.look
+                settings = output.settings
                 self._infos.publish(self.calibration.message(
-                    header, *rendition.size, look.flip, look.rotate))
+                    header, *output.size, settings.flip, settings.rotate))
                 self.backlog.add(self._infos)
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
         if to_compressed:
-            self._compressed.publish(_compressed_cdr(rendition, header))
+            self._compressed.publish(_compressed_cdr(output, header))
             self.backlog.add(self._compressed)
         if failure:
             raise failure
@@ -141,7 +141,7 @@ def _count(publisher: Publisher) -> Any:
     return publisher.get_subscription_count()
 
 
-def _compressed_cdr(rendition: Rendition, header: Header) -> bytes:
-    data, format_text = rendition.jpeg
+def _compressed_cdr(output: OutputImage, header: Header) -> bytes:
+    data, format_text = output.jpeg
     return compressed_image_to_cdr(WireCompressedImage(
         header.stamp.sec, header.stamp.nanosec, header.frame_id, format_text, data.data))

@@ -31,7 +31,7 @@ from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
 from opencv_tools.ros.transport import configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup
-from opencv_tools.standard_streams import let_go_of_broken_streams, open_standard_streams
+from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -152,7 +152,7 @@ def keep_exit_status() -> None:
     Python removes its own signal handlers while the interpreter shuts down, which takes half a
     second.
     """
-    let_go_of_broken_streams()
+    discard_broken_streams()
     for number in _END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
