@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 import itertools
+import math
 from pathlib import Path
 import re
 import threading
@@ -90,8 +91,11 @@ def received() -> Received:
 
 
 @pytest.fixture
-def subscribe(node: Node, received: Received) -> Iterator[Callable[..., FrameSubscription]]:
+def subscribe(node: Node, received: Received, monkeypatch: pytest.MonkeyPatch
+              ) -> Iterator[Callable[..., FrameSubscription]]:
     """Subscribe to frames, until the test ends."""
+    # No publisher counts as new, however long the machine takes to discover it.
+    monkeypatch.setattr(lost_frames, '_DISCOVERY_SECONDS', math.inf)
     subscriptions: list[FrameSubscription] = []
 
     def _subscribe(

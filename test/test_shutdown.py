@@ -116,14 +116,19 @@ def test_a_recording_survives_its_terminal(
         start: Start, tmp_path: Path, within: tuple[str, ...]) -> None:
     start('img_publisher', source='pattern:80x60@60', publish_rate=0)
     folder = tmp_path / 'out'
+    console = b''
+    master, slave = pty.openpty()
+    os.set_blocking(master, False)
 
     def wait_for_files(count: int) -> None:
+        nonlocal console
         deadline = time.monotonic() + DEADLINE
         while len(recorded_files(folder)) < count:
-            assert time.monotonic() < deadline, 'no file came'
+            assert time.monotonic() < deadline, f'no file came:\n{console.decode()}'
+            with suppress(BlockingIOError, OSError):  # a terminal that is full blocks who writes
+                console += os.read(master, 1 << 16)
             time.sleep(0.02)
 
-    master, slave = pty.openpty()
     with subprocess.Popen(
             ['setsid', '--ctty', *within, executable('img_subscriber'), '--ros-args',
              '-p', f'output_dir:={folder}'], stdin=slave, stdout=slave, stderr=slave) as recorder:
