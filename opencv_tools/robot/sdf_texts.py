@@ -16,12 +16,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 from lxml import etree
+from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import numbers, numbers_text
 from opencv_tools.robot.xml import DescriptionError, Element
 
@@ -37,6 +40,7 @@ PBR: Version = (1, 6)
 CAPSULE: Version = (1, 8)
 MIMIC: Version = (1, 11)
 
+_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
 
@@ -88,7 +92,7 @@ def _range() -> str:
     return f'{version_text(OLDEST)} to {version_text(NEWEST)}'
 
 
-def flag(text: str | None, element: Element, what: str = '') -> bool:
+def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
     """
     Read a bool; False where there is none.
 
@@ -101,12 +105,12 @@ def flag(text: str | None, element: Element, what: str = '') -> bool:
     return _FLAGS.get(word, False)
 
 
-def text_of(element: Element, tag: str) -> str:
+def text_of(element: Element | Taken, tag: str) -> str:
     """Give the text of a child; empty where there is no such child."""
     return (element.findtext(tag) or '').strip()
 
 
-def pose_of(element: Element | None) -> Pose:
+def pose_of(element: Element | Taken | None) -> Pose:
     """
     Read the numbers of a ``<pose>``, of six numbers or of a quaternion.
 
@@ -127,7 +131,7 @@ def pose_of(element: Element | None) -> Pose:
     return Pose((x, y, z), (roll, pitch, yaw))
 
 
-def _quaternion_pose(element: Element, degrees: bool) -> Pose:
+def _quaternion_pose(element: Element | Taken, degrees: bool) -> Pose:
     if degrees:
         raise DescriptionError('degrees="true" says nothing about a quaternion', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
@@ -148,7 +152,16 @@ def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:
     element.text = numbers_text(pose.xyz + pose.rpy)
 
 
-def color_of(element: Element) -> Color:
+def poses_in(element: Element) -> Iterator[Element]:
+    """Return the poses that SDF itself reads, and none of a plugin or of what others added."""
+    for child in element:
+        if child.tag == 'pose':
+            yield child
+        elif child.tag in _HOLDERS:
+            yield from poses_in(child)
+
+
+def color_of(element: Element | Taken) -> Color:
     """Read a colour of three or four numbers; without alpha it is opaque."""
     count = 3 if len((element.text or '').split()) == 3 else 4
     red, green, blue, *rest = numbers(element.text, count, element)

@@ -20,10 +20,12 @@ import math
 
 from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.pose import Vector
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import DescriptionError, Element
 
 
-def numbers(text: str | None, count: int, element: Element, what: str = '') -> tuple[float, ...]:
+def numbers(text: str | None, count: int, element: Element | Taken, what: str = ''
+            ) -> tuple[float, ...]:
     """
     Read numbers that stand in a text.
 
@@ -42,18 +44,18 @@ def numbers(text: str | None, count: int, element: Element, what: str = '') -> t
     return values
 
 
-def number(text: str | None, element: Element, what: str = '') -> float:
+def number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read one number, as `numbers` does."""
     return numbers(text, 1, element, what)[0]
 
 
-def vector(text: str | None, element: Element, what: str = '') -> Vector:
+def vector(text: str | None, element: Element | Taken, what: str = '') -> Vector:
     """Read three numbers, as `numbers` does."""
     x, y, z = numbers(text, 3, element, what)
     return x, y, z
 
 
-def limit_number(text: str | None, element: Element, what: str = '') -> float:
+def limit_number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
     try:
         value = _float((text or '').strip())
