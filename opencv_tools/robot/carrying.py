@@ -115,10 +115,9 @@ def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
     """
     things = [robot, *(thing for _, thing in robot.framed()), *(
         shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
-    found: dict[str | None, str] = {}
+    found: dict[str, str] = {}
     for thing in things:
         for rest in (thing.carried.urdf, thing.carried.sdf):
             if rest is not None:
-                found.update(rest.nsmap)
-    found.pop(None, None)
-    return {**found, own: PREFIXES[own], 'carried': _CARRIED}
+                found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
+    return {**dict(sorted(found.items())), own: PREFIXES[own], 'carried': _CARRIED}
