@@ -62,6 +62,10 @@ NOT_JUDGED = {
     'ok_capsule.urdf': 'yourdfpy knows no capsules',
     'ok_shapes.sdf': 'yourdfpy knows no capsules',
     'ok_mimic_of_a_mimic.urdf': 'yourdfpy takes a mimic of a mimic for 0',
+    'warning_capsule_without_length.sdf': 'yourdfpy knows no capsules',
+    'warning_geometry_empty.urdf': 'yourdfpy wants a geometry',
+    'warning_geometry_unknown.urdf': 'yourdfpy knows no ellipsoids',
+    'warning_visual_without_geometry.urdf': 'yourdfpy wants a geometry',
 }
 
 

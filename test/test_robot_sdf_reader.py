@@ -128,8 +128,10 @@ def test_pose_texts(pose: str, expected: Pose) -> None:
     (TWO + joint('<axis><xyz>1 0</xyz></axis>', 'revolute'), 'is not 3 finite numbers'),
     (TWO + joint('<axis><xyz expressed_in="x">1 0 0</xyz></axis>', 'revolute'), "_in 'x'"),
     (TWO + joint('<axis><limit><lower>nan</lower></limit></axis>', 'revolute'), "'nan' is not"),
-    (TWO + joint('<axis><mimic joint="x"/></axis>', 'revolute'), "mimics 'x', which is no joint"),
-    ('<link name="a"><visual name="v"><geometry><box/></geometry></visual></link>', 'no <size>'),
+    (TWO + joint('<axis/><urdf:mimic xmlns:urdf="urn:opencv_tools:urdf" joint="x"/>', 'revolute'),
+     "mimics 'x', which is no joint"),
+    ('<link name="a"><visual name="v"><geometry><box><size/></box></geometry></visual></link>',
+     "'' is not 3 finite numbers"),
     ('<link name="a"><visual name="v"><geometry><mesh/></geometry></visual></link>', 'no <uri>'),
     ('<link name="a"><visual><geometry/></visual></link>', '<visual>: has no name'),
     ('<link name="a"><visual name="v"><geometry/></visual><visual name="v"/></link>',
@@ -154,8 +156,8 @@ def test_errors_of_the_model(attribute: str, message: str) -> None:
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('<robot name="r"/>', 'is not SDF'),
-    ('<sdf><model name="m"/></sdf>', 'has no version; 1.4 to 1.12 are read'),
-    ('<sdf version="1.3"><model name="m"/></sdf>', "version='1.3' is not read"),
+    ('<sdf><model name="m"/></sdf>', 'has no version; 1.2 to 1.12 are read'),
+    ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not read"),
     ('<sdf version="x"><model name="m"/></sdf>', "version='x' is not read"),
     ('<sdf version="1.9"/>', 'has no model'),
     ('<sdf version="1.9"><light name="l"/></sdf>', 'has no model'),

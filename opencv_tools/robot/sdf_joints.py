@@ -186,7 +186,7 @@ def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Tu
     version, xyz = place.scope.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
     old = axis.find('use_parent_model_frame') if version < FRAMES else None
-    if (old is not None and flag(old.text, old)) or version < JOINT_AXES:
+    if version < JOINT_AXES if old is None else flag(old.text, old):
         name = MODEL_FRAME
     if not name:
         return None
@@ -196,7 +196,7 @@ def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Tu
 
 
 def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
-    mimic = axis.mimic
+    mimic, own = axis.mimic, element.find('mimic')
     for kept in joint.each(_MIMIC):
         if kept.get('axis', AXES[0]) == tag:
             mimic = Mimic(kept.get('joint', ''),
@@ -206,7 +206,12 @@ def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> 
         return None
     leader = FrameId('joint', place.scope.qualified(mimic.joint))
     if leader not in place.names.elements:
-        raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
+        if own is None:
+            raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
+        place.report.warn('mimic', place.scope.qualified(named(joint)), line_of(own),
+                          f'joint={mimic.joint!r} is no joint of the model; it follows none')
+        element.leave(own)
+        return None
     return replace(mimic, joint=leader.name)
 
 

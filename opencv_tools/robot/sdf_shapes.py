@@ -31,8 +31,8 @@ from opencv_tools.robot.sdf_shape_writer import COLORS
 from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, poses_in, text_of
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.taken import Taken
-from opencv_tools.robot.texts import number, vector
-from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name, named
+from opencv_tools.robot.texts import number, number_text, vector
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named
 
 _FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
@@ -187,21 +187,33 @@ def _form(element: Taken, place: Place) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
+        if not uri and place.scope.version < (1, 4):
+            uri = text_of(element, 'filename')  # as the oldest versions had it
         if not uri:
             raise DescriptionError('has no <uri>', element)
         return Mesh(place.uri(uri), None if scale is None else vector(scale.text, scale))
     if tag == 'box':
-        size = child_of(element, 'size')
-        return Box(vector(size.text, size))
+        size = element.find('size')
+        if size is None:
+            _warn_of_default(element, 'size', '1 1 1', place)
+        return Box((1.0, 1.0, 1.0) if size is None else vector(size.text, size))
+    radius = _length(element, 'radius', 0.5 if tag == 'capsule' else 1.0, place)
     if tag == 'sphere':
-        return Sphere(_length(element, 'radius'))
+        return Sphere(radius)
     form = Cylinder if tag == 'cylinder' else Capsule
-    return form(_length(element, 'radius'), _length(element, 'length'))
+    return form(radius, _length(element, 'length', 1.0, place))
 
 
-def _length(element: Taken, tag: str) -> float:
-    child = child_of(element, tag)
-    return number(child.text, child)
+def _length(element: Taken, tag: str, default: float, place: Place) -> float:
+    child = element.find(tag)
+    if child is None:
+        _warn_of_default(element, tag, number_text(default), place)
+    return default if child is None else number(child.text, child)
+
+
+def _warn_of_default(element: Taken, tag: str, default: str, place: Place) -> None:
+    place.report.warn(element.tag, '', line_of(element),
+                      f'has no <{tag}>; it is {default}, as SDF has it')
 
 
 def _material(element: Taken, place: Place) -> Material:

@@ -30,7 +30,8 @@ from opencv_tools.robot.xml import DescriptionError, Element
 
 Version = tuple[int, int]
 
-OLDEST: Version = (1, 4)
+OLDEST: Version = (1, 4)  # that is written
+OLDEST_READ: Version = (1, 2)  # in which a robot is written as in 1.4
 NEWEST: Version = (1, 12)
 # From these versions on an SDF has ...
 FRAMES: Version = (1, 7)  # frames with attached_to, poses with relative_to, axes expressed_in
@@ -66,10 +67,10 @@ def file_version(root: Element, report: Report) -> Version:
     """
     text = root.get('version')
     if text is None:
-        raise DescriptionError(f'has no version; {_range()} are read', root)
+        raise DescriptionError(f'has no version; {_range(OLDEST_READ)} are read', root)
     version = version_of(text)
-    if version is None or version < OLDEST:
-        raise DescriptionError(f'version={text!r} is not read; {_range()} are', root)
+    if version is None or version < OLDEST_READ:
+        raise DescriptionError(f'version={text!r} is not read; {_range(OLDEST_READ)} are', root)
     if version > NEWEST:
         report.warn('sdf', '', root.sourceline or 0,
                     f'version {text} is newer than what is known; read as {version_text(NEWEST)}')
@@ -84,12 +85,12 @@ def written_version(text: str) -> Version:
     """
     version = version_of(text)
     if version is None or not OLDEST <= version <= NEWEST:
-        raise DescriptionError(f'SDF {text!r} is not written; {_range()} are')
+        raise DescriptionError(f'SDF {text!r} is not written; {_range(OLDEST)} are')
     return version
 
 
-def _range() -> str:
-    return f'{version_text(OLDEST)} to {version_text(NEWEST)}'
+def _range(oldest: Version) -> str:
+    return f'{version_text(oldest)} to {version_text(NEWEST)}'
 
 
 def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:

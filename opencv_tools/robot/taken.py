@@ -109,6 +109,11 @@ class Taken:
         self._whole.update(children)
         return [self._part(child) for child in children]
 
+    def leave(self, child: Taken) -> None:
+        """Return a child to the rest, with all that was taken of it."""
+        self._whole.discard(child.element)
+        self._parts.pop(child.element, None)
+
     def rest(self) -> _Element | None:
         """
         Return a copy of the element with what was not taken; None where nothing is left.

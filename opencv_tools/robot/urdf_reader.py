@@ -38,11 +38,12 @@ from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
-                                            shape_from_element)
+                                            shapes_of)
 from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
+_UNNAMED = 'robot'
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,11 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     if root.tag != 'robot':
         raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
                                root)
-    name = named(root)
-    tree = tree_of(root)
+    name = root.get('name', '').strip()
+    if not name:
+        name = _UNNAMED
+        report.warn('robot', '', line_of(root), f'has no name; it is called {name!r}')
+    tree = tree_of(root, report)
     gazebo, rest = sorted_blocks(root, tree, report)
     source = _Source(report, tree, looks_of(root, report), gazebo,
                      {link: pose for link, joint in tree.above.items()
@@ -106,9 +110,8 @@ def _link(element: Taken, source: _Source) -> Link:
     name = named(element)
     home = source.home(name)
     inertial = element.find('inertial')
-    visuals, collisions = (
-        tuple(shape_from_element(child, home, name, source.looks, source.report)
-              for child in element.each(tag, f'{_SDF}{tag}')) for tag in ('visual', 'collision'))
+    visuals, collisions = (shapes_of(element, tag, home, source.looks, source.report)
+                           for tag in ('visual', 'collision'))
     offset = source.offsets.get(name)
     extra = [in_link_frame(part, offset) for part in source.gazebo.get(FrameId('link', name), [])]
     return Link(
@@ -222,11 +225,14 @@ def _mimic(element: Taken, source: _Source) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None
-    joint = (mimic.get('joint') or '').strip()
+    joint = mimic.element.get('joint', '').strip()
     if not joint:
         raise DescriptionError('has no joint= to say which joint it follows', mimic)
     if joint not in source.tree.joints:
-        raise DescriptionError(f'joint={joint!r} is no joint of the robot', mimic)
+        source.report.warn('mimic', named(element), line_of(mimic),
+                           f'joint={joint!r} is no joint of the robot; it follows none')
+        return None
+    mimic.get('joint')
     return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),
                  number(mimic.get('offset', '0'), mimic, 'offset'))
 

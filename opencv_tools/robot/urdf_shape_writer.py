@@ -26,7 +26,7 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, Geometry, LIGHTS, Material,
                                        Sphere)
-from opencv_tools.robot.taken import PART
+from opencv_tools.robot.taken import PART, Taken
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.urdf_shapes import lit, look_of, material_name
 from opencv_tools.robot.xml import Element, local_name
@@ -52,7 +52,8 @@ class Materials:
         shapes = (shape for link in robot.links for shape in link.visuals)
         names = {shape.material.name for shape in shapes if shape.material}
         kept = robot.carried.urdf
-        shared = [] if kept is None else [look_of(part) for part in kept.iterfind('material')]
+        shared = [] if kept is None else [look_of(Taken(part), Report())
+                                          for part in kept.iterfind('material')]
         looks = {look.name: (look.color, look.texture) for look in reversed(shared) if look.name}
         return Materials(looks, {*names, *looks})
 

@@ -29,7 +29,8 @@ from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, DARK, Geom
                                        Material, Mesh, Sphere)
 from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import number, numbers, vector
-from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name
+from opencv_tools.robot.xml import (child_of, DescriptionError, Element, line_of, local_name,
+                                     named)
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
@@ -69,25 +70,64 @@ def inertial_from_element(element: Taken, home: FrameId, report: Report, link: s
     Read ``<inertial>``.
 
     :param home: the frame that URDF means by the link.
-    :raises DescriptionError: mass or inertia are not there.
+    :raises DescriptionError: the mass is not there.
     """
-    mass, inertia = (child_of(element, tag) for tag in ('mass', 'inertia'))
+    mass, inertia = child_of(element, 'mass'), element.find('inertia')
     value = _number(mass, 'value')
     if value < 0:
         report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
-    ixx, ixy, ixz, iyy, iyz, izz = (_number(inertia, name) for name in INERTIA)
+    missing = [name for name in INERTIA if inertia is None or name not in inertia]
+    if inertia is None:
+        report.warn('inertial', link, line_of(element), 'has no <inertia>; its moments are 0')
+    elif missing:
+        report.warn('inertia', link, line_of(inertia),
+                    f'has no {", ".join(f"{name}=" for name in missing)}, taken for 0')
+    ixx, ixy, ixz, iyy, iyz, izz = (
+        0.0 if inertia is None or name in missing else _number(inertia, name) for name in INERTIA)
     return Inertial(Placement(origin_of(element), home), value, (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def shape_from_element(element: Taken, home: FrameId, link: str, looks: Looks, report: Report
-                       ) -> Shape:
+def shapes_of(element: Taken, tag: str, home: FrameId, looks: Looks, report: Report
+              ) -> tuple[Shape, ...]:
     """
-    Read ``<visual>`` or ``<collision>``, or what the writer of URDF noted of one.
+    Read each ``<visual>`` or ``<collision>`` of a link, and what the writer of URDF noted of one.
+
+    What has no geometry that URDF knows is left out, and stays in the rest of the link.
 
     :param home: the frame that URDF means by the link.
-    :param link: its name, for messages.
     :param looks: see `looks_of`.
     """
+    link, shapes = named(element), []
+    for child in element.each(tag, f'{_SDF}{tag}'):
+        problem = _problem(child) if child.tag == tag else ''
+        if problem:
+            report.warn(tag, child.element.get('name') or link, line_of(child),
+                        f'{problem}; it is left out')
+            element.leave(child)
+        else:
+            shapes.append(_shape(child, home, link, looks, report))
+    return tuple(shapes)
+
+
+def _problem(shape: Taken) -> str:
+    """Return why urdfdom has no such geometry; empty where it has."""
+    geometry = shape.element.find('geometry')
+    if geometry is None:
+        return 'has no <geometry>'
+    form = _forms(geometry)[:1]
+    if not form:
+        return 'has an empty <geometry>'
+    tag = str(form[0].tag)
+    if tag not in _GEOMETRIES:
+        return f'<{tag}> is no geometry of URDF, which has {_KINDS}'
+    return '<mesh> has no filename=' if tag == 'mesh' and 'filename' not in form[0].attrib else ''
+
+
+def _forms(geometry: Element) -> list[Element]:
+    return [child for child in geometry if not str(child.tag).startswith('{')]
+
+
+def _shape(element: Taken, home: FrameId, link: str, looks: Looks, report: Report) -> Shape:
     tag = local_name(element)
     kept = carried(element, 'sdf')
     material = None
@@ -103,18 +143,19 @@ def shape_from_element(element: Taken, home: FrameId, link: str, looks: Looks, r
 
 def _geometry(shape: Taken, report: Report, link: str) -> Geometry:
     geometry = child_of(shape, 'geometry')
-    found = [child for child in geometry.element if not str(child.tag).startswith('{')]
-    form = geometry.find(str(found[0].tag)) if len(found) == 1 else None
-    if form is None or form.tag not in _GEOMETRIES:
-        kinds = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
-        if len(found) != 1:
-            raise DescriptionError(f'has {len(found)} shapes, it should have one of {kinds}',
-                                   geometry)
-        raise DescriptionError(f'is no geometry of URDF, which has {kinds}', found[0])
+    first, *others = _forms(geometry.element)
+    for other in others:
+        report.warn(local_name(other), link, line_of(other),
+                    'is not read, a geometry is one shape')
+    form = child_of(geometry, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = form.element.get(name, '')
         if '-' in text and any(value < 0 for value in _floats(text)):
             report.warn(form.tag, link, line_of(form), f'{name}={text!r} is negative')
+    scale = form.element.get('scale', '') if form.tag == 'mesh' else ''
+    if len(scale.split()) == 1:
+        report.warn('mesh', link, line_of(form), f'scale={scale!r} is one number, taken for all '
+                    'three axes')
     return _GEOMETRIES[form.tag](form)
 
 
@@ -131,6 +172,8 @@ def _box(element: Taken) -> Box:
 
 def _mesh(element: Taken) -> Mesh:
     scale = element.get('scale')
+    if scale is not None and len(scale.split()) == 1:
+        scale = ' '.join([scale] * 3)
     return Mesh(_attribute(element, 'filename'),
                 None if scale is None else vector(scale, element, 'scale'))
 
@@ -142,6 +185,7 @@ _GEOMETRIES: Mapping[str, Callable[[Taken], Geometry]] = {
     'capsule': lambda element: Capsule(_number(element, 'radius'), _number(element, 'length')),
     'mesh': _mesh,
 }
+_KINDS = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
 
 
 def looks_of(root: Taken, report: Report) -> Looks:
@@ -158,7 +202,7 @@ def looks_of(root: Taken, report: Report) -> Looks:
     # Those of the robot itself stay what they are, beside the visuals that name them.
     shared = map(Taken, root.element.iterchildren('material'))
     for element in (*shared, *filter(None, (visual.find('material') for visual in visuals))):
-        each[element] = look = look_of(element)
+        each[element] = look = look_of(element, report)
         names[look.name] += 1
         if look.name and (look.color or look.texture) and (
                 found.setdefault(look.name, look) != look):
@@ -167,13 +211,15 @@ def looks_of(root: Taken, report: Report) -> Looks:
     return Looks(each, found, frozenset(name for name, count in names.items() if count == 1))
 
 
-def look_of(element: Element | Taken) -> Material:
+def look_of(element: Taken, report: Report) -> Material:
     """Read ``<material>``."""
     color, texture = element.find('color'), element.find('texture')
-    return Material(
-        (element.get('name') or '').strip(),
-        None if color is None else _color(color.get('rgba'), color, 'rgba'),
-        texture='' if texture is None else _attribute(texture, 'filename'))
+    name = (element.get('name') or '').strip()
+    if texture is not None and not texture.element.get('filename'):
+        report.warn('texture', name, line_of(texture), 'has no filename=; there is no picture')
+        texture = None
+    return Material(name, None if color is None else _color(color.get('rgba'), color, 'rgba'),
+                    texture='' if texture is None else _attribute(texture, 'filename'))
 
 
 def _material(visual: Taken, kept: Taken | None, looks: Looks, report: Report, link: str
@@ -183,9 +229,10 @@ def _material(visual: Taken, kept: Taken | None, looks: Looks, report: Report, l
     lights = None if kept is None else kept.find('material')
     if element is None and lights is None:
         return None
-    look = Material() if element is None else looks.each.get(element) or look_of(element)
+    look = Material() if element is None else (
+        looks.each.get(element) or look_of(element, report))
     if element is not None and look.name and not look.color and not look.texture:
-        if look.name not in looks.defined:
+        if look.name not in looks.defined and element.element.find('texture') is None:
             report.warn('material', look.name, line_of(element),
                         f'is not defined; the visual of link {link!r} has no colour')
         look = looks.defined.get(look.name, look)

@@ -19,10 +19,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from lxml import etree
 from opencv_tools.robot.carrying import SDF_NAMESPACE
+from opencv_tools.robot.model import WORLD
+from opencv_tools.robot.report import Report
 from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.trees import listed
-from opencv_tools.robot.xml import DescriptionError, named
+from opencv_tools.robot.xml import DescriptionError, line_of, named
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,11 @@ class TreeOfLinks:
         return name
 
 
-def tree_of(root: Taken) -> TreeOfLinks:
+def tree_of(root: Taken, report: Report) -> TreeOfLinks:
     """
     Find the links and joints of a robot, and which hangs on which.
+
+    A link ``world`` that a joint names as its parent need not be there; it is an empty one then.
 
     :raises DescriptionError: there are none, a name occurs twice, or they are no trees.
     """
@@ -68,6 +73,8 @@ def tree_of(root: Taken) -> TreeOfLinks:
         raise DescriptionError('has no <link>', root)
     loops = f'{{{SDF_NAMESPACE}}}joint'
     joints = _by_name(root.each('joint', loops))
+    if WORLD not in links:
+        _add_world(links, joints, report)
     above: dict[str, Taken] = {}
     tree = TreeOfLinks(links, joints, above)
     for name, joint in joints.items():
@@ -83,6 +90,16 @@ def tree_of(root: Taken) -> TreeOfLinks:
         above[child] = joint
     _check_cycles(tree)
     return tree
+
+
+def _add_world(links: dict[str, Taken], joints: Mapping[str, Taken], report: Report) -> None:
+    for name, joint in joints.items():
+        parent = joint.element.find('parent')
+        if parent is not None and parent.get('link', '').strip() == WORLD:
+            report.warn('joint', name, line_of(parent),
+                        f'there is no link {WORLD!r}; it is taken for an empty one')
+            links[WORLD] = Taken(etree.Element('link', name=WORLD))
+            return
 
 
 def _by_name(elements: list[Taken]) -> dict[str, Taken]:
