@@ -56,6 +56,9 @@ SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
 # What is in a link that moved with its joint's frame has its pose computed there and back.
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
+# What URDF refuses is mended, so that it does not come back as it was.
+MENDED = {'warning_materials_of_one_name.sdf', 'warning_version_of_urdf.sdf'}
+
 # What the independent check cannot judge, and why.
 NOT_JUDGED = {
     'ok_axis_not_of_length_1.urdf': 'yourdfpy moves a prismatic joint by its axis as it is',
@@ -170,7 +173,7 @@ def test_the_way_back_gives_the_same_robot(name: str, ways: Ways) -> None:
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', CONVERTED)
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in MENDED])
 def test_the_way_back_restores_all_that_was_carried(name: str, ways: Ways) -> None:
     _, back = ways(name)
     original, restored = (Counter(_all_carried(_read(path))) for path in (FIXTURES[name], back))

@@ -83,13 +83,15 @@ def with_axes(joint: Joint, element: Element, place: Place, kinematics: Kinemati
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
     # The axis that an old version wants of a fixed joint is none of ours.
     known: Known = {tag: inner for tag, inner in SDF_JOINT.items()
-                    if tag not in AXES or tag in tags or _TYPE in element.attrib}
+                    if tag not in AXES or tag in tags
+                    or (joint.type == 'fixed' and _TYPE in element.attrib)}
     limit = axes[0].limit if axes else None
     limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if limits[0] > limits[1]:
         place.report.warn('limit', joint.name, joint.line,
                           f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
-    if joint.type == 'revolute' and limits == (-math.inf, math.inf):
+    if joint.type == 'revolute' and limits == (-math.inf, math.inf) and (
+            _TYPE not in element.attrib):
         joint = replace(joint, type='continuous')
     elif joint.type == 'continuous' and limits != (-math.inf, math.inf):
         # They mean nothing here; they are kept as they are.
@@ -237,13 +239,21 @@ def _limit(element: Element) -> Limit:
         if child is not None:
             values[tag] = limit_number(child.text, child)
     lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    effort, velocity = (values.get(tag, -1.0) for tag in ('effort', 'velocity'))
-    return Limit(lower, upper, _enforced(effort), _enforced(velocity))
+    effort, velocity = (_enforced(values[tag]) if tag in values else _negative(element, tag)
+                        for tag in ('effort', 'velocity'))
+    return Limit(lower, upper, effort, velocity)
 
 
 def _enforced(value: float) -> float:
     """Give an effort or a velocity, which is not enforced where it is negative."""
     return math.inf if value < 0 else abs(value)
+
+
+def _negative(limit: Element, tag: str) -> float:
+    """Read the negative number by which URDF said that there is no limit."""
+    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+    value = limit_number(text, limit, f'urdf:{tag}')
+    return value if value < 0 else math.inf
 
 
 def _dynamics(element: Element) -> Dynamics:

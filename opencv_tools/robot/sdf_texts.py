@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
@@ -36,6 +37,9 @@ CONTINUOUS: Version = (1, 6)
 PBR: Version = (1, 6)
 CAPSULE: Version = (1, 8)
 MIMIC: Version = (1, 11)
+
+# The attribute that keeps a colour of which SDF took only a part.
+CUT = f'{{{URDF_NAMESPACE}}}color'
 
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
@@ -149,7 +153,7 @@ def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:
 
 
 def color_of(element: Element) -> Color:
-    """Read a colour of three or four numbers; without alpha it is opaque."""
-    count = 3 if len((element.text or '').split()) == 3 else 4
-    red, green, blue, *rest = numbers(element.text, count, element)
+    """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
+    text = element.get(CUT) or element.text or ''
+    red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, rest[0] if rest else 1.0

@@ -38,7 +38,7 @@ from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
-                                            shape_from_element)
+                                            restore_colors, shape_from_element)
 from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
@@ -75,6 +75,7 @@ def read_urdf(root: Element, report: Report, *, root_link: str = '') -> Robot:
         raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
                                root)
     name = named(root)
+    restore_colors(root)
     tree = tree_of(root)
     gazebo, rest = sorted_blocks(root, tree, report)
     source = _Source(report, tree, looks_of(root, report), gazebo,
@@ -152,9 +153,6 @@ def _joint(element: Element, source: _Source) -> Joint:
     own = element.get(f'{_SDF}type', '')
     if not own:
         axes = _axes(element, kind, source)
-        if kind == 'revolute' and axes[0].limit and axes[0].limit.lower == -math.inf and (
-                axes[0].limit.upper == math.inf):
-            kind = 'continuous'
         known = URDF_JOINTS[kind]
         return Joint(name, kind, parent, child, placement, axes, is_loop,
                      _carried(element, known, extra, ('pose', '@type')), line_of(element))
@@ -201,7 +199,8 @@ def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
     for attribute in ('effort', 'velocity'):
         if attribute not in limit.attrib and kind != 'planar':
             raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
-        strength.append(limit_number(limit.get(attribute, 'inf'), limit, attribute))
+        value = limit_number(limit.get(attribute, 'inf'), limit, attribute)
+        strength.append(abs(value) if math.isinf(value) else value)
     if kind not in ('revolute', 'prismatic'):
         return Limit(effort=strength[0], velocity=strength[1])
     lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
