@@ -30,7 +30,7 @@ from pathlib import Path
 import re
 
 from lxml import etree
-from opencv_tools.robot.carrying import SDF_NAMESPACE, URDF_NAMESPACE
+from opencv_tools.robot.carrying import PREFIXES
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.elements import GAZEBO
@@ -393,8 +393,8 @@ def _stripped(element: Element) -> Element:
 
 def _is_kept(language: str, name: str) -> bool:
     """Tell whether what has this name is for the format that was read."""
-    namespace = URDF_NAMESPACE if language == 'urdf' else SDF_NAMESPACE
-    return name.startswith(f'{{{namespace}}}') or (language == 'sdf' and name == 'gazebo')
+    namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'carried'))
+    return name.startswith(tuple(namespaces)) or (language == 'sdf' and name == 'gazebo')
 
 
 def _plain(language: str, root: Element) -> str:

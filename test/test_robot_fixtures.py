@@ -34,6 +34,7 @@ from opencv_tools.robot.model import Carried, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import PART
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]
@@ -319,5 +320,5 @@ def _entries(carried: Carried, owner: str) -> Iterator[Entry]:
         for element in () if root is None else root.iter(etree.Element):
             path = [str(step.tag) for step in (element, *element.iterancestors())]
             attributes = tuple(sorted((str(name), str(value))
-                                      for name, value in element.attrib.items()))
+                                      for name, value in element.attrib.items() if name != PART))
             yield owner, tuple(reversed(path)), attributes, (element.text or '').strip()

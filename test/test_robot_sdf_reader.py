@@ -35,7 +35,8 @@ HALF = math.pi / 2
 def read(content: str, version: str = '1.9', report: Report | None = None,
          attributes: str = '') -> Robot:
     """Read a model of some content."""
-    return read_text(f'<sdf version="{version}" xmlns:urdf="urn:opencv_tools:urdf">\n'
+    return read_text(f'<sdf version="{version}" xmlns:urdf="urn:opencv_tools:urdf" '
+                     f'xmlns:carried="urn:opencv_tools:carried">\n'
                      f'<model name="m" {attributes}>{content}</model></sdf>', report)
 
 
@@ -449,7 +450,8 @@ def test_static_model_without_links_moves_with_the_model_around_it() -> None:
 
 
 def test_what_is_not_read_is_kept() -> None:
-    robot = read('<static>true</static><plugin name="p"/><urdf:transmission name="t"/><link '
+    robot = read('<static>true</static><plugin name="p"/><carried:urdf>'
+                 '<transmission name="t"/></carried:urdf><link '
                  'name="a" urdf:name="x"><sensor name="s" type="imu"><pose frame="a"/></sensor>'
                  '</link>', '1.6')
     assert robot.carried.sdf is not None and robot.carried.urdf is not None

@@ -208,8 +208,10 @@ def test_geometry_that_urdf_has_no_word_for_is_put_back() -> None:
 
 
 def test_material_and_what_is_left_of_it() -> None:
-    rest = etree.fromstring('<visual><material><script/><pbr><metal><roughness>1</roughness>'
-                            '</metal></pbr></material><transparency>0.5</transparency></visual>')
+    rest = etree.fromstring(
+        '<visual xmlns:c="urn:opencv_tools:carried"><material c:part="true"><script/>'
+        '<pbr c:part="true"><metal c:part="true"><roughness>1</roughness></metal></pbr></material>'
+        '<transparency>0.5</transparency></visual>')
     material = Material('red', (1.0, 0.0, 0.0, 1.0), specular=(0.1, 0.2, 0.9, 1.0),
                         texture='a.png')
     shape = Shape('v', Placement(TURNED, FrameId('link', 'a')), Sphere(1.0), material,
@@ -304,8 +306,9 @@ def test_what_is_carried_goes_back_or_into_its_namespace() -> None:
     report = Report()
     model = written(robot, report)
     assert model.findtext('static') == 'true'
-    assert model.find('{urn:opencv_tools:urdf}transmission') is not None
-    assert model.get('{urn:opencv_tools:urdf}version') == '1'
+    kept = model.find('{urn:opencv_tools:carried}urdf')
+    assert kept is not None and kept.find('transmission') is not None
+    assert kept.get('version') == '1'
     assert model[0].get('{urn:opencv_tools:urdf}name') == 'x'
     assert [(note.level, note.element) for note in report.notes] == [
         ('carried', '@version'), ('carried', 'transmission')]

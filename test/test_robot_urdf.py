@@ -36,7 +36,7 @@ from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
 import robots
 
-SDF = 'xmlns:sdf="urn:opencv_tools:sdf"'
+SDF = 'xmlns:sdf="urn:opencv_tools:sdf" xmlns:carried="urn:opencv_tools:carried"'
 LINKS = '<link name="a"/><link name="b"/>'
 ENDS = '<parent link="a"/><child link="b"/>'
 LIMIT = '<limit effort="1" velocity="2"/>'
@@ -239,10 +239,13 @@ def test_geometry_there_and_back(written_geometry: str, geometry: object, tag: s
     assert again(model) == model
 
 
-def test_what_is_sdfs_beside_a_shape_is_no_second_shape() -> None:
+def test_elements_of_others_beside_a_shape_are_carried() -> None:
     model = robot(visual('<geometry><sdf:cone/><sphere radius="0.1"/><sdf:plane/></geometry>'))
-    assert model.links[0].visuals[0].geometry == Sphere(0.1)
-    assert again(model) == model
+    for made in (model, again(model)):
+        shape, = made.links[0].visuals
+        assert shape.geometry == Sphere(0.1) and shape.carried.urdf is not None
+        assert [child.tag for child in shape.carried.urdf.find('geometry')] == [  # type: ignore
+            '{urn:opencv_tools:sdf}cone', '{urn:opencv_tools:sdf}plane']
 
 
 @pytest.mark.parametrize(('kind', 'content', 'axes'), [
@@ -291,10 +294,10 @@ def test_one_limit_is_written_with_a_number_for_the_other() -> None:
     ('<material><texture filename="t.png"/></material>', Material(texture='t.png')),
     ('<material name="shared"/>', Material('shared', BLACK, BLACK, BLACK, BLACK, 't')),
     ('<material name="other"/>', Material('other', RED, RED, BLACK, BLACK)),
-    ('<material name="m"><color rgba="1 0 0 1"/></material><sdf:material><ambient>0 0 0 1'
-     '</ambient></sdf:material>', Material('m', RED, BLACK)),
-    ('<sdf:material><emissive>0 0 0 1</emissive></sdf:material>', Material(emissive=BLACK)),
-    ('<sdf:material/>', Material()),
+    ('<material name="m"><color rgba="1 0 0 1"/></material><carried:sdf><material><ambient>0 0 0 1'
+     '</ambient></material></carried:sdf>', Material('m', RED, BLACK)),
+    ('<carried:sdf><material><emissive>0 0 0 1</emissive></material></carried:sdf>', Material(emissive=BLACK)),
+    ('<carried:sdf><material/></carried:sdf>', Material()),
     ('', None),
 ])
 def test_materials_there_and_back(content: str, material: Material | None) -> None:

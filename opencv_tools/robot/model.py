@@ -41,6 +41,7 @@ JOINT_TYPES: Mapping[str, str] = {
     'universal': 'two turns', 'revolute2': 'two turns', 'gearbox': 'two turns',
 }
 URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
+WITHOUT_AXIS = ('fixed', 'floating')  # of those of URDF
 SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'screw', 'ball', 'universal',
              'revolute2', 'gearbox')
 

@@ -22,10 +22,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 from lxml import etree
-from opencv_tools.robot.carrying import detached
 from opencv_tools.robot.model import (Axis, Carried, Frame, FrameId, Joint, Link, Robot, Shape,
                                       WORLD)
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import detached
 from opencv_tools.robot.xml import DescriptionError
 
 Named = TypeVar('Named', Robot, Link, Joint, Frame, Shape)

@@ -20,8 +20,7 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_JOINT
+from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, Limit, Mimic,
                                       SDF_TYPES, WORLD)
@@ -56,9 +55,8 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             _mimic_element(element, axis.mimic, tag)
             report.carry('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.carried.sdf, SDF_JOINT)
-    note_carried(report, URDF_NAMESPACE, joint.name, joint.line,
-                 carry(element, joint.carried.urdf, URDF_NAMESPACE))
+    restore(element, joint.carried.sdf)
+    carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,

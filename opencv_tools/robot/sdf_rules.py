@@ -30,7 +30,7 @@ from opencv_tools.robot.names import allowed_name, flat_name, free_name
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import CUT
 from opencv_tools.robot.sdf_values import COLORS, flaw_of, is_passed_over, looked_at, read_number
-from opencv_tools.robot.texts import numbers_text
+from opencv_tools.robot.texts import cut, numbers_text
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name
 
 _URDF = f'{{{URDF_NAMESPACE}}}'
@@ -87,12 +87,12 @@ def _cut_color(element: Element, _: str, report: Report) -> None:
     """Cut the parts of a colour to 0 and 1."""
     if local_name(element) not in COLORS:
         return
-    values = tuple(map(read_number, (element.text or '').split()))
-    cut = tuple(min(max(value, 0.0), 1.0) for value in values if value is not None)
-    if len(cut) == len(values) and cut != values:
+    words = (element.text or '').split()
+    values = tuple(value for word in words if (value := read_number(word)) is not None)
+    if len(values) == len(words) and cut(values) != values:
         text = (element.text or '').strip()
         element.set(CUT, text)
-        element.text = numbers_text(cut)
+        element.text = numbers_text(cut(values))
         before = element.getprevious()
         if before is not None and before.get(CUT) == text:
             return  # the same colour, which URDF has once

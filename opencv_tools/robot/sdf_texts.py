@@ -16,14 +16,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 from lxml import etree
 from opencv_tools.robot.carrying import URDF_NAMESPACE
+from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
-from opencv_tools.robot.texts import numbers, numbers_text
+from opencv_tools.robot.taken import Taken
+from opencv_tools.robot.texts import numbers, numbers_text, uncut
 from opencv_tools.robot.xml import DescriptionError, Element
 
 Version = tuple[int, int]
@@ -41,6 +44,7 @@ MIMIC: Version = (1, 11)
 # The attribute that keeps a colour of which SDF took only a part.
 CUT = f'{{{URDF_NAMESPACE}}}color'
 
+_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
 
@@ -92,7 +96,7 @@ def _range() -> str:
     return f'{version_text(OLDEST)} to {version_text(NEWEST)}'
 
 
-def flag(text: str | None, element: Element, what: str = '') -> bool:
+def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
     """
     Read a bool; False where there is none.
 
@@ -105,12 +109,12 @@ def flag(text: str | None, element: Element, what: str = '') -> bool:
     return _FLAGS.get(word, False)
 
 
-def text_of(element: Element, tag: str) -> str:
+def text_of(element: Element | Taken, tag: str) -> str:
     """Give the text of a child; empty where there is no such child."""
     return (element.findtext(tag) or '').strip()
 
 
-def pose_of(element: Element | None) -> Pose:
+def pose_of(element: Element | Taken | None) -> Pose:
     """
     Read the numbers of a ``<pose>``, of six numbers or of a quaternion.
 
@@ -131,7 +135,7 @@ def pose_of(element: Element | None) -> Pose:
     return Pose((x, y, z), (roll, pitch, yaw))
 
 
-def _quaternion_pose(element: Element, degrees: bool) -> Pose:
+def _quaternion_pose(element: Element | Taken, degrees: bool) -> Pose:
     if degrees:
         raise DescriptionError('degrees="true" says nothing about a quaternion', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
@@ -152,8 +156,17 @@ def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:
     element.text = numbers_text(pose.xyz + pose.rpy)
 
 
-def color_of(element: Element) -> Color:
+def poses_in(element: Element) -> Iterator[Element]:
+    """Return the poses that SDF itself reads, and none of a plugin or of what others added."""
+    for child in element:
+        if child.tag == 'pose':
+            yield child
+        elif child.tag in _HOLDERS:
+            yield from poses_in(child)
+
+
+def color_of(element: Element | Taken) -> Color:
     """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
-    text = element.get(CUT) or element.text or ''
+    text = uncut(element.text or '', element.get(CUT))
     red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, rest[0] if rest else 1.0

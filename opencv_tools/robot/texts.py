@@ -20,10 +20,12 @@ import math
 
 from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.pose import Vector
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import DescriptionError, Element
 
 
-def numbers(text: str | None, count: int, element: Element, what: str = '') -> tuple[float, ...]:
+def numbers(text: str | None, count: int, element: Element | Taken, what: str = ''
+            ) -> tuple[float, ...]:
     """
     Read numbers that stand in a text.
 
@@ -42,18 +44,18 @@ def numbers(text: str | None, count: int, element: Element, what: str = '') -> t
     return values
 
 
-def number(text: str | None, element: Element, what: str = '') -> float:
+def number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read one number, as `numbers` does."""
     return numbers(text, 1, element, what)[0]
 
 
-def vector(text: str | None, element: Element, what: str = '') -> Vector:
+def vector(text: str | None, element: Element | Taken, what: str = '') -> Vector:
     """Read three numbers, as `numbers` does."""
     x, y, z = numbers(text, 3, element, what)
     return x, y, z
 
 
-def limit_number(text: str | None, element: Element, what: str = '') -> float:
+def limit_number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
     try:
         value = _float((text or '').strip())
@@ -76,6 +78,25 @@ def _float(word: str) -> float:
     if '_' in word or not word.isascii():
         raise ValueError
     return float(word)
+
+
+def uncut(text: str, kept: str | None) -> str:
+    """
+    Return the colour that a writer cut to 0 and 1, unless someone changed it since.
+
+    :param text: the colour as it stands there.
+    :param kept: the colour of before; None where it was not cut.
+    """
+    try:
+        values, before = (tuple(map(_float, words.split())) for words in (text, kept or ''))
+    except ValueError:
+        return text
+    return kept if kept and values == cut(before) else text
+
+
+def cut(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Cut the parts of a colour to 0 and 1."""
+    return tuple(min(max(value, 0.0), 1.0) for value in values)
 
 
 def number_text(value: float) -> str:

@@ -31,7 +31,7 @@ from opencv_tools.robot.names import free_name
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_rules import NAME
 from opencv_tools.robot.sdf_texts import CUT as CUT_SDF
-from opencv_tools.robot.texts import number_text, numbers_text
+from opencv_tools.robot.texts import cut, number_text, numbers_text, uncut
 from opencv_tools.robot.urdf_shapes import CUT
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name
 
@@ -68,7 +68,7 @@ def _restore(root: Element, _: str, __: Report) -> None:
             if NAME in element.attrib:
                 element.set('name', element.attrib.pop(NAME))
             if CUT_SDF in element.attrib:
-                element.text = element.attrib.pop(CUT_SDF)
+                element.text = uncut(element.text or '', element.attrib.pop(CUT_SDF))
 
 
 def _complete_limits(root: Element, _: str, __: Report) -> None:
@@ -101,9 +101,8 @@ def _cut_color(color: Element, report: Report) -> None:
     if not all(map(_NUMBER.fullmatch, text.split())):
         return
     values = tuple(map(float, text.split()))
-    cut = tuple(min(max(value, 0.0), 1.0) for value in values)
-    if cut != values:
-        color.set('rgba', numbers_text(cut))
+    if cut(values) != values:
+        color.set('rgba', numbers_text(cut(values)))
         color.set(CUT, text)
         material = color.getparent()
         name = '' if material is None else material.get('name', '')
@@ -131,8 +130,8 @@ def _write_version(root: Element, _: str, report: Report) -> None:
     version = root.get('version')
     if version is not None and not _VERSION.fullmatch(version):
         root.set('version', '1.0')
-        report.warn('robot', root.get('name', ''), 0, f'version={version!r} is none of URDF; it is '
-                    "'1.0' there")
+        report.warn('robot', root.get('name', ''), 0, f'version={version!r} is none of URDF; '
+                    "it is '1.0' there")
 
 
 def _refuse_numbers(root: Element, source: str, _: Report) -> None:

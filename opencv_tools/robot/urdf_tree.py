@@ -20,8 +20,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from opencv_tools.robot.carrying import SDF_NAMESPACE
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.trees import listed
-from opencv_tools.robot.xml import DescriptionError, Element, named
+from opencv_tools.robot.xml import DescriptionError, named
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class TreeOfLinks:
     :param above: the joint that is above each link, by the link's name.
     """
 
-    links: Mapping[str, Element]
-    joints: Mapping[str, Element]
-    above: Mapping[str, Element]
+    links: Mapping[str, Taken]
+    joints: Mapping[str, Taken]
+    above: Mapping[str, Taken]
 
-    def ends(self, joint: Element) -> tuple[str, str]:
+    def ends(self, joint: Taken) -> tuple[str, str]:
         """
         Name the parent and the child of a joint.
 
@@ -45,7 +46,7 @@ class TreeOfLinks:
         """
         return self._end(joint, 'parent'), self._end(joint, 'child')
 
-    def _end(self, joint: Element, tag: str) -> str:
+    def _end(self, joint: Taken, tag: str) -> str:
         end = joint.find(tag)
         if end is None:
             raise DescriptionError(f'joint {named(joint)!r} has no <{tag} link=>', joint)
@@ -56,18 +57,18 @@ class TreeOfLinks:
         return name
 
 
-def tree_of(root: Element) -> TreeOfLinks:
+def tree_of(root: Taken) -> TreeOfLinks:
     """
     Find the links and joints of a robot, and which hangs on which.
 
     :raises DescriptionError: there are none, a name occurs twice, or they are no trees.
     """
-    links = _by_name(root.findall('link'))
+    links = _by_name(root.each('link'))
     if not links:
         raise DescriptionError('has no <link>', root)
     loops = f'{{{SDF_NAMESPACE}}}joint'
-    joints = _by_name([child for child in root if child.tag in ('joint', loops)])
-    above: dict[str, Element] = {}
+    joints = _by_name(root.each('joint', loops))
+    above: dict[str, Taken] = {}
     tree = TreeOfLinks(links, joints, above)
     for name, joint in joints.items():
         parent, child = tree.ends(joint)
@@ -84,8 +85,8 @@ def tree_of(root: Element) -> TreeOfLinks:
     return tree
 
 
-def _by_name(elements: list[Element]) -> dict[str, Element]:
-    found: dict[str, Element] = {}
+def _by_name(elements: list[Taken]) -> dict[str, Taken]:
+    found: dict[str, Taken] = {}
     for element in elements:
         name = named(element)
         if name in found:
