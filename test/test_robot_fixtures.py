@@ -57,8 +57,9 @@ SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
 # What is in a link that moved with its joint's frame has its pose computed there and back.
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
-# What URDF refuses is mended, so that it does not come back as it was.
-MENDED = {'warning_materials_of_one_name.sdf', 'warning_version_of_urdf.sdf'}
+# What breaks a rule of SDF or URDF is mended, so that it does not come back as it was.
+MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
+          'warning_version_of_urdf.sdf'}
 
 # What the independent check cannot judge, and why.
 NOT_JUDGED = {
