@@ -24,6 +24,7 @@ import re
 from typing import Any
 
 from lxml import etree
+from opencv_tools.robot.facts import is_continuous
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
@@ -314,11 +315,12 @@ def test_axes_there_and_back(kind: str, content: str, axes: tuple[Axis, ...]) ->
     assert etree.tostring(written(back)) == etree.tostring(written(model))
 
 
-def test_a_turn_without_limits_is_continuous() -> None:
+def test_revolute_joint_without_limits_stays_revolute() -> None:
     model = robot(joint('<limit lower="-1e16" upper="1e17" effort="1" velocity="2"/>'))
-    assert model.joints[0].type == 'continuous'
+    assert model.joints[0].type == 'revolute'
     limit = written(model).find('joint/limit')
-    assert limit is not None and limit.get('upper') == '1e17'
+    assert limit is not None and limit.get('upper') == '1e+16'
+    assert is_continuous(model.joints[0])
 
 
 def test_one_limit_is_written_with_a_number_for_the_other() -> None:
@@ -396,9 +398,10 @@ def test_what_is_not_understood_comes_out_again(content: str) -> None:
 def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     model = robot(joint(LIMIT) + """
         <gazebo><plugin name="p"/><odd/></gazebo>
-        <gazebo reference="a"><sensor name="s"><pose>1 0 0 0 0 0</pose></sensor><mu1>1</mu1>
-        <gravity>false</gravity></gazebo>
-        <gazebo reference="j"><sensor name="f"/><provideFeedback>1</provideFeedback></gazebo>""")
+        <gazebo reference="a"><sensor name="s" type="imu"><pose>1 0 0 0 0 0</pose></sensor>
+        <mu1>1</mu1><gravity>false</gravity></gazebo>
+        <gazebo reference="j"><sensor name="f" type="imu"/>
+        <provideFeedback>1</provideFeedback></gazebo>""")
 
     def tags(element: Element | None) -> list[object]:
         return [] if element is None else [child.tag for child in element]
@@ -431,8 +434,9 @@ def baked() -> Robot:
              Inertial(Placement(Pose((0.0, 0.0, 0.1)), FrameId('link', 'b')), 2.0,
                       (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
              (shape('b', extra('<visual><geometry><plane/></geometry></visual>')),), (shape('b'),),
-             extra('<link><sensor name="s"><pose>1 2 3 0 0 0</pose></sensor><sensor name="t"/>'
-                   '<sensor name="u"><pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
+             extra('<link><sensor name="s" type="imu"><pose>1 2 3 0 0 0</pose></sensor>'
+                   '<sensor name="t" type="imu"/><sensor name="u" type="imu">'
+                   '<pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
                    '</sensor><odd>1</odd></link>')),
         Link('c', Placement(Pose((0.0, 0.0, 3.0)), MODEL), None, (shape('c'),)),
     )

@@ -87,7 +87,12 @@ def axis_to_element(axis: Axis, tag: str, version: Version,
 def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:
     """Name the type, or in older versions the one that means the same."""
     written = joint.type
-    if joint.type == 'continuous' and version < CONTINUOUS:
+    limit = joint.axes[0].limit if joint.axes else None
+    if joint.type == 'revolute' and (
+            limit is None or (limit.lower, limit.upper) == (-math.inf, math.inf)):
+        # Without limits it means a continuous one, which URDF has another word for.
+        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+    elif joint.type == 'continuous' and version < CONTINUOUS:
         written = 'revolute'  # without limits, which is the same
     elif joint.type == 'fixed' and version < JOINT_AXES:
         written = 'revolute'
@@ -116,7 +121,9 @@ def _limit_element(axis: Element, limit: Limit) -> None:
     for tag in ('lower', 'upper', 'effort', 'velocity'):
         value = getattr(limit, tag)
         # No limit is what SDF means where it has none.
-        if math.isfinite(value):
+        if tag in ('effort', 'velocity') and value < 0:
+            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
+        elif math.isfinite(value):
             text_element(element, tag, number_text(value))
 
 

@@ -82,14 +82,15 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
         axis = axis_from_element(child, _turn(child, joint, place, kinematics),
                                  kind=joint.type)
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
-    if _TYPE in element:
+    own = element.get(_TYPE)
+    if own == 'fixed':
         element.first(AXES[0])  # an old version wants one of a fixed joint
     limit = axes[0].limit if axes else None
     limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if limits[0] > limits[1]:
         place.report.warn('limit', joint.name, joint.line,
                           f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
-    if joint.type == 'revolute' and limits == (-math.inf, math.inf):
+    if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
     return replace(joint, axes=tuple(axes), carried=place.carried(element))
 
@@ -237,13 +238,21 @@ def _limit(element: Element | Taken, kind: str) -> Limit:
         if child is not None:
             values[tag] = limit_number(child.text, child)
     lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    effort, velocity = (values.get(tag, -1.0) for tag in ('effort', 'velocity'))
-    return Limit(lower, upper, _enforced(effort), _enforced(velocity))
+    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
+    effort, velocity = (_enforced(values[tag]) if tag in values else kept[tag] for tag in kept)
+    return Limit(lower, upper, effort, velocity)
 
 
 def _enforced(value: float) -> float:
     """Give an effort or a velocity, which is not enforced where it is negative."""
     return math.inf if value < 0 else abs(value)
+
+
+def _negative(limit: Element | Taken, tag: str) -> float:
+    """Read the negative number by which URDF said that there is no limit."""
+    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+    value = limit_number(text, limit, f'urdf:{tag}')
+    return value if value < 0 else math.inf
 
 
 def _dynamics(element: Element | Taken) -> Dynamics:

@@ -20,12 +20,13 @@ from collections.abc import Iterator
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
 from opencv_tools.robot.taken import Taken
-from opencv_tools.robot.texts import numbers, numbers_text
+from opencv_tools.robot.texts import numbers, numbers_text, uncut
 from opencv_tools.robot.xml import DescriptionError, Element
 
 Version = tuple[int, int]
@@ -40,6 +41,9 @@ CONTINUOUS: Version = (1, 6)
 PBR: Version = (1, 6)
 CAPSULE: Version = (1, 8)
 MIMIC: Version = (1, 11)
+
+# The attribute that keeps a colour of which SDF took only a part.
+CUT = f'{{{URDF_NAMESPACE}}}color'
 
 _HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
@@ -163,7 +167,7 @@ def poses_in(element: Element) -> Iterator[Element]:
 
 
 def color_of(element: Element | Taken) -> Color:
-    """Read a colour of three or four numbers; without alpha it is opaque."""
-    count = 3 if len((element.text or '').split()) == 3 else 4
-    red, green, blue, *rest = numbers(element.text, count, element)
+    """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
+    text = uncut(element.text or '', element.get(CUT))
+    red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, rest[0] if rest else 1.0

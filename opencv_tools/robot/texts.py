@@ -80,6 +80,25 @@ def _float(word: str) -> float:
     return float(word)
 
 
+def uncut(text: str, kept: str | None) -> str:
+    """
+    Return the colour that a writer cut to 0 and 1, unless someone changed it since.
+
+    :param text: the colour as it stands there.
+    :param kept: the colour of before; None where it was not cut.
+    """
+    try:
+        values, before = (tuple(map(_float, words.split())) for words in (text, kept or ''))
+    except ValueError:
+        return text
+    return kept if kept and values == cut(before) else text
+
+
+def cut(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Cut the parts of a colour to 0 and 1."""
+    return tuple(min(max(value, 0.0), 1.0) for value in values)
+
+
 def number_text(value: float) -> str:
     """Write a number so that reading it gives the same one, a whole one without a point."""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)

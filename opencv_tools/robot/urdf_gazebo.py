@@ -22,10 +22,11 @@ from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import pose_of
+from opencv_tools.robot.sdf_values import flaw_of, looked_at
 from opencv_tools.robot.taken import detached, Taken
 from opencv_tools.robot.texts import numbers_text
 from opencv_tools.robot.urdf_tree import TreeOfLinks
-from opencv_tools.robot.xml import Element, line_of
+from opencv_tools.robot.xml import Element, line_of, local_name
 
 # What turning a pose there and back leaves of nothing.
 _NOTHING_LEFT = 1e-12
@@ -52,7 +53,11 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
         remains.text = None
         for part in list(remains):
             owner = next((owner for owner in owners if part.tag in GAZEBO[owner.kind]), None)
-            if owner is not None:
+            flaw = owner and next(filter(None, map(flaw_of, looked_at(part))), '')
+            if flaw:
+                report.warn(local_name(part), name or '', line_of(part), f'{flaw}; it is kept as '
+                            'it is')
+            elif owner is not None:
                 remains.remove(part)
                 found.setdefault(owner, []).append(detached(part))
         if len(remains) or set(remains.attrib) - {'reference'} or not owners:

@@ -38,7 +38,7 @@ from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
-                                            shapes_of)
+                                            restore_colors, shapes_of)
 from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
@@ -80,6 +80,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     if not name:
         name = _UNNAMED
         report.warn('robot', '', line_of(root), f'has no name; it is called {name!r}')
+    restore_colors(element)
     tree = tree_of(root, report)
     gazebo, rest = sorted_blocks(root, tree, report)
     source = _Source(report, tree, looks_of(root, report), gazebo,
@@ -149,9 +150,6 @@ def _joint(element: Taken, source: _Source) -> Joint:
     own = element.get(f'{_SDF}type', '')
     if not own:
         axes = _axes(element, kind, source)
-        if kind == 'revolute' and axes[0].limit and axes[0].limit.lower == -math.inf and (
-                axes[0].limit.upper == math.inf):
-            kind = 'continuous'
         return Joint(name, kind, parent, child, placement, axes, is_loop,
                      _carried(element, extra), line_of(element))
     if own not in JOINT_TYPES:
@@ -196,15 +194,12 @@ def _limit(element: Taken, kind: str, source: _Source) -> Limit | None:
     for attribute in ('effort', 'velocity'):
         if attribute not in limit and kind != 'planar':
             raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
-        strength.append(limit_number(limit.get(attribute, 'inf'), limit, attribute))
+        value = limit_number(limit.get(attribute, 'inf'), limit, attribute)
+        strength.append(abs(value) if math.isinf(value) else value)
     if kind not in ('revolute', 'prismatic'):
         return Limit(effort=strength[0], velocity=strength[1])
-    lower, upper = (limit_number(limit.element.get(attribute, '0'), limit, attribute)
+    lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
                     for attribute in ('lower', 'upper'))
-    if kind == 'revolute' and (lower, upper) == (-math.inf, math.inf):
-        return Limit(effort=strength[0], velocity=strength[1])  # its numbers are carried
-    for attribute in ('lower', 'upper'):
-        limit.get(attribute)
     if lower > upper:
         source.report.warn('limit', named(element), line_of(limit),
                            f'lower={lower!r} is above upper={upper!r}')

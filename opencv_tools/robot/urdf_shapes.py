@@ -28,11 +28,13 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHTS,
                                        Material, Mesh, Sphere)
 from opencv_tools.robot.taken import Taken
-from opencv_tools.robot.texts import number, numbers, vector
+from opencv_tools.robot.texts import number, numbers, uncut, vector
 from opencv_tools.robot.xml import (child_of, DescriptionError, Element, line_of, local_name,
                                      named)
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
+# The attribute that keeps a colour of which URDF took only a part.
+CUT = f'{_SDF}rgba'
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,13 @@ def looks_of(root: Taken, report: Report) -> Looks:
             report.warn('material', look.name, line_of(element), 'is defined elsewhere with '
                         'another colour or texture; each is taken as it stands')
     return Looks(each, found, frozenset(name for name, count in names.items() if count == 1))
+
+
+def restore_colors(root: Element) -> None:
+    """Write colours as they were before `urdf_rules` took a part of them."""
+    for color in root.iter('color'):
+        if CUT in color.attrib:
+            color.set('rgba', uncut(color.get('rgba', ''), color.attrib.pop(CUT)))
 
 
 def look_of(element: Taken, report: Report) -> Material:

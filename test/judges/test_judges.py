@@ -57,6 +57,7 @@ TOLERANCE = 1e-12  # metres, and lengths of differences of unit quaternions
 
 # SDF that is read here and that libsdformat does not read: what it says.
 LIMITS_OF_LIBSDFORMAT: Mapping[str, str] = {
+    'warning_color_above_1.sdf': 'The value <diffuse>200 200 200 1</diffuse> is invalid',
     'warning_text_before_the_declaration.sdf': 'Error parsing XML',
 }
 # Joints of files of others for which libsdformat has no axis at all: they do not say any.
@@ -299,8 +300,9 @@ def axis_values(axis: Axis, kind: str) -> list[float]:
     lower, upper = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if kind == 'continuous':
         lower, upper = -math.inf, math.inf
-    return [*normalised(axis.xyz), lower, upper, limit.effort if limit else math.inf,
-            limit.velocity if limit else math.inf,
+    effort, velocity = (limit.effort, limit.velocity) if limit else (-1.0, -1.0)
+    return [*normalised(axis.xyz), lower, upper, effort if effort >= 0 else math.inf,
+            velocity if velocity >= 0 else math.inf,
             (dynamics.damping if dynamics else None) or 0.0,
             (dynamics.friction if dynamics else None) or 0.0]
 
