@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf_shape_writer import text_element
 from opencv_tools.robot.sdf_texts import (CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version,
                                           version_text)
 from opencv_tools.robot.texts import number_text, numbers_text
-from opencv_tools.robot.xml import Element
+from opencv_tools.robot.xml import Element, local_name
 
 AXES = ('axis', 'axis2')
 
@@ -56,7 +56,22 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             report.carry('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
     restore(element, joint.carried.sdf)
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        _remove_positions(element, joint, version, report)
     carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
+
+
+def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
+    """Remove limits that mean nothing for a continuous joint, and something for a revolute one."""
+    for limit in element.findall(f'{AXES[0]}/limit'):
+        found = limit.findall('lower') + limit.findall('upper')
+        for child in found:
+            limit.remove(child)
+        if found:
+            names = ' and '.join(local_name(child) for child in found)
+            report.warn('limit', joint.name, joint.line,
+                        f'{names} left out: they mean nothing for a continuous joint, and SDF '
+                        f'{version_text(version)} has a revolute one for it')
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.pose import Vector
@@ -100,7 +101,13 @@ def cut(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def number_text(value: float) -> str:
-    """Write a number so that reading it gives the same one, a whole one without a point."""
+    """
+    Write a number so that reading it gives the same one, a whole one without a point.
+
+    Numbers so small that C++ cannot read them are 0.
+    """
+    if abs(value) < sys.float_info.min:
+        value = 0.0
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 

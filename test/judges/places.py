@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 Element = ElementTree.Element
 Matrix = NDArray[np.float64]
+_FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 UNLIMITED = 1e16  # from here on a limit is none, in URDF as in SDF
 
 
@@ -85,10 +86,17 @@ def of_urdf(root: Element, *, named: bool) -> Places:
                 float(_got(inertial, 'inertia', key, '0'))
                 for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))]
         for tag in ('visual', 'collision'):
-            for index, shape in enumerate(link.findall(tag)):
+            for index, shape in enumerate(filter(_is_read, link.findall(tag))):
                 key = (name, tag, shape.get('name', '') if named else str(index))
                 result.shapes[key] = frame(name) @ origin(shape)
     return result
+
+
+def _is_read(shape: Element) -> bool:
+    """Return whether urdfdom has a geometry of this kind."""
+    form = next(iter(shape.find('geometry') or ()), None)
+    return form is not None and form.tag in _FORMS and (
+        form.tag != 'mesh' or 'filename' in form.attrib)
 
 
 def _got(element: Element, tag: str, name: str, default: str = '') -> str:
