@@ -33,7 +33,7 @@ from opencv_tools.robot.sdf_rules import NAME
 from opencv_tools.robot.sdf_texts import CUT as CUT_SDF
 from opencv_tools.robot.texts import cut, number_text, numbers_text, uncut
 from opencv_tools.robot.urdf_shapes import CUT
-from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name
+from opencv_tools.robot.xml import DescriptionError, Element, line_of
 
 # Numbers of the parts of a joint that the parser reads, and those that have to be there.
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
@@ -137,12 +137,10 @@ def _write_version(root: Element, _: str, report: Report) -> None:
 def _refuse_numbers(root: Element, source: str, _: Report) -> None:
     """Refuse what the parser does not read in a joint; all this stood in a file of URDF once."""
     for joint in root.iterfind('joint'):
-        for part in joint:
-            tag = local_name(part) if isinstance(part.tag, str) else ''
-            if tag != part.tag or tag not in _NUMBERS:
-                continue
-            flaw = _flaw(part, tag)
-            if flaw:
+        for tag in _NUMBERS:
+            part = joint.find(tag)  # the parser reads the first one only
+            flaw = '' if part is None else _flaw(part, tag)
+            if part is not None and flaw:
                 raise DescriptionError(f'{flaw} in joint {joint.get("name")!r}', source=source,
                                        line=line_of(part), tag=tag)
 

@@ -96,7 +96,9 @@ def _shuffle(random: Random, root: Element) -> None:
 def _move(random: Random, root: Element) -> None:
     if pair := _pair(random, root):
         pair[0].remove(pair[1])
-        _any(random, root).append(pair[1])
+        # Not into what has a text, which no parser understands.
+        random.choice([element for element in root.iter() if not (element.text or '').strip()]
+                      ).append(pair[1])
 
 
 def _odd_text(random: Random, root: Element) -> None:
