@@ -74,6 +74,15 @@ def test_reference_of_a_pose_by_version(version: str, attribute: str) -> None:
     assert robot.links[1].placement.relative_to == FrameId('link', 'a')
 
 
+@pytest.mark.parametrize(('version', 'attributes', 'expected'), [
+    ('1.6', 'frame="a" relative_to="b"', FrameId('link', 'a')),
+    ('1.6', 'frame="" relative_to="b"', MODEL),
+    ('1.7', 'frame="a" relative_to="b"', FrameId('link', 'b'))])
+def test_both_references_of_a_pose(version: str, attributes: str, expected: FrameId) -> None:
+    robot = read(f'{TWO}<link name="c"><pose {attributes}>1 0 0 0 0 0</pose></link>', version)
+    assert robot.links[2].placement.relative_to == expected
+
+
 def test_old_reference_means_nothing_in_a_new_version() -> None:
     report = Report()
     robot = read('<link name="a"/><link name="b"><pose frame="a"/></link>', '1.7', report)
@@ -196,6 +205,11 @@ def test_old_versions_may_use_a_name_twice(version: str) -> None:
 
 @pytest.mark.parametrize(('version', 'extra', 'attribute', 'expected'), [
     ('1.4', '', '', (0, -1, 0)),
+    ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', '', (1, 0, 0)),
+    ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', 'expressed_in="a"', (0, -1, 0)),
+    ('1.5', '', 'expressed_in="__model__"', (0, -1, 0)),
+    ('1.6', '', 'expressed_in="a"', (0, -1, 0)),
+    ('1.6', '<use_parent_model_frame>1</use_parent_model_frame>', 'expressed_in="b"', (0, -1, 0)),
     ('1.5', '', '', (1, 0, 0)),
     ('1.6', '<use_parent_model_frame>1</use_parent_model_frame>', '', (0, -1, 0)),
     ('1.6', '<use_parent_model_frame>0</use_parent_model_frame>', '', (1, 0, 0)),
@@ -208,6 +222,17 @@ def test_axis_is_in_the_frame_that_the_version_says(
     robot = read(f'<link name="a"/><link name="b"><pose>0 0 1 0 0 {HALF}</pose></link>' + joint(
         f'<axis><xyz {attribute}>1 0 0</xyz>{extra}</axis>', 'prismatic'), version)
     assert near(robot.joints[0].axes[0].xyz, expected)
+
+
+def test_parent_model_frame_means_nothing_in_a_new_version() -> None:
+    report = Report()
+    text = '<axis><use_parent_model_frame>{}</use_parent_model_frame></axis>'
+    robot = read(f'<link name="a"/><link name="b"><pose>0 0 1 {HALF} 0 0</pose></link>'
+                 + joint(text.format('1'), 'prismatic'), '1.7', report)
+    assert robot.joints[0].axes[0].xyz == (0, 0, 1)
+    assert [note.message[:27] for note in report.warnings] == ['use_parent_model_frame mean']
+    read(TWO + joint(text.format('0'), 'prismatic'), '1.7', quiet := Report())
+    assert not quiet.warnings
 
 
 def test_axis_keeps_its_numbers_where_frames_are_parallel() -> None:
@@ -352,6 +377,16 @@ def test_inertials_have_the_defaults_of_sdf() -> None:
     assert none is None and default is not None and other is not None
     assert (default.mass, default.inertia) == (1, (1, 0, 0, 1, 0, 1))
     assert (other.mass, other.inertia) == (0, (2, 0.1, 0, 1, 0, 1))
+
+
+@pytest.mark.parametrize('attribute', ['frame', 'relative_to'])
+def test_inertials_are_in_their_link(attribute: str) -> None:
+    report = Report()
+    robot = read(f'<link name="a"/><link name="b"><inertial><pose {attribute}="a">1 0 0 0 0 0'
+                 '</pose></inertial></link>', '1.6', report)
+    assert robot.links[1].inertial is not None
+    assert robot.links[1].inertial.placement == Placement(Pose((1, 0, 0)), FrameId('link', 'b'))
+    assert [note.element for note in report.warnings] == ['inertial']
 
 
 def test_frames_and_joints_on_them() -> None:

@@ -298,7 +298,8 @@ def test_one_limit_is_written_with_a_number_for_the_other() -> None:
     ('<material name="other"/>', Material('other', RED, RED, BLACK, BLACK)),
     ('<material name="m"><color rgba="1 0 0 1"/></material><carried:sdf><material><ambient>0 0 0 1'
      '</ambient></material></carried:sdf>', Material('m', RED, BLACK)),
-    ('<carried:sdf><material><emissive>0 0 0 1</emissive></material></carried:sdf>', Material(emissive=BLACK)),
+    ('<carried:sdf><material><emissive>0 0 0 1</emissive></material></carried:sdf>',
+     Material(emissive=BLACK)),
     ('<carried:sdf><material/></carried:sdf>', Material()),
     ('', None),
 ])

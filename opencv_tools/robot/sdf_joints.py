@@ -186,9 +186,14 @@ def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Tu
     """Give what turns an axis into the joint's frame, by the rules of its version."""
     version, xyz = place.scope.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
-    old = axis.find('use_parent_model_frame') if version < FRAMES else None
-    if (old is not None and flag(old.text, old)) or version < JOINT_AXES:
-        name = MODEL_FRAME
+    old = axis.find('use_parent_model_frame')
+    if old is not None and flag(old.text, old) and version >= FRAMES:
+        place.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame means nothing '
+                          'from SDF 1.7 on, where it is expressed_in=')
+    elif version < FRAMES:
+        in_model = version < JOINT_AXES and not place.scope.is_inside
+        if in_model if old is None else flag(old.text, old):
+            name = MODEL_FRAME
     if not name:
         return None
     frame = place.names.lookup(place.scope, name, axis, 'expressed_in')

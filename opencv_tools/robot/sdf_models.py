@@ -64,6 +64,11 @@ class Scope:
         """Tell whether its links are the parent's own."""
         return self.parent is not None and self.prefix == self.parent.prefix
 
+    @property
+    def is_inside(self) -> bool:
+        """Whether it is written in another model, not in a file of its own."""
+        return self.parent is not None and not self.part.includes
+
     def qualified(self, name: str) -> str:
         """Give the name that something of this model has in the robot."""
         return self.prefix + name

@@ -64,8 +64,8 @@ class Place:
         if old is not None and self.scope.version >= FRAMES:
             self.report.warn('pose', holder.element.get('name', ''), line_of(pose),
                              'frame= means nothing from SDF 1.7 on, where it is relative_to=')
-        elif self.scope.version < FRAMES:
-            name = name or old or ''
+        elif old is not None:
+            name = old
         frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
         return Placement(pose_of(pose), frame)
 
@@ -141,8 +141,11 @@ def _inertial(element: Taken, link: FrameId, place: Place) -> Inertial:
         if moments is not None and (child := moments.find(tag)) is not None:
             values[index] = number(child.text, child)
     ixx, ixy, ixz, iyy, iyz, izz = values
-    mass = element.find('mass')
-    return Inertial(place.placement(element, link), 1.0 if mass is None else number(
+    mass, pose = element.find('mass'), element.find('pose')
+    if pose is not None and (pose.get('relative_to', '') or pose.get('frame', '')):
+        place.report.warn('inertial', link.name, line_of(pose), 'its pose is in its link, so that '
+                          'what it is relative to means nothing')
+    return Inertial(Placement(pose_of(pose), link), 1.0 if mass is None else number(
         mass.text, mass), (ixx, ixy, ixz, iyy, iyz, izz))
 
 
