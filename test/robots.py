@@ -27,6 +27,37 @@ import xml.etree.ElementTree as ElementTree
 Element = ElementTree.Element
 _COLORS = ('0.1 0.2 0.3 1', '0.9 0.9 0.9 0.5', '1 1 1 1', '0.123456789012345 0 1 1')
 _SDF_COLORS = (*_COLORS, '1.5 0.5 2 1')  # of which SDF takes a part
+# Parts of a link of SDF, with what is said of those that its parser refuses.
+PARTS_OF_SDF = (
+    ('<sensor name="s" type="imu"><update_rate>x</update_rate></sensor>', "'x' is not a number"),
+    ('<sensor name="s" type="imu"><update_rate>1e400</update_rate></sensor>', 'not a number'),
+    ('<sensor name="s" type="imu"><update_rate>30 Hz</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate>0x10</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate/></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate>inf</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><always_on>yes</always_on></sensor>', 'true or false'),
+    ('<sensor name="s" type="imu"><always_on>TRUE</always_on></sensor>', ''),
+    ('<sensor name="s" type="imu"><pose>1 2 3 4 5 nan</pose></sensor>', '6 finite numbers'),
+    ('<sensor name="s" type="imu"><pose rotation_format="quat_xyzw">0 0 0 0 0 1</pose></sensor>',
+     '7 finite numbers'),
+    ('<sensor name="s" type="imu"><pose rotation_format="quat_xyzw">0 0 0 0 0 0 1</pose>'
+     '</sensor>', ''),
+    ('<sensor name="s" type="camera"><camera><clip><far>0</far></clip></camera></sensor>',
+     "'0' is outside of 0.1"),
+    ('<sensor name="s" type="nose"/>', "type='nose'"),
+    ('<sensor name="s"/>', 'has no type='),
+    ('<sensor type="imu"/>', 'has no name='),
+    ('<sensor name="s" type="imu"><plugin name="p" filename="f"><update_rate>x</update_rate>'
+     '</plugin></sensor>', ''),
+    ('<light name="l" type="spot"><direction>1 2</direction></light>', '3 numbers'),
+    ('<light name="l" type="spot"><direction>1 2 3 4</direction></light>', ''),
+    ('<light name="l" type="lamp"/>', "type='lamp'"),
+    ('<light name="l" type="point"><diffuse>1 1</diffuse></light>', '3 or 4 numbers'),
+    ('<light name="l" type="point"><diffuse>red</diffuse></light>', '3 or 4 numbers'),
+    ('<light name="l" type="point"><diffuse>1 0 0</diffuse></light>', ''),
+    ('<gravity>maybe</gravity>', 'true or false'),
+    ('<battery/>', 'has no name='),
+)
 _URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
 _SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'ball', 'universal', 'revolute2',
               'screw', 'gearbox')

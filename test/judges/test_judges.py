@@ -244,6 +244,16 @@ def test_robots_that_are_made_up_are_taken_by_both_parsers(
     record_property('files of SDF of made up robots that libsdformat takes', len(verdicts))
 
 
+def test_parts_that_libsdformat_refuses(tmp_path: Path) -> None:
+    paths = [tmp_path / f'{number}.sdf' for number in range(len(robots.PARTS_OF_SDF))]
+    for path, (content, _) in zip(paths, robots.PARTS_OF_SDF):
+        path.write_text(f'<sdf version="1.9"><model name="m"><link name="a">{content}</link>'
+                        '</model></sdf>')
+    verdicts = ask_libsdformat(paths)
+    for path, (content, words) in zip(paths, robots.PARTS_OF_SDF):
+        assert verdicts[str(path)]['valid'] is not bool(words), content
+
+
 @pytest.mark.parametrize(('mass', 'inertia'), [
     (1, (1, 0, 0, 1, 0, 1)), (1, (1, 0, 0, 1, 0, 2)), (1, (1, 0, 0, 1, 0, 2.1)),
     (0, (0, 0, 0, 0, 0, 0)), (0, (0, 0, 0, 0, 0, 1)), (1, (0, 0, 0, 0, 0, 0)),
