@@ -151,8 +151,8 @@ SAID = {
         '@name': 'else', '@xyz': '0.6 0 0.8', '@rpy': '0.1 0.2 0.3', '@size': '1 2 3',
         '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
         'joint/@type': 'prismatic', 'parent/@link': 'hand', 'child/@link': 'arm',
-        'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false', 'robot/@version': '1.1',
-        'gazebo/static': 'true',
+        'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false',
+        'robot/@version': '1.1', 'gazebo/static': 'true',
     },
     'sdf': {
         '@name': 'else', 'pose': '1 2 3 0.1 0.2 0.3', '@relative_to': 'hand',

@@ -16,20 +16,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from pathlib import Path
 
 from lxml import etree
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import axis_to_element
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
+from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
+import robots
 
+DATA = Path(__file__).parent / 'data' / 'robots'
+BLACK = (0.0, 0.0, 0.0, 1.0)
 HALF = math.pi / 2
 TURNED = Pose((0.1, 0.2, 0.3), (0.0, 0.0, 1.5708))
 VERSIONS = [f'1.{minor}' for minor in range(4, 13)]
@@ -335,3 +342,111 @@ def test_second_inertial_stays_apart_from_the_first() -> None:
     assert link is not None
     assert [inertial.findtext('mass') for inertial in link] == ['2', None]
     assert link.xpath('inertial/inertia/ixx/text()') == ['1', '3']
+
+
+def checked_names(element: Element) -> None:
+    """Check what libsdformat checks: names without '::', and once among the children."""
+    if element.tag == 'plugin' or '{' in element.tag:
+        return
+    assert '::' not in element.get('name', '')
+    names = [child.get('name') for child in element if child.get('name') and child.tag != 'plugin']
+    assert len(set(names)) == len(names)
+    for child in element:
+        checked_names(child)
+
+
+@pytest.mark.parametrize('fixture', [
+    'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
+    'warning_sensor_name_with_double_colon.urdf', 'warning_sensors_of_one_name.urdf',
+    'warning_contact_of_a_renamed_collision.urdf'])
+@pytest.mark.parametrize('version', ['1.4', '1.9', '1.12'])
+def test_names_that_sdf_allows_and_those_of_before(fixture: str, version: str) -> None:
+    path = DATA / fixture
+    robot, _ = read_robot(str(path), Report())
+    root = convert_to_sdf(robot, Report(), version=version)
+    model = root[0]
+    checked_names(root)
+    assert not {'world', '__lamp__'} & {name.get('name') for name in (model, *model.iter('light'))}
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    back = convert_to_urdf(read, Report())
+    before = parse(path.read_bytes(), '', Report())
+    assert sorted(before.xpath('//@name')) == sorted(
+        name for name in back.xpath('//@name') if name)
+    assert before.xpath('//contact/collision/text()') == back.xpath('//contact/collision/text()')
+
+
+@pytest.mark.parametrize(('content', 'words'), robots.PARTS_OF_SDF)
+def test_values_that_sdf_refuses_stay_in_their_block(content: str, words: str) -> None:
+    report = Report()
+    text = f'<robot name="r"><link name="a"/><gazebo reference="a">{content}</gazebo></robot>'
+    robot = read_urdf(parse(text.encode(), '', report), report)
+    flaws = [note.message for note in report.warnings]
+    root = convert_to_sdf(robot, report, inertial='zero')
+    tag = etree.fromstring(content).tag
+    if not words:
+        assert flaws == [] and root.find(f'model/link/{tag}') is not None
+        return
+    assert len(flaws) == 1 and words in flaws[0]
+    assert root.find(f'model/link/{tag}') is None
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    back = convert_to_urdf(read, Report())
+    assert back.xpath('gazebo/@reference') == ['a']
+    kept, before = back.xpath('gazebo/*')[0], etree.fromstring(content)
+    assert [(one.tag, one.attrib, one.text) for one in kept.iter() if not len(one)] == [
+        (one.tag, one.attrib, one.text) for one in before.iter() if not len(one)]
+
+
+def test_colors_beyond_1_are_cut_and_come_back_unless_changed() -> None:
+    color = (1.5, 0.5, -1.0, 1.0)
+    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0), Material(
+        'red', color, color, BLACK, BLACK))
+    report = Report()
+    root = convert_to_sdf(with_shape(shape), report, inertial='zero')
+    assert root.findtext('.//diffuse') == root.findtext('.//ambient') == '1 0.5 0 1'
+    assert [note.element for note in report.warnings] == ['ambient']
+    assert "'1.5 0.5 -1 1' is beyond 0 to 1" in report.warnings[0].message
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    assert read.links[0].visuals[0].material == shape.material
+    for element in root.iter('ambient', 'diffuse'):
+        element.text = '0 0 1 1'
+    material = read_sdf(root, Report()).links[0].visuals[0].material
+    assert material is not None and material.color == material.ambient == (0.0, 0.0, 1.0, 1.0)
+
+
+def test_inertia_that_no_body_has_is_reported() -> None:
+    report = Report()
+    link = Link('a', Placement(Pose(), MODEL), Inertial(
+        Placement(Pose(), FrameId('link', 'a')), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), line=7)
+    root = convert_to_sdf(Robot('r', (link,)), report)
+    assert root.findtext('.//izz') == '3'
+    assert [(note.element, note.name, note.line) for note in report.warnings] == [
+        ('inertial', 'a', 7)]
+
+
+@pytest.mark.parametrize(('effort', 'text'), [(-1.0, None), (math.inf, None), (0.0, '0')])
+def test_effort_that_is_none(effort: float, text: str | None) -> None:
+    robot = with_axis(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0, effort, 2.0)))
+    assert written(robot).findtext('joint/axis/limit/effort') == text
+    for version in VERSIONS:
+        assert again(robot, version).joints[0].axes == robot.joints[0].axes
+
+
+def test_effort_of_before_is_nothing_where_another_is_written() -> None:
+    model = written(with_axis(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0, -1.0, -1.0))))
+    limit = model.find('joint/axis/limit')
+    assert limit is not None
+    etree.SubElement(limit, 'effort').text = '5'
+    root = model.getparent()
+    assert root is not None
+    read = read_sdf(root, Report()).joints[0]
+    assert read.axes[0].limit == Limit(-1.0, 1.0, 5.0, -1.0)
+    assert read.carried.sdf is None
+
+
+def test_revolute_joint_without_limits_comes_back() -> None:
+    robot = with_axis(Axis((0.0, 0.0, 1.0), Limit(effort=1.0, velocity=2.0)))
+    for version in VERSIONS:
+        read = again(robot, version).joints[0]
+        assert (read.type, read.axes) == ('revolute', robot.joints[0].axes)
+        assert written(robot, version=version).find('joint').get('type') == (  # type: ignore
+            'revolute')

@@ -24,12 +24,15 @@ import re
 from typing import Any
 
 from lxml import etree
+from opencv_tools.robot.compare import differences
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.facts import is_continuous
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.urdf_writer import write_urdf
@@ -579,3 +582,111 @@ def test_yourdfpy_reads_the_same_numbers(judge: Callable[[Robot], Any]) -> None:
     joints = {one.name: one for one in loaded.joints}
     assert joints['j'].mimic.multiplier == -2
     assert joints['k'].limit.upper == 1e16
+
+
+def back_from_sdf(content: str, report: Report | None = None) -> Element:
+    """Convert URDF to SDF and back."""
+    root = convert_to_sdf(robot(content), Report(), inertial='zero', version='1.9')
+    read = read_sdf(parse(to_bytes(root), 'r.sdf', Report()), Report())
+    return convert_to_urdf(read, report or Report())
+
+
+@pytest.mark.parametrize(('kind', 'limit', 'written_limit'), [
+    ('revolute', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '-2.5'}, {}),
+    ('prismatic', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '3'}, {}),
+    ('continuous', {'effort': '-1', 'velocity': '-1'}, {}),
+    ('continuous', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '-1'}, {}),
+    ('continuous', {'lower': '-1', 'upper': '1', 'effort': '1e20', 'velocity': '1e18'},
+     {'effort': '1e+16', 'velocity': '1e+16'}),
+    ('revolute', {'lower': '-1', 'upper': '1', 'effort': '-1e20', 'velocity': '1e400'},
+     {'effort': '1e+16', 'velocity': '1e+16'}),
+    ('revolute', {'lower': '-1e16', 'upper': '1e17', 'effort': '1', 'velocity': '1'},
+     {'lower': '-1e+16', 'upper': '1e+16'}),
+])
+def test_limits_come_back(kind: str, limit: dict[str, str], written_limit: dict[str, str]) -> None:
+    words = ' '.join(f'{name}="{value}"' for name, value in limit.items())
+    report = Report()
+    content = joint(f'<axis xyz="0 0 1"/><limit {words}/>', kind)
+    root = back_from_sdf(content, report)
+    found = root.find('joint')
+    assert found is not None and found.get('type') == kind
+    assert [dict(one.attrib) for one in found.findall('limit')] == [{**limit, **written_limit}]
+    assert report.warnings == []
+    found = differences(robot(content), read_urdf(root, Report()))
+    assert [one for one in found if one.element == 'joint'] == []
+
+
+def test_limits_of_joints_without_an_axis_are_complete() -> None:
+    root = back_from_sdf(joint('<limit lower="0" upper="1"/>', 'fixed'))
+    assert dict(root.find('joint/limit').attrib) == {  # type: ignore[union-attr]
+        'lower': '0', 'upper': '1', 'effort': '1e+16', 'velocity': '1e+16'}
+
+
+@pytest.mark.parametrize(('content', 'attributes'), [
+    ('<dynamics/>', []),
+    ('<dynamics armature="1"/>', [{'armature': '1', 'damping': '0'}]),
+    ('<dynamics friction="0"/>', [{'friction': '0'}]),
+])
+@pytest.mark.parametrize('kind', ['continuous', 'fixed'])
+def test_dynamics_say_something(kind: str, content: str, attributes: list[dict[str, str]]) -> None:
+    root = back_from_sdf(joint(f'<axis xyz="0 0 1"/>{content}', kind))
+    assert [dict(one.attrib) for one in root.iterfind('joint/dynamics')] == attributes
+
+
+@pytest.mark.parametrize(('content', 'message'), [
+    ('<safety_controller/>', "has no k_velocity=, which URDF demands, in joint 'j'"),
+    ('<safety_controller k_velocity="fast"/>', "k_velocity='fast' is not a finite number"),
+    ('<calibration falling="1e400"/>', "falling='1e400' is not a finite number"),
+    ('<mimic/>', 'has no joint='),
+    ('<dynamics damping="inf"/>', "damping='inf'"),
+])
+def test_numbers_of_joints_that_urdf_refuses(content: str, message: str) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(message)):
+        back_from_sdf(joint(content, 'fixed'))
+
+
+@pytest.mark.parametrize(('version', 'back'), [
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.0')])
+def test_version_that_urdf_has(version: str, back: str) -> None:
+    text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
+    model = read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
+    report = Report()
+    root = convert_to_urdf(model, report, inertial='zero')
+    assert root.get('version') == back
+    assert [version in note.message for note in report.warnings] == [True] * (version != back)
+
+
+def test_materials_of_the_robot_have_a_name_each() -> None:
+    report = Report()
+    red = '<material name="red"><color rgba="1 0 0 1"/></material>'
+    root = back_from_sdf(f'{red}{red}<material name="red_again"/>{red}<link name="a"/>', report)
+    assert root.xpath('material/@name') == ['red', 'red_again_1', 'red_again', 'red_again_2']
+    assert len(report.warnings) == 2
+
+
+def test_colors_are_cut_and_come_back_unless_changed() -> None:
+    content = ('<material name="red"><color rgba="2 0 0 1"/></material>'
+               f'<link name="a"><visual>{BOX}<material name="blue"><color rgba="0 -1 1 1"/>'
+               '</material></visual></link>')
+    report = Report()
+    root = back_from_sdf(content, report)
+    assert root.xpath('//color/@rgba') == ['0 0 1 1', '1 0 0 1']
+    assert [note.name for note in report.warnings] == ['red', 'blue']
+    model = read_urdf(parse(to_bytes(root), 'r.urdf', Report()), Report())
+    material = model.links[0].visuals[0].material
+    assert material is not None and material.color == (0.0, -1.0, 1.0, 1.0)
+    kept = model.carried.urdf
+    assert kept is not None and kept.xpath('material/color/@rgba') == ['2 0 0 1']
+    color = root.find('link/visual/material/color')
+    assert color is not None
+    color.set('rgba', '1 1 1 1')
+    material = read_urdf(root, Report()).links[0].visuals[0].material
+    assert material is not None and material.color == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_robot_name_is_flat() -> None:
+    text = '<sdf version="1.7"><model name="a::b"><link name="a"/></model></sdf>'
+    report = Report()
+    model = read_sdf(parse(text.encode(), 'r.sdf', Report()), Report())
+    assert convert_to_urdf(model, report, inertial='zero').get('name') == 'a__b'
+    assert [note.name for note in report.warnings] == ['a::b']

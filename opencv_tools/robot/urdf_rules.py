@@ -72,8 +72,8 @@ def _restore(root: Element, _: str, __: Report) -> None:
 
 
 def _complete_limits(root: Element, _: str, __: Report) -> None:
-    """Write the effort and the velocity of all limits: none where there is none."""
-    for limit in root.iterfind('joint/limit'):
+    """Write the effort and the velocity of limits that have none: no limit."""
+    for limit in _parts(root, 'limit'):
         for name in ('effort', 'velocity'):
             if name not in limit.attrib:
                 limit.set(name, number_text(UNLIMITED))
@@ -85,8 +85,9 @@ def _complete_dynamics(root: Element, _: str, __: Report) -> None:
         for dynamics in joint.findall('dynamics'):
             if not len(dynamics) and not dynamics.attrib:
                 joint.remove(dynamics)
-            elif 'damping' not in dynamics.attrib and 'friction' not in dynamics.attrib:
-                dynamics.set('damping', '0')
+    for dynamics in _parts(root, 'dynamics'):
+        if 'damping' not in dynamics.attrib and 'friction' not in dynamics.attrib:
+            dynamics.set('damping', '0')
 
 
 def _cut_colors(root: Element, _: str, report: Report) -> None:
@@ -136,13 +137,18 @@ def _write_version(root: Element, _: str, report: Report) -> None:
 
 def _refuse_numbers(root: Element, source: str, _: Report) -> None:
     """Refuse what the parser does not read in a joint; all this stood in a file of URDF once."""
-    for joint in root.iterfind('joint'):
-        for tag in _NUMBERS:
-            part = joint.find(tag)  # the parser reads the first one only
-            flaw = '' if part is None else _flaw(part, tag)
-            if part is not None and flaw:
+    for tag in _NUMBERS:
+        for part in _parts(root, tag):
+            flaw, joint = _flaw(part, tag), part.getparent()
+            if flaw and joint is not None:
                 raise DescriptionError(f'{flaw} in joint {joint.get("name")!r}', source=source,
                                        line=line_of(part), tag=tag)
+
+
+def _parts(root: Element, tag: str) -> list[Element]:
+    """Return of each joint the first element with a tag; the parser looks at no other."""
+    found = (joint.find(tag) for joint in root.iterfind('joint'))
+    return [part for part in found if part is not None]
 
 
 def _flaw(part: Element, tag: str) -> str:
