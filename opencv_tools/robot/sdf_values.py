@@ -98,7 +98,8 @@ _RANGES: Mapping[str, tuple[float, float]] = {
 }
 _REQUIRED: Mapping[str, tuple[str, ...]] = {
     'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
-    'particle_emitter': ('name', 'type'), 'projector': ('name',), 'sensor': ('name', 'type'),
+    'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
+    'sensor': ('name', 'type'),
 }
 _TYPES: Mapping[str, tuple[str, ...]] = {
     'light': ('directional', 'point', 'spot'),
@@ -133,6 +134,9 @@ def flaw_of(element: Element) -> str:
     for name in _REQUIRED.get(tag, ()):
         if not element.get(name):
             return f'has no {name}=, which SDF demands'
+    for plugin in element.iterchildren('plugin'):
+        if not (plugin.get('filename') and plugin.get('name')):
+            return 'has a <plugin> without filename= or name=, which SDF demands'
     if tag in _TYPES and element.get('type') not in _TYPES[tag]:
         return f'type={element.get("type")!r} is no type of SDF'
     if not text or len(element):

@@ -53,7 +53,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
         remains.text = None
         for part in list(remains):
             owner = next((owner for owner in owners if part.tag in GAZEBO[owner.kind]), None)
-            flaw = owner and next(filter(None, map(flaw_of, looked_at(part))), '')
+            flaw = owner and next(filter(None, map(flaw_of, (part, *looked_at(part)))), '')
             if flaw:
                 report.warn(local_name(part), name or '', line_of(part), f'{flaw}; it is kept as '
                             'it is')
