@@ -78,9 +78,12 @@ class Place:
         rest = element.rest()
         if rest is None:
             return None
-        if self.scope.version < FRAMES and element.tag in JOINTS:
-            for axis in rest.iterchildren('axis', 'axis2'):
+        for axis in rest.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
+            if self.scope.version < FRAMES:
                 _modernise(axis)
+            xyz = axis.find('xyz')
+            if xyz is not None and (name := xyz.get('expressed_in')):
+                xyz.set('expressed_in', self._in_robot(name))
         for pose in poses_in(rest):
             if self.scope.version < FRAMES and 'frame' in pose.attrib:
                 pose.set('relative_to', pose.attrib.pop('frame'))

@@ -106,7 +106,6 @@ class Taken:
 
     def leave(self, child: Taken) -> None:
         """Return a child to the rest, with all that was taken of it."""
-        self._whole.discard(child.element)
         self._parts.pop(child.element, None)
 
     def rest(self) -> _Element | None:

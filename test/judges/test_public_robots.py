@@ -114,9 +114,9 @@ class Bench:
 
     def urdf(self, path: Path) -> bool:
         """Return whether urdfdom reads a file."""
-        finished = subprocess.run(['check_urdf', str(path)], capture_output=True, text=True,
-                                  timeout=30, check=False)
-        return 'Successfully Parsed XML' in finished.stdout
+        finished = subprocess.run(['check_urdf', str(path)], capture_output=True, timeout=30,
+                                  check=False)
+        return b'Successfully Parsed XML' in finished.stdout
 
     def model(self, path: Path, demand: str = 'valid') -> Mapping[str, Any] | None:
         """Return what libsdformat resolves of a model; None without what is demanded of it."""
