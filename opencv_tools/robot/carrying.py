@@ -19,7 +19,7 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.taken import detached, PART, Taken
+from opencv_tools.robot.taken import detached, PART, Taken, TEXT
 from opencv_tools.robot.xml import Element, local_name
 
 # What a writer notes for the reader of the way back has the namespace of the format that it is
@@ -49,6 +49,8 @@ def restore(element: Element, rest: Element | None, *, marked: bool = False) -> 
             element.set(name, value)
     for part in rest:
         target = written.get(part.tag) if PART in part.attrib else None
+        if target is None and part.get(PART) == TEXT:
+            continue  # what has no text any more has no attributes
         if target is None:
             copy = detached(part)
             if not marked:

@@ -132,10 +132,10 @@ def flaw_of(element: Element) -> str:
     """Return what the parser refuses about one element, as a sentence; empty where it does not."""
     tag, text = local_name(element), (element.text or '').strip()
     for name in _REQUIRED.get(tag, ()):
-        if not element.get(name):
+        if not element.get(name, '').strip():
             return f'has no {name}=, which SDF demands'
     for plugin in element.iterchildren('plugin'):
-        if not (plugin.get('filename') and plugin.get('name')):
+        if not (plugin.get('filename', '').strip() and plugin.get('name', '').strip()):
             return 'has a <plugin> without filename= or name=, which SDF demands'
     if tag in _TYPES and element.get('type') not in _TYPES[tag]:
         return f'type={element.get("type")!r} is no type of SDF'

@@ -25,6 +25,7 @@ _Element = etree._Element
 
 # Marks what is left of an element that was read, apart from elements that were not read at all.
 PART = '{urn:opencv_tools:carried}part'
+TEXT = 'text'  # its value where the text was read
 
 
 class Taken:
@@ -121,7 +122,7 @@ class Taken:
                 parts.append(detached(child))
             elif not part._is_whole and (left := part.rest()) is not None:
                 if PART in child.attrib or part._is_taken():
-                    left.set(PART, 'true')
+                    left.set(PART, TEXT if '' in part._names else child.get(PART, 'true'))
                 parts.append(left)
         untaken = [name for name in element.keys() if name not in names and name != PART]
         text = '' if '' in names else (element.text or '').strip()
