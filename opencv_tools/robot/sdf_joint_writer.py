@@ -131,6 +131,16 @@ def _axes(joint: Joint, version: Version) -> tuple[Axis, ...]:
     return joint.axes
 
 
+def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
+    """Remove limits that mean nothing to a continuous joint, which is a revolute one here."""
+    for limit in element.iterfind(f'{AXES[0]}/limit'):
+        for number in list(limit.iterchildren('lower', 'upper')):
+            limit.remove(number)
+            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
+                        f'SDF {version_text(version)} has no continuous joints, and it would limit '
+                        'the revolute one')
+
+
 def _limit_element(axis: Element, limit: Limit) -> None:
     element = etree.SubElement(axis, 'limit')
     for tag in ('lower', 'upper', 'effort', 'velocity'):

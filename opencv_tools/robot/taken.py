@@ -124,7 +124,7 @@ class Taken:
                 if PART in child.attrib or part._is_taken():
                     left.set(PART, TEXT if '' in part._names else child.get(PART, 'true'))
                 parts.append(left)
-        untaken = [name for name in element.keys() if name not in names and name != PART]
+        untaken = [str(name) for name in element.attrib if name not in names and name != PART]
         text = '' if '' in names else (element.text or '').strip()
         if not (parts or untaken or text):
             return None
