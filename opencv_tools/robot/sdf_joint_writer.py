@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf_shape_writer import text_element
 from opencv_tools.robot.sdf_texts import (CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version,
                                           version_text)
 from opencv_tools.robot.texts import number_text, numbers_text
-from opencv_tools.robot.xml import Element, local_name
+from opencv_tools.robot.xml import Element
 
 AXES = ('axis', 'axis2')
 
@@ -59,19 +59,6 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
     if joint.type == 'continuous' and version < CONTINUOUS:
         _remove_positions(element, joint, version, report)
     carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
-
-
-def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
-    """Remove limits that mean nothing for a continuous joint, and something for a revolute one."""
-    for limit in element.findall(f'{AXES[0]}/limit'):
-        found = limit.findall('lower') + limit.findall('upper')
-        for child in found:
-            limit.remove(child)
-        if found:
-            names = ' and '.join(local_name(child) for child in found)
-            report.warn('limit', joint.name, joint.line,
-                        f'{names} left out: they mean nothing for a continuous joint, and SDF '
-                        f'{version_text(version)} has a revolute one for it')
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,
@@ -136,9 +123,9 @@ def _remove_positions(element: Element, joint: Joint, version: Version, report: 
     for limit in element.iterfind(f'{AXES[0]}/limit'):
         for number in list(limit.iterchildren('lower', 'upper')):
             limit.remove(number)
-            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
-                        f'SDF {version_text(version)} has no continuous joints, and it would limit '
-                        'the revolute one')
+            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left '
+                        f'out: SDF {version_text(version)} has no continuous joints, and it would '
+                        'limit the revolute one')
 
 
 def _limit_element(axis: Element, limit: Limit) -> None:
