@@ -23,13 +23,14 @@ from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.pose import Pose, Tensor
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import axis_to_element
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
+from opencv_tools.robot.texts import number_text
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
@@ -413,12 +414,15 @@ def test_colors_beyond_1_are_cut_and_come_back_unless_changed() -> None:
     assert material is not None and material.color == material.ambient == (0.0, 0.0, 1.0, 1.0)
 
 
-def test_inertia_that_no_body_has_is_reported() -> None:
+@pytest.mark.parametrize(('mass', 'inertia'), [
+    (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), (-1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+    (1.0, (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)), (1.0, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0))])
+def test_inertia_that_no_body_has_is_reported(mass: float, inertia: Tensor) -> None:
     report = Report()
     link = Link('a', Placement(Pose(), MODEL), Inertial(
-        Placement(Pose(), FrameId('link', 'a')), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), line=7)
+        Placement(Pose(), FrameId('link', 'a')), mass, inertia), line=7)
     root = convert_to_sdf(Robot('r', (link,)), report)
-    assert root.findtext('.//izz') == '3'
+    assert root.findtext('.//ixy') == number_text(inertia[1])
     assert [(note.element, note.name, note.line) for note in report.warnings] == [
         ('inertial', 'a', 7)]
 
