@@ -454,3 +454,41 @@ def test_revolute_joint_without_limits_comes_back() -> None:
         assert (read.type, read.axes) == ('revolute', robot.joints[0].axes)
         assert written(robot, version=version).find('joint').get('type') == (  # type: ignore
             'revolute')
+
+
+@pytest.mark.parametrize(('fixture', 'names'), [
+    ('ok_contact_of_a_visuals_name.sdf', ['body']),
+    ('warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
+def test_contact_sensors_name_the_collision_that_is_written(fixture: str, names: list[str]
+                                                            ) -> None:
+    robot, _ = read_robot(str(DATA / fixture), Report())
+    link = convert_to_sdf(robot, Report()).find('model/link')
+    assert link is not None
+    assert link.xpath('sensor/contact/collision/text()') == names
+    assert link.xpath('collision/@name')[:len(names)] == names
+    assert link.xpath('visual/@name') == ['base_visual']
+
+
+@pytest.mark.parametrize(('name', 'new'), [
+    ('___', '___'), ('__', '__'), ('____', 'unnamed'), ('__a__', 'a'), ('__a', '__a'),
+    ('a::::b', 'a____b')])
+def test_names_that_sdf_keeps_for_itself(name: str, new: str) -> None:
+    shape = Shape(name, Placement(Pose(), FrameId('link', name)), Sphere(1.0))
+    link = Link(name, Placement(Pose(), MODEL), visuals=(shape,))
+    root = convert_to_sdf(Robot(name, (link,)), Report())
+    assert root.xpath('.//@name') == [new] * 3
+
+
+def test_visual_is_not_called_world() -> None:
+    shape = Shape('world', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+    assert convert_to_sdf(with_shape(shape), Report()).xpath('.//visual/@name') == ['a_visual']
+
+
+def test_axis_of_a_revolute_joint_without_limits_keeps_what_others_added() -> None:
+    model = written(with_axis(Axis((0.0, 0.0, 1.0), Limit())))
+    axis, root = model.find('joint/axis'), model.getparent()
+    assert axis is not None and root is not None
+    etree.SubElement(axis, 'odd').text = '1'
+    read = read_sdf(root, Report()).joints[0]
+    assert read.type == 'revolute' and read.carried.sdf is not None
+    assert read.carried.sdf.findtext('axis/odd') == '1'
