@@ -97,11 +97,11 @@ def test_there_and_back_and_there_is_the_same_to_the_letter(seed: int, links: in
 
 # What has the name of something that a writer notes for itself, and what others added.
 URDF_WITH_MORE = b"""<robot name="r" xmlns:drake="http://drake.mit.edu" xmlns:gz="urn:gz">
-<link name="a" gz:foo="1"><gz:bar gz:foo="2"/><element foo="1"/><name>n</name></link>
+<link name="a" gz:foo="1">words<gz:bar gz:foo="2"/><element foo="1"/><name>n</name></link>
 <link name="b"/><link name="c"/><link name="d"/>
 <joint name="j" type="fixed"><parent link="a"/><child link="b"/><mimic joint="k"/></joint>
 <joint name="k" type="prismatic"><parent link="a"/><child link="c"/>
-<limit lower="0" upper="1" effort="1" velocity="1" drake:acceleration="2.5"/></joint>
+<limit lower="0" upper="1" effort="1" velocity="1" drake:acceleration="2.5">words</limit></joint>
 <joint name="l" type="prismatic"><parent link="a"/><child link="d"/><mimic joint="k"/>
 <limit lower="0" upper="1" effort="1" velocity="1"/><limit lower="5"/>
 <mimic joint="k" multiplier="3"/><type>t</type><pose/><axis2/></joint>
@@ -138,6 +138,14 @@ def test_elements_of_others_come_back_from_sdf(version: str) -> None:
     back = to_bytes(convert_to_urdf(sdf_of(there), Report()))
     assert _elements(URDF_WITH_MORE) - _elements(back) == Counter()
     assert to_bytes(convert_to_sdf(urdf_of(back), Report(), version=version)) == there
+
+
+def test_elements_of_urdf_in_a_frame_come_back_from_urdf() -> None:
+    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), lump=True)
+    assert len(robot.xpath('model/frame/*/mimic')) == 1
+    back = to_bytes(convert_to_urdf(sdf_of(to_bytes(robot)), Report()))
+    again = convert_to_sdf(urdf_of(back), Report())
+    assert len(again.xpath('model/frame/*/mimic')) == 1
 
 
 def test_elements_of_others_come_back_from_urdf() -> None:

@@ -328,6 +328,21 @@ def test_what_is_carried_goes_back_or_into_its_namespace() -> None:
     assert link.carried.sdf.xpath('sensor/pose/@relative_to') == ['arm']
 
 
+def test_limits_that_mean_nothing_do_not_come_to_mean_something() -> None:
+    robot = urdf_robot('continuous')
+    rest = etree.fromstring('<joint xmlns:c="urn:opencv_tools:carried"><axis c:part="true">'
+                            '<limit><lower>-1</lower><effort>2</effort></limit></axis></joint>')
+    robot = replace(robot, joints=tuple(
+        replace(one, carried=Carried(sdf=rest)) for one in robot.joints))
+    for version, lower in (('1.5', None), ('1.6', '-1')):
+        report = Report()
+        made = written(robot, report, version).find('joint')
+        assert made is not None and made.findtext('axis/limit/lower') == lower
+        assert made.findtext('axis/limit/effort') == '2'
+        reported = [note.element for note in report.warnings]
+        assert reported == ([] if lower else ['lower'] * len(robot.joints))
+
+
 def test_axis_for_others() -> None:
     made = axis_to_element(Axis((0.0, 0.0, 2.0), mimic=Mimic('j')), 'axis2', (1, 12))
     assert made.tag == 'axis2' and made.findtext('xyz') == '0 0 1'

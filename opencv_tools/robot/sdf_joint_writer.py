@@ -56,6 +56,8 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             report.carry('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
     restore(element, joint.carried.sdf)
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        _remove_positions(element, joint, version, report)
     carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
 
 
@@ -114,6 +116,16 @@ def _axes(joint: Joint, version: Version) -> tuple[Axis, ...]:
         return tuple(replace(axis, limit=axis.limit and replace(
             axis.limit, lower=-math.inf, upper=math.inf)) for axis in joint.axes)
     return joint.axes
+
+
+def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
+    """Remove limits that mean nothing to a continuous joint, which is a revolute one here."""
+    for limit in element.iterfind(f'{AXES[0]}/limit'):
+        for number in list(limit.iterchildren('lower', 'upper')):
+            limit.remove(number)
+            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
+                        f'SDF {version_text(version)} has no continuous joints, and a '
+                        'revolute one would be limited by it')
 
 
 def _limit_element(axis: Element, limit: Limit) -> None:

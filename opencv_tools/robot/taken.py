@@ -35,7 +35,7 @@ class Taken:
     all are asked for.
     """
 
-    __slots__ = ('_names', '_parts', '_whole', 'element')
+    __slots__ = ('_is_whole', '_names', '_parts', 'element')
 
     def __init__(self, element: _Element) -> None:
         """
@@ -46,7 +46,7 @@ class Taken:
         self.element = element
         self._names: set[str] = set()  # of attributes that were taken; '' for the text
         self._parts: dict[_Element, Taken] = {}
-        self._whole: set[_Element] = set()  # children with a rest of their own
+        self._is_whole = False  # whether its rest is its own, not the parent's
 
     @property
     def tag(self) -> str:
@@ -87,7 +87,7 @@ class Taken:
 
     def find(self, tag: str) -> Taken | None:
         """Return the first child with a tag, to take parts of it; its rest stays in this one's."""
-        child = self.element.find(tag)
+        child = next(self.element.iterchildren(tag), None)
         return None if child is None else self._part(child)
 
     def findtext(self, tag: str) -> str | None:
@@ -97,17 +97,12 @@ class Taken:
 
     def first(self, tag: str) -> Taken | None:
         """Take the first child with a tag whole; it has a rest of its own."""
-        child = self.element.find(tag)
-        if child is None:
-            return None
-        self._whole.add(child)
-        return self._part(child)
+        child = next(self.element.iterchildren(tag), None)
+        return None if child is None else self._part(child, whole=True)
 
     def each(self, *tags: str) -> list[Taken]:
         """Take all children with one of some tags; each has a rest of its own."""
-        children = list(self.element.iterchildren(*tags))
-        self._whole.update(children)
-        return [self._part(child) for child in children]
+        return [self._part(child, whole=True) for child in self.element.iterchildren(*tags)]
 
     def rest(self) -> _Element | None:
         """
@@ -115,35 +110,37 @@ class Taken:
 
         Children that were read in part have the attribute ``PART``.
         """
-        parts = []
-        for child in self.element:
+        parts, element, names = [], self.element, self._names
+        for child in element:
             part = self._parts.get(child)
             if part is None:
                 parts.append(detached(child))
-            elif child not in self._whole and (left := part.rest()) is not None:
+            elif not part._is_whole and (left := part.rest()) is not None:
                 if PART in child.attrib or part._is_taken():
                     left.set(PART, 'true')
                 parts.append(left)
-        attributes = {str(name): str(value) for name, value in self.element.attrib.items()
-                      if name not in self._names and name != PART}
-        text = None if '' in self._names else (self.element.text or '').strip() or None
-        if not parts and not attributes and not text:
+        untaken = [str(name) for name in element.attrib if name not in names and name != PART]
+        text = '' if '' in names else (element.text or '').strip()
+        if not (parts or untaken or text):
             return None
-        rest = etree.Element(self.tag, attributes, nsmap=self.element.nsmap)
-        rest.text = text
+        attributes = {name: element.get(name, '') for name in untaken}
+        rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+        rest.text = text or None
         rest.extend(parts)
         return rest
 
-    def _part(self, child: _Element) -> Taken:
+    def _part(self, child: _Element, *, whole: bool = False) -> Taken:
         part = self._parts.get(child)
         if part is None:
             part = self._parts[child] = Taken(child)
+        if whole:
+            part._is_whole = True
         return part
 
     def _is_taken(self) -> bool:
         """Return whether anything of the element was taken."""
-        return bool(self._names or self._whole) or any(
-            part._is_taken() for part in self._parts.values())
+        return bool(self._names) or any(
+            part._is_whole or part._is_taken() for part in self._parts.values())
 
 
 def detached(element: _Element) -> _Element:

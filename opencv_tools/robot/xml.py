@@ -62,7 +62,7 @@ def line_of(element: Element | Taken) -> int:
 
 def local_name(element: Element | Taken) -> str:
     """Give the tag of an element without its namespace."""
-    return etree.QName(str(element.tag)).localname
+    return str(element.tag).rpartition('}')[2]
 
 
 def read_bytes(path: str) -> bytes:
