@@ -23,13 +23,14 @@ from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.pose import Pose, Tensor
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import axis_to_element
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
+from opencv_tools.robot.texts import number_text
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
@@ -428,12 +429,15 @@ def test_colors_beyond_1_are_cut_and_come_back_unless_changed() -> None:
     assert material is not None and material.color == material.ambient == (0.0, 0.0, 1.0, 1.0)
 
 
-def test_inertia_that_no_body_has_is_reported() -> None:
+@pytest.mark.parametrize(('mass', 'inertia'), [
+    (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), (-1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+    (1.0, (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)), (1.0, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0))])
+def test_inertia_that_no_body_has_is_reported(mass: float, inertia: Tensor) -> None:
     report = Report()
     link = Link('a', Placement(Pose(), MODEL), Inertial(
-        Placement(Pose(), FrameId('link', 'a')), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), line=7)
+        Placement(Pose(), FrameId('link', 'a')), mass, inertia), line=7)
     root = convert_to_sdf(Robot('r', (link,)), report)
-    assert root.findtext('.//izz') == '3'
+    assert root.findtext('.//ixy') == number_text(inertia[1])
     assert [(note.element, note.name, note.line) for note in report.warnings] == [
         ('inertial', 'a', 7)]
 
@@ -465,3 +469,41 @@ def test_revolute_joint_without_limits_comes_back() -> None:
         assert (read.type, read.axes) == ('revolute', robot.joints[0].axes)
         assert written(robot, version=version).find('joint').get('type') == (  # type: ignore
             'revolute')
+
+
+@pytest.mark.parametrize(('fixture', 'names'), [
+    ('ok_contact_of_a_visuals_name.sdf', ['body']),
+    ('warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
+def test_contact_sensors_name_the_collision_that_is_written(fixture: str, names: list[str]
+                                                            ) -> None:
+    robot, _ = read_robot(str(DATA / fixture), Report())
+    link = convert_to_sdf(robot, Report()).find('model/link')
+    assert link is not None
+    assert link.xpath('sensor/contact/collision/text()') == names
+    assert link.xpath('collision/@name')[:len(names)] == names
+    assert link.xpath('visual/@name') == ['base_visual']
+
+
+@pytest.mark.parametrize(('name', 'new'), [
+    ('___', '___'), ('__', '__'), ('____', 'unnamed'), ('__a__', 'a'), ('__a', '__a'),
+    ('a::::b', 'a____b')])
+def test_names_that_sdf_keeps_for_itself(name: str, new: str) -> None:
+    shape = Shape(name, Placement(Pose(), FrameId('link', name)), Sphere(1.0))
+    link = Link(name, Placement(Pose(), MODEL), visuals=(shape,))
+    root = convert_to_sdf(Robot(name, (link,)), Report())
+    assert root.xpath('.//@name') == [new] * 3
+
+
+def test_visual_is_not_called_world() -> None:
+    shape = Shape('world', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+    assert convert_to_sdf(with_shape(shape), Report()).xpath('.//visual/@name') == ['a_visual']
+
+
+def test_axis_of_a_revolute_joint_without_limits_keeps_what_others_added() -> None:
+    model = written(with_axis(Axis((0.0, 0.0, 1.0), Limit())))
+    axis, root = model.find('joint/axis'), model.getparent()
+    assert axis is not None and root is not None
+    etree.SubElement(axis, 'odd').text = '1'
+    read = read_sdf(root, Report()).joints[0]
+    assert read.type == 'revolute' and read.carried.sdf is not None
+    assert read.carried.sdf.findtext('axis/odd') == '1'

@@ -123,9 +123,9 @@ def _remove_positions(element: Element, joint: Joint, version: Version, report: 
     for limit in element.iterfind(f'{AXES[0]}/limit'):
         for number in list(limit.iterchildren('lower', 'upper')):
             limit.remove(number)
-            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left '
-                        f'out: SDF {version_text(version)} has no continuous joints, and it would '
-                        'limit the revolute one')
+            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
+                        f'SDF {version_text(version)} has no continuous joints, and a '
+                        'revolute one would be limited by it')
 
 
 def _limit_element(axis: Element, limit: Limit) -> None:
