@@ -23,7 +23,7 @@ import xml.etree.ElementTree as ElementTree
 
 Element = ElementTree.Element
 Change = Callable[[Random, Element], None]
-_TEXTS = ('', ' ', '0', '-1', '1', 'true', '0 0 0', '1 2', '1 2 3', '0 0 0 0 0 0', '1 2 3 4 5 6',
+_TEXTS = ('', ' ', '0', '-1', '1', '0 0 0', '1 2', '1 2 3', '0 0 0 0 0 0', '1 2 3 4 5 6',
           'nan', 'inf', '-inf', '1e400', '1e-400', '1,5', 'a::b', '__model__', 'world', 'link_0',
           '../link_0', 'base', '\u00e9', '0x10', '1e16', '1_0')
 
