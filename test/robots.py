@@ -26,6 +26,38 @@ import xml.etree.ElementTree as ElementTree
 
 Element = ElementTree.Element
 _COLORS = ('0.1 0.2 0.3 1', '0.9 0.9 0.9 0.5', '1 1 1 1', '0.123456789012345 0 1 1')
+_SDF_COLORS = (*_COLORS, '1.5 0.5 2 1')  # of which SDF takes a part
+# Parts of a link of SDF, with what is said of those that its parser refuses.
+PARTS_OF_SDF = (
+    ('<sensor name="s" type="imu"><update_rate>x</update_rate></sensor>', "'x' is not a number"),
+    ('<sensor name="s" type="imu"><update_rate>1e400</update_rate></sensor>', 'not a number'),
+    ('<sensor name="s" type="imu"><update_rate>30 Hz</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate>0x10</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate/></sensor>', ''),
+    ('<sensor name="s" type="imu"><update_rate>inf</update_rate></sensor>', ''),
+    ('<sensor name="s" type="imu"><always_on>yes</always_on></sensor>', 'true or false'),
+    ('<sensor name="s" type="imu"><always_on>TRUE</always_on></sensor>', ''),
+    ('<sensor name="s" type="imu"><pose>1 2 3 4 5 nan</pose></sensor>', '6 finite numbers'),
+    ('<sensor name="s" type="imu"><pose rotation_format="quat_xyzw">0 0 0 0 0 1</pose></sensor>',
+     '7 finite numbers'),
+    ('<sensor name="s" type="imu"><pose rotation_format="quat_xyzw">0 0 0 0 0 0 1</pose>'
+     '</sensor>', ''),
+    ('<sensor name="s" type="camera"><camera><clip><far>0</far></clip></camera></sensor>',
+     "'0' is outside of 0.1"),
+    ('<sensor name="s" type="nose"/>', "type='nose'"),
+    ('<sensor name="s"/>', 'has no type='),
+    ('<sensor type="imu"/>', 'has no name='),
+    ('<sensor name="s" type="imu"><plugin name="p" filename="f"><update_rate>x</update_rate>'
+     '</plugin></sensor>', ''),
+    ('<light name="l" type="spot"><direction>1 2</direction></light>', '3 numbers'),
+    ('<light name="l" type="spot"><direction>1 2 3 4</direction></light>', ''),
+    ('<light name="l" type="lamp"/>', "type='lamp'"),
+    ('<light name="l" type="point"><diffuse>1 1</diffuse></light>', '3 or 4 numbers'),
+    ('<light name="l" type="point"><diffuse>red</diffuse></light>', '3 or 4 numbers'),
+    ('<light name="l" type="point"><diffuse>1 0 0</diffuse></light>', ''),
+    ('<gravity>maybe</gravity>', 'true or false'),
+    ('<battery/>', 'has no name='),
+)
 _URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
 _SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'ball', 'universal', 'revolute2',
               'screw', 'gearbox')
@@ -64,7 +96,7 @@ def axis(random: Random) -> str:
 
 def urdf(random: Random, links: int) -> Element:
     """Make a robot up in URDF, of so many links, with what robots out there have."""
-    robot = ElementTree.Element('robot', name='made_up')
+    robot = ElementTree.Element('robot', name=random.choice(('made_up', 'made::up')))
     add(add(robot, 'material', name='global'), 'color', rgba='0.2 0.4 0.6 1')
     for index in range(links):
         _urdf_link(random, robot, f'link_{index}')
@@ -81,9 +113,11 @@ def urdf(random: Random, links: int) -> Element:
             add(joint, 'axis', xyz=axis(random))
         if kind in ('revolute', 'prismatic'):
             add(joint, 'limit', lower=random.choice(('-1', '-0.123456789', '-1e16')), upper='1.5',
-                effort=random.choice(('10', '1e16')), velocity='2.5')
+                effort=random.choice(('10', '1e16', '-1')), velocity=random.choice(('2.5', '-1')))
             if random.random() < 0.3:
                 add(joint, 'safety_controller', k_velocity='10', soft_lower_limit='-0.5')
+        elif kind == 'continuous' and random.random() < 0.5:
+            add(joint, 'limit', lower='-1', upper='1', effort='-1', velocity='-1')
         if kind in ('revolute', 'continuous', 'prismatic'):
             if movable and random.random() < 0.3:
                 add(joint, 'mimic', joint=random.choice(movable), multiplier='-0.5', offset='0.25')
@@ -97,7 +131,11 @@ def urdf(random: Random, links: int) -> Element:
         add(add(transmission, 'joint', name=movable[0]), 'hardwareInterface', 'effort')
     block = add(robot, 'gazebo', reference='link_0')
     add(block, 'mu1', '0.2')
-    add(add(block, 'sensor', name='eye', type='camera'), 'pose', '0 0 0.5 0 0.1 0')
+    eye = random.choice(('eye', 'made::eye', 'link_0', 'world'))
+    sensor = add(block, 'sensor', name=eye, type='camera')
+    add(sensor, 'pose', '0 0 0.5 0 0.1 0')
+    add(sensor, 'api', name='made::Api')
+    add(block, 'sensor', name=eye, type='imu')
     add(add(robot, 'gazebo'), 'plugin', name='drive', filename='libdrive.so')
     return robot
 
@@ -115,7 +153,7 @@ def _urdf_link(random: Random, robot: Element, name: str) -> None:
         _origin(random, inertial)
         add(inertial, 'mass', value='1.25')
         add(inertial, 'inertia', ixx='0.1', ixy='0.001', ixz='0', iyy='0.2', iyz='-0.002',
-            izz='0.3')
+            izz='0.25')
     for tag in random.choices(('visual', 'collision'), k=random.randrange(4)):
         shape = add(link, tag)
         if random.random() < 0.5:
@@ -207,7 +245,8 @@ def _sdf_joint(random: Random, model: Element, name: str, parent: str, child: st
         add(limit, 'effort', '30')
         if random.random() < 0.5:
             dynamics = add(turning, 'dynamics')
-            add(dynamics, 'damping', '0.25')
+            if random.random() < 0.5:
+                add(dynamics, 'damping', '0.25')
             add(dynamics, 'spring_stiffness', '3')
     if kind in ('revolute', 'continuous', 'prismatic'):
         if movable and random.random() < 0.3:
@@ -231,10 +270,10 @@ def _sdf_link(random: Random, link: Element, name: str) -> None:
         add(inertial, 'mass', '2.5')
         inertia = add(inertial, 'inertia')
         for key, value in (('ixx', '0.1'), ('ixy', '0'), ('ixz', '0.01'), ('iyy', '0.2'),
-                           ('iyz', '0'), ('izz', '0.3')):
+                           ('iyz', '0'), ('izz', '0.25')):
             add(inertia, key, value)
-    for index, tag in enumerate(random.choices(('visual', 'collision'), k=random.randrange(4))):
-        shape = add(link, tag, name=f'{tag}_{index}')
+    for tag in random.choices(('visual', 'collision'), k=random.randrange(4)):
+        shape = add(link, tag, name=f'shape_{len(link.findall(tag))}')
         if random.random() < 0.7:
             add(shape, 'pose', pose(random))
         geometry = add(shape, 'geometry')
@@ -253,7 +292,7 @@ def _sdf_link(random: Random, link: Element, name: str) -> None:
             add(shape, 'cast_shadows', 'false')
             material = add(shape, 'material')
             for key in random.sample(('ambient', 'diffuse', 'specular', 'emissive'), 2):
-                add(material, key, random.choice(_COLORS))
+                add(material, key, random.choice(_SDF_COLORS))
         else:
             add(add(add(shape, 'surface'), 'bounce'), 'restitution_coefficient', '0.5')
     if random.random() < 0.3:

@@ -136,6 +136,15 @@ def test_a_revolute_without_limits_is_a_continuous() -> None:
     assert told(endless, continuous) == []
 
 
+def test_negative_effort_is_no_limit() -> None:
+    negative, endless = (with_axis(urdf(), 'slide', limit=Limit(0.0, 1.0, *limits)) for limits in (
+        (-1.0, -2.5), (math.inf, 1e17)))
+    assert told(negative, endless) == []
+    limited = with_axis(urdf(), 'slide', limit=Limit(0.0, 1.0, 1.0, 2.5))
+    assert told(negative, limited) == [
+        ('joint', 'slide', 'effort'), ('joint', 'slide', 'velocity')]
+
+
 def test_the_axes_of_fixed_joints_mean_nothing() -> None:
     fixed = with_joint(urdf(), 'turn', type='fixed')
     assert told(fixed, with_joint(sdf(), 'turn', type='fixed', axes=())) == []

@@ -30,7 +30,7 @@ from pathlib import Path
 import re
 
 from lxml import etree
-from opencv_tools.robot.carrying import SDF_NAMESPACE, URDF_NAMESPACE
+from opencv_tools.robot.carrying import PREFIXES
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.elements import GAZEBO
@@ -111,6 +111,9 @@ FILLED = {
         'dynamics': '<dynamics damping="0.5"/>',
         'origin': '<origin xyz="1 2 3"/>',
         'gazebo': '<gazebo reference="arm"><mu1>0.5</mu1></gazebo>',
+        'safety_controller': '<safety_controller k_velocity="1"/>',
+        'gazebo/sensor': '<sensor name="eye" type="imu"/>',
+        'gazebo/light': '<light name="lamp" type="point"/>',
     },
     'sdf': {
         'visual': '<visual name="shell"><geometry><sphere><radius>1</radius></sphere></geometry>'
@@ -130,6 +133,12 @@ FILLED = {
         'dynamics': '<dynamics><damping>0.5</damping></dynamics>',
         'axis2/limit': '<limit><lower>-1</lower></limit>',
         'model/frame': '<frame name="tip"/>',
+        'sensor': '<sensor name="eye" type="imu"/>',
+        'light': '<light name="lamp" type="point"/>',
+        'particle_emitter': '<particle_emitter name="smoke" type="point"/>',
+        'battery': '<battery name="cell"/>',
+        'projector': '<projector name="beam"/>',
+        'gripper': '<gripper name="grip"/>',
         'pose': '<pose>1 2 3 0.1 0.2 0.3</pose>',
         'model/include': '<include><uri>parts/camera</uri><pose>0 0 1 0 0 0</pose></include>',
         'model/model': f'<model name="camera"><link name="base">{MASS["sdf"]}</link></model>',
@@ -143,6 +152,7 @@ SAID = {
         '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
         'joint/@type': 'prismatic', 'parent/@link': 'hand', 'child/@link': 'arm',
         'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false',
+        'robot/@version': '1.1', 'gazebo/static': 'true',
     },
     'sdf': {
         '@name': 'else', 'pose': '1 2 3 0.1 0.2 0.3', '@relative_to': 'hand',
@@ -155,7 +165,15 @@ SAID = {
         'mesh/uri': 'model://robot/b.stl',
         'material/diffuse': '0.1 0.2 0.3 0.4', 'material/ambient': '0.1 0.2 0.3 0.4',
         'material/specular': '0.1 0.2 0.3 0.4', 'material/emissive': '0.1 0.2 0.3 0.4',
-        'static': 'true',
+        'sensor/@type': 'camera', 'light/@type': 'spot', 'particle_emitter/@type': 'box',
+        'particle_size': '1 2 3', 'direction': '0 0 1',
+        **dict.fromkeys(('light/diffuse', 'light/specular', 'color_start', 'color_end'),
+                        '0.1 0.2 0.3 1'),
+        **dict.fromkeys((
+            'allow_auto_disable', 'always_on', 'cast_shadows', 'double_sided', 'emitting',
+            'enable_metrics', 'enable_wind', 'gravity', 'kinematic', 'lighting',
+            'must_be_base_link', 'provide_feedback', 'self_collide', 'static', 'visualize'),
+            'true'),
     },
 }
 
@@ -393,8 +411,8 @@ def _stripped(element: Element) -> Element:
 
 def _is_kept(language: str, name: str) -> bool:
     """Tell whether what has this name is for the format that was read."""
-    namespace = URDF_NAMESPACE if language == 'urdf' else SDF_NAMESPACE
-    return name.startswith(f'{{{namespace}}}') or (language == 'sdf' and name == 'gazebo')
+    namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'carried'))
+    return name.startswith(tuple(namespaces)) or (language == 'sdf' and name == 'gazebo')
 
 
 def _plain(language: str, root: Element) -> str:

@@ -34,6 +34,7 @@ from opencv_tools.robot.model import Carried, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import PART
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]
@@ -56,12 +57,20 @@ SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
 # What is in a link that moved with its joint's frame has its pose computed there and back.
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
+# What breaks a rule of SDF or URDF is mended, so that it does not come back as it was.
+MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
+          'warning_version_of_urdf.sdf'}
+
 # What the independent check cannot judge, and why.
 NOT_JUDGED = {
     'ok_axis_not_of_length_1.urdf': 'yourdfpy moves a prismatic joint by its axis as it is',
     'ok_capsule.urdf': 'yourdfpy knows no capsules',
     'ok_shapes.sdf': 'yourdfpy knows no capsules',
     'ok_mimic_of_a_mimic.urdf': 'yourdfpy takes a mimic of a mimic for 0',
+    'warning_capsule_without_length.sdf': 'yourdfpy knows no capsules',
+    'warning_geometry_empty.urdf': 'yourdfpy wants a geometry',
+    'warning_geometry_unknown.urdf': 'yourdfpy knows no ellipsoids',
+    'warning_visual_without_geometry.urdf': 'yourdfpy wants a geometry',
 }
 
 
@@ -170,7 +179,7 @@ def test_the_way_back_gives_the_same_robot(name: str, ways: Ways) -> None:
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', CONVERTED)
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in MENDED])
 def test_the_way_back_restores_all_that_was_carried(name: str, ways: Ways) -> None:
     _, back = ways(name)
     original, restored = (Counter(_all_carried(_read(path))) for path in (FIXTURES[name], back))
@@ -316,5 +325,5 @@ def _entries(carried: Carried, owner: str) -> Iterator[Entry]:
         for element in () if root is None else root.iter(etree.Element):
             path = [str(step.tag) for step in (element, *element.iterancestors())]
             attributes = tuple(sorted((str(name), str(value))
-                                      for name, value in element.attrib.items()))
+                                      for name, value in element.attrib.items() if name != PART))
             yield owner, tuple(reversed(path)), attributes, (element.text or '').strip()

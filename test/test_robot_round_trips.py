@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from random import Random
 import xml.etree.ElementTree as ElementTree
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
+from lxml import etree
 from opencv_tools.robot.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.model import Robot
@@ -87,5 +89,86 @@ def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
 def test_there_and_back_and_there_is_the_same_to_the_letter(seed: int, links: int) -> None:
     robot = urdf_of(ElementTree.tostring(robots.urdf(Random(seed), links)))
     first = to_bytes(convert_to_sdf(robot, Report(), relative=True))
-    back = to_bytes(convert_to_urdf(sdf_of(first), Report()))
+    # The command gives names of before to what it writes, not to what it reads.
+    there = read_sdf(parse(first, 'made_up.sdf', Report()), Report())
+    back = to_bytes(convert_to_urdf(there, Report()))
     assert to_bytes(convert_to_sdf(urdf_of(back), Report(), relative=True)) == first
+
+
+# What has the name of something that a writer notes for itself, and what others added.
+URDF_WITH_MORE = b"""<robot name="r" xmlns:drake="http://drake.mit.edu" xmlns:gz="urn:gz">
+<link name="a" gz:foo="1">words<gz:bar gz:foo="2"/><element foo="1"/><name>n</name></link>
+<link name="b"/><link name="c"/><link name="d"/>
+<joint name="j" type="fixed"><parent link="a"/><child link="b"/><mimic joint="k"/></joint>
+<joint name="k" type="prismatic"><parent link="a"/><child link="c"/>
+<limit lower="0" upper="1" effort="1" velocity="1" drake:acceleration="2.5">words</limit></joint>
+<joint name="l" type="prismatic"><parent link="a"/><child link="d"/><mimic joint="k"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/><limit lower="5"/>
+<mimic joint="k" multiplier="3"/><type>t</type><pose/><axis2/></joint>
+<frame name="hand" link="b" xyz="0 0 -2.1"/><frame name="hand" link="b" rpy="0 0 1"/>
+<canonical_link>b</canonical_link>
+</robot>"""
+SDF_WITH_MORE = b"""<sdf version="1.9" xmlns:gz="urn:gz"><model name="m" gz:foo="1">
+<link name="a" gz:foo="1"><gz:bar gz:foo="2"/><element foo="1"/><type>t</type></link>
+<link name="b"><pose>0 0 1 0 0 0</pose><pose>0 0 2 0 0 0</pose></link>
+<joint name="j" type="revolute"><parent>a</parent><child>b</child><name>n</name>
+<axis><xyz gz:foo="3">0 0 1</xyz><initial_position>1</initial_position>
+<limit gz:foo="4"><lower>-1</lower><upper>1</upper></limit></axis><axis xyz="1 0 0"/>
+<mimic joint="x"/></joint>
+<frame name="f" gz:foo="5"/><gz:frame name="g"/><canonical_link>b</canonical_link>
+</model></sdf>"""
+
+
+def _elements(data: bytes) -> Counter[str]:
+    """Count the elements of a document, each written with its prefixes, without what is inside."""
+    found: Counter[str] = Counter()
+    for element in parse(data, 'robot', Report()).iter():
+        prefix = f'{element.prefix}:' if element.prefix else ''
+        names = {uri: f'{short}:' for short, uri in element.nsmap.items()}
+        attributes = {names.get(etree.QName(name).namespace, '') + etree.QName(name).localname:
+                      value for name, value in element.attrib.items()}
+        found[f'{prefix}{etree.QName(element).localname} {sorted(attributes.items())} '
+              f'{(element.text or "").strip()}'] += 1
+    return found
+
+
+@pytest.mark.parametrize('version', ['1.4', '1.6', '1.12'])
+def test_elements_of_others_come_back_from_sdf(version: str) -> None:
+    there = to_bytes(convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), version=version))
+    back = to_bytes(convert_to_urdf(sdf_of(there), Report()))
+    assert _elements(URDF_WITH_MORE) - _elements(back) == Counter()
+    assert to_bytes(convert_to_sdf(urdf_of(back), Report(), version=version)) == there
+
+
+def test_elements_of_urdf_in_a_frame_come_back_from_urdf() -> None:
+    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), lump=True)
+    assert len(robot.xpath('model/frame/*/mimic')) == 1
+    back = to_bytes(convert_to_urdf(sdf_of(to_bytes(robot)), Report()))
+    again = convert_to_sdf(urdf_of(back), Report())
+    assert len(again.xpath('model/frame/*/mimic')) == 1
+
+
+def test_elements_of_others_come_back_from_urdf() -> None:
+    there = to_bytes(convert_to_urdf(sdf_of(SDF_WITH_MORE), Report()))
+    back = to_bytes(convert_to_sdf(urdf_of(there), Report(), version='1.9'))
+    assert _elements(SDF_WITH_MORE) - _elements(back) == Counter()
+    assert _elements(to_bytes(convert_to_urdf(sdf_of(back), Report()))) == _elements(there)
+
+
+@pytest.mark.parametrize('version', ['1.6', '1.9'])
+def test_nothing_in_a_plugin_is_rewritten(version: str) -> None:
+    plugin = ('<plugin name="p" filename="q"><pose frame="a">1 0 0 0 0 0</pose><axis><xyz>1 0 0'
+              '</xyz><use_parent_model_frame>1</use_parent_model_frame></axis>'
+              '<pose relative_to="b"/></plugin>')
+    reference = 'frame' if version == '1.6' else 'relative_to'
+    data = (f'<sdf version="{version}"><model name="m">{plugin}<link name="a">{plugin}'
+            f'<sensor name="s" type="imu"><pose {reference}="a">1 0 0 0 0 0</pose>{plugin}'
+            '</sensor></link></model></sdf>').encode()
+    robot = sdf_of(data)
+    assert robot.links[0].carried.sdf is not None
+    assert robot.links[0].carried.sdf.xpath('sensor/pose/@relative_to') == ['a']
+    back = urdf_of(to_bytes(convert_to_urdf(robot, Report())))
+    for one in (robot, back):
+        made = convert_to_sdf(one, Report(), version=version)
+        assert [_elements(etree.tostring(part)) for part in made.iter('plugin')] == [
+            _elements(plugin.encode())] * 3

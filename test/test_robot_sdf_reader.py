@@ -35,7 +35,8 @@ HALF = math.pi / 2
 def read(content: str, version: str = '1.9', report: Report | None = None,
          attributes: str = '') -> Robot:
     """Read a model of some content."""
-    return read_text(f'<sdf version="{version}" xmlns:urdf="urn:opencv_tools:urdf">\n'
+    return read_text(f'<sdf version="{version}" xmlns:urdf="urn:opencv_tools:urdf" '
+                     f'xmlns:carried="urn:opencv_tools:carried">\n'
                      f'<model name="m" {attributes}>{content}</model></sdf>', report)
 
 
@@ -71,6 +72,15 @@ def test_reference_of_a_pose_by_version(version: str, attribute: str) -> None:
     robot = read(f'<link name="a"/><link name="b"><pose {attribute}="a">1 0 0 0 0 0</pose></link>',
                  version)
     assert robot.links[1].placement.relative_to == FrameId('link', 'a')
+
+
+@pytest.mark.parametrize(('version', 'attributes', 'expected'), [
+    ('1.6', 'frame="a" relative_to="b"', FrameId('link', 'a')),
+    ('1.6', 'frame="" relative_to="b"', MODEL),
+    ('1.7', 'frame="a" relative_to="b"', FrameId('link', 'b'))])
+def test_both_references_of_a_pose(version: str, attributes: str, expected: FrameId) -> None:
+    robot = read(f'{TWO}<link name="c"><pose {attributes}>1 0 0 0 0 0</pose></link>', version)
+    assert robot.links[2].placement.relative_to == expected
 
 
 def test_old_reference_means_nothing_in_a_new_version() -> None:
@@ -127,8 +137,10 @@ def test_pose_texts(pose: str, expected: Pose) -> None:
     (TWO + joint('<axis><xyz>1 0</xyz></axis>', 'revolute'), 'is not 3 finite numbers'),
     (TWO + joint('<axis><xyz expressed_in="x">1 0 0</xyz></axis>', 'revolute'), "_in 'x'"),
     (TWO + joint('<axis><limit><lower>nan</lower></limit></axis>', 'revolute'), "'nan' is not"),
-    (TWO + joint('<axis><mimic joint="x"/></axis>', 'revolute'), "mimics 'x', which is no joint"),
-    ('<link name="a"><visual name="v"><geometry><box/></geometry></visual></link>', 'no <size>'),
+    (TWO + joint('<axis/><urdf:mimic xmlns:urdf="urn:opencv_tools:urdf" joint="x"/>', 'revolute'),
+     "mimics 'x', which is no joint"),
+    ('<link name="a"><visual name="v"><geometry><box><size/></box></geometry></visual></link>',
+     "'' is not 3 finite numbers"),
     ('<link name="a"><visual name="v"><geometry><mesh/></geometry></visual></link>', 'no <uri>'),
     ('<link name="a"><visual><geometry/></visual></link>', '<visual>: has no name'),
     ('<link name="a"><visual name="v"><geometry/></visual><visual name="v"/></link>',
@@ -153,8 +165,8 @@ def test_errors_of_the_model(attribute: str, message: str) -> None:
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('<robot name="r"/>', 'is not SDF'),
-    ('<sdf><model name="m"/></sdf>', 'has no version; 1.4 to 1.12 are read'),
-    ('<sdf version="1.3"><model name="m"/></sdf>', "version='1.3' is not read"),
+    ('<sdf><model name="m"/></sdf>', 'has no version; 1.2 to 1.12 are read'),
+    ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not read"),
     ('<sdf version="x"><model name="m"/></sdf>', "version='x' is not read"),
     ('<sdf version="1.9"/>', 'has no model'),
     ('<sdf version="1.9"><light name="l"/></sdf>', 'has no model'),
@@ -195,6 +207,11 @@ def test_old_versions_may_use_a_name_twice(version: str) -> None:
 
 @pytest.mark.parametrize(('version', 'extra', 'attribute', 'expected'), [
     ('1.4', '', '', (0, -1, 0)),
+    ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', '', (1, 0, 0)),
+    ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', 'expressed_in="a"', (0, -1, 0)),
+    ('1.5', '', 'expressed_in="__model__"', (0, -1, 0)),
+    ('1.6', '', 'expressed_in="a"', (0, -1, 0)),
+    ('1.6', '<use_parent_model_frame>1</use_parent_model_frame>', 'expressed_in="b"', (0, -1, 0)),
     ('1.5', '', '', (1, 0, 0)),
     ('1.6', '<use_parent_model_frame>1</use_parent_model_frame>', '', (0, -1, 0)),
     ('1.6', '<use_parent_model_frame>0</use_parent_model_frame>', '', (1, 0, 0)),
@@ -207,6 +224,17 @@ def test_axis_is_in_the_frame_that_the_version_says(
     robot = read(f'<link name="a"/><link name="b"><pose>0 0 1 0 0 {HALF}</pose></link>' + joint(
         f'<axis><xyz {attribute}>1 0 0</xyz>{extra}</axis>', 'prismatic'), version)
     assert near(robot.joints[0].axes[0].xyz, expected)
+
+
+def test_parent_model_frame_means_nothing_in_a_new_version() -> None:
+    report = Report()
+    text = '<axis><use_parent_model_frame>{}</use_parent_model_frame></axis>'
+    robot = read(f'<link name="a"/><link name="b"><pose>0 0 1 {HALF} 0 0</pose></link>'
+                 + joint(text.format('1'), 'prismatic'), '1.7', report)
+    assert robot.joints[0].axes[0].xyz == (0, 0, 1)
+    assert [note.message[:27] for note in report.warnings] == ['use_parent_model_frame mean']
+    read(TWO + joint(text.format('0'), 'prismatic'), '1.7', quiet := Report())
+    assert not quiet.warnings
 
 
 def test_axis_keeps_its_numbers_where_frames_are_parallel() -> None:
@@ -353,6 +381,16 @@ def test_inertials_have_the_defaults_of_sdf() -> None:
     assert (other.mass, other.inertia) == (0, (2, 0.1, 0, 1, 0, 1))
 
 
+@pytest.mark.parametrize('attribute', ['frame', 'relative_to'])
+def test_inertials_are_in_their_link(attribute: str) -> None:
+    report = Report()
+    robot = read(f'<link name="a"/><link name="b"><inertial><pose {attribute}="a">1 0 0 0 0 0'
+                 '</pose></inertial></link>', '1.6', report)
+    assert robot.links[1].inertial is not None
+    assert robot.links[1].inertial.placement == Placement(Pose((1, 0, 0)), FrameId('link', 'b'))
+    assert [note.element for note in report.warnings] == ['inertial']
+
+
 def test_frames_and_joints_on_them() -> None:
     report = Report()
     robot = read(
@@ -449,7 +487,8 @@ def test_static_model_without_links_moves_with_the_model_around_it() -> None:
 
 
 def test_what_is_not_read_is_kept() -> None:
-    robot = read('<static>true</static><plugin name="p"/><urdf:transmission name="t"/><link '
+    robot = read('<static>true</static><plugin name="p"/><carried:urdf>'
+                 '<transmission name="t"/></carried:urdf><link '
                  'name="a" urdf:name="x"><sensor name="s" type="imu"><pose frame="a"/></sensor>'
                  '</link>', '1.6')
     assert robot.carried.sdf is not None and robot.carried.urdf is not None

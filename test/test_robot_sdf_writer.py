@@ -16,20 +16,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from pathlib import Path
 
 from lxml import etree
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.pose import Pose, Tensor
+from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import axis_to_element
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
+from opencv_tools.robot.texts import number_text
+from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
+import robots
 
+DATA = Path(__file__).parent / 'data' / 'robots'
+BLACK = (0.0, 0.0, 0.0, 1.0)
 HALF = math.pi / 2
 TURNED = Pose((0.1, 0.2, 0.3), (0.0, 0.0, 1.5708))
 VERSIONS = [f'1.{minor}' for minor in range(4, 13)]
@@ -208,8 +216,10 @@ def test_geometry_that_urdf_has_no_word_for_is_put_back() -> None:
 
 
 def test_material_and_what_is_left_of_it() -> None:
-    rest = etree.fromstring('<visual><material><script/><pbr><metal><roughness>1</roughness>'
-                            '</metal></pbr></material><transparency>0.5</transparency></visual>')
+    rest = etree.fromstring(
+        '<visual xmlns:c="urn:opencv_tools:carried"><material c:part="true"><script/>'
+        '<pbr c:part="true"><metal c:part="true"><roughness>1</roughness></metal></pbr></material>'
+        '<transparency>0.5</transparency></visual>')
     material = Material('red', (1.0, 0.0, 0.0, 1.0), specular=(0.1, 0.2, 0.9, 1.0),
                         texture='a.png')
     shape = Shape('v', Placement(TURNED, FrameId('link', 'a')), Sphere(1.0), material,
@@ -304,8 +314,9 @@ def test_what_is_carried_goes_back_or_into_its_namespace() -> None:
     report = Report()
     model = written(robot, report)
     assert model.findtext('static') == 'true'
-    assert model.find('{urn:opencv_tools:urdf}transmission') is not None
-    assert model.get('{urn:opencv_tools:urdf}version') == '1'
+    kept = model.find('{urn:opencv_tools:carried}urdf')
+    assert kept is not None and kept.find('transmission') is not None
+    assert kept.get('version') == '1'
     assert model[0].get('{urn:opencv_tools:urdf}name') == 'x'
     assert [(note.level, note.element) for note in report.notes] == [
         ('carried', '@version'), ('carried', 'transmission')]
@@ -315,6 +326,21 @@ def test_what_is_carried_goes_back_or_into_its_namespace() -> None:
     # What is carried is never changed.
     assert link.carried.sdf is not None
     assert link.carried.sdf.xpath('sensor/pose/@relative_to') == ['arm']
+
+
+def test_limits_that_mean_nothing_do_not_come_to_mean_something() -> None:
+    robot = urdf_robot('continuous')
+    rest = etree.fromstring('<joint xmlns:c="urn:opencv_tools:carried"><axis c:part="true">'
+                            '<limit><lower>-1</lower><effort>2</effort></limit></axis></joint>')
+    robot = replace(robot, joints=tuple(
+        replace(one, carried=Carried(sdf=rest)) for one in robot.joints))
+    for version, lower in (('1.5', None), ('1.6', '-1')):
+        report = Report()
+        made = written(robot, report, version).find('joint')
+        assert made is not None and made.findtext('axis/limit/lower') == lower
+        assert made.findtext('axis/limit/effort') == '2'
+        reported = [note.element for note in report.warnings]
+        assert reported == ([] if lower else ['lower'] * len(robot.joints))
 
 
 def test_axis_for_others() -> None:
@@ -332,3 +358,152 @@ def test_second_inertial_stays_apart_from_the_first() -> None:
     assert link is not None
     assert [inertial.findtext('mass') for inertial in link] == ['2', None]
     assert link.xpath('inertial/inertia/ixx/text()') == ['1', '3']
+
+
+def checked_names(element: Element) -> None:
+    """Check what libsdformat checks: names without '::', and once among the children."""
+    if element.tag == 'plugin' or '{' in element.tag:
+        return
+    assert '::' not in element.get('name', '')
+    names = [child.get('name') for child in element if child.get('name') and child.tag != 'plugin']
+    assert len(set(names)) == len(names)
+    for child in element:
+        checked_names(child)
+
+
+@pytest.mark.parametrize('fixture', [
+    'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
+    'warning_sensor_name_with_double_colon.urdf', 'warning_sensors_of_one_name.urdf',
+    'warning_contact_of_a_renamed_collision.urdf'])
+@pytest.mark.parametrize('version', ['1.4', '1.9', '1.12'])
+def test_names_that_sdf_allows_and_those_of_before(fixture: str, version: str) -> None:
+    path = DATA / fixture
+    robot, _ = read_robot(str(path), Report())
+    root = convert_to_sdf(robot, Report(), version=version)
+    model = root[0]
+    checked_names(root)
+    assert not {'world', '__lamp__'} & {name.get('name') for name in (model, *model.iter('light'))}
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    back = convert_to_urdf(read, Report())
+    before = parse(path.read_bytes(), '', Report())
+    assert sorted(before.xpath('//@name')) == sorted(
+        name for name in back.xpath('//@name') if name)
+    assert before.xpath('//contact/collision/text()') == back.xpath('//contact/collision/text()')
+
+
+@pytest.mark.parametrize(('content', 'words'), robots.PARTS_OF_SDF)
+def test_values_that_sdf_refuses_stay_in_their_block(content: str, words: str) -> None:
+    report = Report()
+    text = f'<robot name="r"><link name="a"/><gazebo reference="a">{content}</gazebo></robot>'
+    robot = read_urdf(parse(text.encode(), '', report), report)
+    flaws = [note.message for note in report.warnings]
+    root = convert_to_sdf(robot, report, inertial='zero')
+    tag = etree.fromstring(content).tag
+    if not words:
+        assert flaws == [] and root.find(f'model/link/{tag}') is not None
+        return
+    assert len(flaws) == 1 and words in flaws[0]
+    assert root.find(f'model/link/{tag}') is None
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    back = convert_to_urdf(read, Report())
+    assert back.xpath('gazebo/@reference') == ['a']
+    kept, before = back.xpath('gazebo/*')[0], etree.fromstring(content)
+    assert [(one.tag, one.attrib, one.text) for one in kept.iter() if not len(one)] == [
+        (one.tag, one.attrib, one.text) for one in before.iter() if not len(one)]
+
+
+def test_colors_beyond_1_are_cut_and_come_back_unless_changed() -> None:
+    color = (1.5, 0.5, -1.0, 1.0)
+    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0), Material(
+        'red', color, color, BLACK, BLACK))
+    report = Report()
+    root = convert_to_sdf(with_shape(shape), report, inertial='zero')
+    assert root.findtext('.//diffuse') == root.findtext('.//ambient') == '1 0.5 0 1'
+    assert [note.element for note in report.warnings] == ['ambient']
+    assert "'1.5 0.5 -1 1' is beyond 0 to 1" in report.warnings[0].message
+    read = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    assert read.links[0].visuals[0].material == shape.material
+    for element in root.iter('ambient', 'diffuse'):
+        element.text = '0 0 1 1'
+    material = read_sdf(root, Report()).links[0].visuals[0].material
+    assert material is not None and material.color == material.ambient == (0.0, 0.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(('mass', 'inertia'), [
+    (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), (-1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+    (1.0, (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)), (1.0, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0))])
+def test_inertia_that_no_body_has_is_reported(mass: float, inertia: Tensor) -> None:
+    report = Report()
+    link = Link('a', Placement(Pose(), MODEL), Inertial(
+        Placement(Pose(), FrameId('link', 'a')), mass, inertia), line=7)
+    root = convert_to_sdf(Robot('r', (link,)), report)
+    assert root.findtext('.//ixy') == number_text(inertia[1])
+    assert [(note.element, note.name, note.line) for note in report.warnings] == [
+        ('inertial', 'a', 7)]
+
+
+@pytest.mark.parametrize(('effort', 'text'), [(-1.0, None), (math.inf, None), (0.0, '0')])
+def test_effort_that_is_none(effort: float, text: str | None) -> None:
+    robot = with_axis(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0, effort, 2.0)))
+    assert written(robot).findtext('joint/axis/limit/effort') == text
+    for version in VERSIONS:
+        assert again(robot, version).joints[0].axes == robot.joints[0].axes
+
+
+def test_effort_of_before_is_nothing_where_another_is_written() -> None:
+    model = written(with_axis(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0, -1.0, -1.0))))
+    limit = model.find('joint/axis/limit')
+    assert limit is not None
+    etree.SubElement(limit, 'effort').text = '5'
+    root = model.getparent()
+    assert root is not None
+    read = read_sdf(root, Report()).joints[0]
+    assert read.axes[0].limit == Limit(-1.0, 1.0, 5.0, -1.0)
+    assert read.carried.sdf is None
+
+
+def test_revolute_joint_without_limits_comes_back() -> None:
+    robot = with_axis(Axis((0.0, 0.0, 1.0), Limit(effort=1.0, velocity=2.0)))
+    for version in VERSIONS:
+        read = again(robot, version).joints[0]
+        assert (read.type, read.axes) == ('revolute', robot.joints[0].axes)
+        assert written(robot, version=version).find('joint').get('type') == (  # type: ignore
+            'revolute')
+
+
+@pytest.mark.parametrize(('fixture', 'names'), [
+    ('ok_contact_of_a_visuals_name.sdf', ['body']),
+    ('warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
+def test_contact_sensors_name_the_collision_that_is_written(fixture: str, names: list[str]
+                                                            ) -> None:
+    robot, _ = read_robot(str(DATA / fixture), Report())
+    link = convert_to_sdf(robot, Report()).find('model/link')
+    assert link is not None
+    assert link.xpath('sensor/contact/collision/text()') == names
+    assert link.xpath('collision/@name')[:len(names)] == names
+    assert link.xpath('visual/@name') == ['base_visual']
+
+
+@pytest.mark.parametrize(('name', 'new'), [
+    ('___', '___'), ('__', '__'), ('____', 'unnamed'), ('__a__', 'a'), ('__a', '__a'),
+    ('a::::b', 'a____b')])
+def test_names_that_sdf_keeps_for_itself(name: str, new: str) -> None:
+    shape = Shape(name, Placement(Pose(), FrameId('link', name)), Sphere(1.0))
+    link = Link(name, Placement(Pose(), MODEL), visuals=(shape,))
+    root = convert_to_sdf(Robot(name, (link,)), Report())
+    assert root.xpath('.//@name') == [new] * 3
+
+
+def test_visual_is_not_called_world() -> None:
+    shape = Shape('world', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+    assert convert_to_sdf(with_shape(shape), Report()).xpath('.//visual/@name') == ['a_visual']
+
+
+def test_axis_of_a_revolute_joint_without_limits_keeps_what_others_added() -> None:
+    model = written(with_axis(Axis((0.0, 0.0, 1.0), Limit())))
+    axis, root = model.find('joint/axis'), model.getparent()
+    assert axis is not None and root is not None
+    etree.SubElement(axis, 'odd').text = '1'
+    read = read_sdf(root, Report()).joints[0]
+    assert read.type == 'revolute' and read.carried.sdf is not None
+    assert read.carried.sdf.findtext('axis/odd') == '1'

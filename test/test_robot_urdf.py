@@ -24,11 +24,15 @@ import re
 from typing import Any
 
 from lxml import etree
+from opencv_tools.robot.compare import differences
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.facts import is_continuous
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.urdf_reader import read_urdf
 from opencv_tools.robot.urdf_writer import write_urdf
@@ -36,7 +40,7 @@ from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
 import robots
 
-SDF = 'xmlns:sdf="urn:opencv_tools:sdf"'
+SDF = 'xmlns:sdf="urn:opencv_tools:sdf" xmlns:carried="urn:opencv_tools:carried"'
 LINKS = '<link name="a"/><link name="b"/>'
 ENDS = '<parent link="a"/><child link="b"/>'
 LIMIT = '<limit effort="1" velocity="2"/>'
@@ -116,33 +120,23 @@ BOX = '<geometry><box size="1 2 3"/></geometry>'
     (joint(LIMIT + '\n<axis xyz="0 1"/>'), '2: <axis>', 'not 3 finite numbers'),
     (joint(LIMIT + '\n<dynamics damping="x"/>'), '2: <dynamics>', "damping='x'"),
     (joint(LIMIT + '\n<mimic/>'), '2: <mimic>', 'has no joint='),
-    (joint(LIMIT + '\n<mimic joint="x"/>'), '2: <mimic>', "joint='x' is no joint"),
     (joint(LIMIT + '\n<mimic joint="j" multiplier="x"/>'), '2: <mimic>', "multiplier='x'"),
     (joint(LIMIT + '<mimic joint="j"/>'), '1: <joint>', 'mimics itself'),
-    (visual('', 'collision'), '1: <collision>', 'has no <geometry>'),
-    (visual('\n<geometry/>'), '2: <geometry>', 'has 0 shapes, it should have one of <box>'),
-    (visual('\n<geometry><box size="1 1 1"/><sphere radius="1"/></geometry>'), '2: <geometry>',
-     'has 2 shapes'),
-    (visual('<geometry>\n<cone/></geometry>'), '2: <cone>', 'is no geometry of URDF'),
     (visual('<geometry>\n<box/></geometry>'), '2: <box>', 'has no size='),
     (visual('<geometry>\n<box size="1 1"/></geometry>'), '2: <box>', "size='1 1'"),
     (visual('<geometry>\n<box size="x 1 1"/></geometry>'), '2: <box>', "size='x 1 1'"),
     (visual('<geometry>\n<cylinder radius="1"/></geometry>'), '2: <cylinder>', 'has no length='),
-    (visual('<geometry>\n<mesh scale="1 1 1"/></geometry>'), '2: <mesh>', 'has no filename='),
-    (visual('<geometry>\n<mesh filename="a" scale="1"/></geometry>'), '2: <mesh>', "scale='1'"),
+    (visual('<geometry>\n<mesh filename="a" scale="1 1"/></geometry>'), '2: <mesh>',
+     "scale='1 1'"),
     ('<link name="a">\n<inertial><inertia/></inertial></link>', '2: <inertial>',
      'has no <mass>'),
-    ('<link name="a">\n<inertial><mass value="1"/></inertial></link>', '2: <inertial>',
-     'has no <inertia>'),
     ('<link name="a"><inertial>\n<mass/><inertia/></inertial></link>', '2: <mass>',
      'has no value='),
-    ('<link name="a"><inertial><mass value="1"/>\n<inertia ixx="1"/></inertial></link>',
-     '2: <inertia>', 'has no ixy='),
+    ('<link name="a"><inertial><mass value="1"/>\n<inertia ixx="x"/></inertial></link>',
+     '2: <inertia>', "ixx='x'"),
     (visual(BOX + '<material name="m">\n<color rgba="1 1 1"/></material>'), '2: <color>',
      "rgba='1 1 1' is not 4 finite numbers"),
     (visual(BOX + '<material name="m">\n<color/></material>'), '2: <color>', 'rgba='),
-    (visual(BOX + '<material name="m">\n<texture/></material>'), '2: <texture>',
-     'has no filename='),
     ('<link name="a"/>\n<sdf:frame name="f" attached_to="x"/>', '2: <frame>', "'x'"),
     (LINKS + f'\n<joint name="j" type="floating" sdf:type="odd">{ENDS}</joint>', '2: <joint>',
      "type='odd'"),
@@ -157,7 +151,7 @@ def test_errors_name_place_and_value(content: str, place: str, message: str) -> 
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('<sdf version="1.11"/>', '<sdf>: is no URDF, which begins with <robot>'),
-    ('<robot/>', '<robot>: has no name'),
+    ('<robot/>', '<robot>: has no <link>'),
 ])
 def test_another_root_is_refused(text: str, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
@@ -201,6 +195,56 @@ def test_warnings(content: str, element: str, message: str) -> None:
     assert message in report.warnings[0].message
 
 
+@pytest.mark.parametrize('content', [
+    '', '<geometry/>', '<geometry><cone/></geometry>', '<geometry><cone/><box/></geometry>',
+    '<geometry><mesh scale="1 1 1"/></geometry>',
+])
+@pytest.mark.parametrize('tag', ['visual', 'collision'])
+def test_a_shape_that_urdfdom_does_not_read_is_carried(content: str, tag: str) -> None:
+    report = Report()
+    model = robot(visual(f'<origin xyz="0 0 1"/>{content}</{tag}><{tag}>{BOX}', tag), report)
+    (link,) = model.links
+    assert [note.element for note in report.warnings] == [tag]
+    assert 'it is left out' in report.warnings[0].message
+    (shape,) = getattr(link, f'{tag}s')
+    assert isinstance(shape.geometry, Box)
+    left = next(iter(written(model).iterfind(f'link/{tag}[2]')))
+    assert left.find('origin') is not None
+    assert (left.find('geometry') is None) == (not content)
+
+
+def test_moments_that_are_not_there_are_0() -> None:
+    for inertia in ('', '<inertia/>', '<inertia ixy="0" iyy="0"/>'):
+        link, = robot(f'<link name="a"><inertial><mass value="2"/>{inertia}</inertial></link>'
+                      ).links
+        assert link.inertial
+        assert (link.inertial.mass, link.inertial.inertia) == (2.0, (0.0,) * 6)
+
+
+def test_a_scale_of_one_number_is_for_all_axes() -> None:
+    model = robot(visual('<geometry><mesh filename="a" scale="0.5"/></geometry>'))
+    assert model.links[0].visuals[0].geometry == Mesh('a', (0.5, 0.5, 0.5))
+
+
+def test_a_world_that_is_not_there_is_an_empty_link() -> None:
+    report = Report()
+    model = robot('<link name="a"/><joint name="j" type="fixed"><parent link="world"/>'
+                  '<child link="a"/></joint>', report)
+    assert [note.element for note in report.warnings] == ['joint']
+    assert [link.name for link in model.links] == ['a', 'world']
+    assert [link.get('name') for link in written(model).iterfind('link')] == ['a', 'world']
+
+
+def test_a_mimic_of_no_joint_is_carried() -> None:
+    report = Report()
+    model = robot(joint(LIMIT + '<mimic joint="x" offset="1"/>'), report)
+    assert [note.element for note in report.warnings] == ['mimic']
+    assert model.joints[0].axes[0].mimic is None
+    mimic = written(model).find('joint/mimic')
+    assert mimic is not None
+    assert dict(mimic.attrib) == {'joint': 'x', 'offset': '1'}
+
+
 def test_sizes_of_nothing_are_fine() -> None:
     report = Report()
     robot(visual('<geometry><box size="0 0 0"/></geometry>'), report)
@@ -239,10 +283,13 @@ def test_geometry_there_and_back(written_geometry: str, geometry: object, tag: s
     assert again(model) == model
 
 
-def test_what_is_sdfs_beside_a_shape_is_no_second_shape() -> None:
+def test_elements_of_others_beside_a_shape_are_carried() -> None:
     model = robot(visual('<geometry><sdf:cone/><sphere radius="0.1"/><sdf:plane/></geometry>'))
-    assert model.links[0].visuals[0].geometry == Sphere(0.1)
-    assert again(model) == model
+    for made in (model, again(model)):
+        shape, = made.links[0].visuals
+        assert shape.geometry == Sphere(0.1) and shape.carried.urdf is not None
+        assert [child.tag for child in shape.carried.urdf.find('geometry')] == [  # type: ignore
+            '{urn:opencv_tools:sdf}cone', '{urn:opencv_tools:sdf}plane']
 
 
 @pytest.mark.parametrize(('kind', 'content', 'axes'), [
@@ -271,11 +318,12 @@ def test_axes_there_and_back(kind: str, content: str, axes: tuple[Axis, ...]) ->
     assert etree.tostring(written(back)) == etree.tostring(written(model))
 
 
-def test_a_turn_without_limits_is_continuous() -> None:
+def test_revolute_joint_without_limits_stays_revolute() -> None:
     model = robot(joint('<limit lower="-1e16" upper="1e17" effort="1" velocity="2"/>'))
-    assert model.joints[0].type == 'continuous'
+    assert model.joints[0].type == 'revolute'
     limit = written(model).find('joint/limit')
-    assert limit is not None and limit.get('upper') == '1e17'
+    assert limit is not None and limit.get('upper') == '1e+16'
+    assert is_continuous(model.joints[0])
 
 
 def test_one_limit_is_written_with_a_number_for_the_other() -> None:
@@ -291,10 +339,11 @@ def test_one_limit_is_written_with_a_number_for_the_other() -> None:
     ('<material><texture filename="t.png"/></material>', Material(texture='t.png')),
     ('<material name="shared"/>', Material('shared', BLACK, BLACK, BLACK, BLACK, 't')),
     ('<material name="other"/>', Material('other', RED, RED, BLACK, BLACK)),
-    ('<material name="m"><color rgba="1 0 0 1"/></material><sdf:material><ambient>0 0 0 1'
-     '</ambient></sdf:material>', Material('m', RED, BLACK)),
-    ('<sdf:material><emissive>0 0 0 1</emissive></sdf:material>', Material(emissive=BLACK)),
-    ('<sdf:material/>', Material()),
+    ('<material name="m"><color rgba="1 0 0 1"/></material><carried:sdf><material><ambient>0 0 0 1'
+     '</ambient></material></carried:sdf>', Material('m', RED, BLACK)),
+    ('<carried:sdf><material><emissive>0 0 0 1</emissive></material></carried:sdf>',
+     Material(emissive=BLACK)),
+    ('<carried:sdf><material/></carried:sdf>', Material()),
     ('', None),
 ])
 def test_materials_there_and_back(content: str, material: Material | None) -> None:
@@ -352,9 +401,10 @@ def test_what_is_not_understood_comes_out_again(content: str) -> None:
 def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     model = robot(joint(LIMIT) + """
         <gazebo><plugin name="p"/><odd/></gazebo>
-        <gazebo reference="a"><sensor name="s"><pose>1 0 0 0 0 0</pose></sensor><mu1>1</mu1>
-        <gravity>false</gravity></gazebo>
-        <gazebo reference="j"><sensor name="f"/><provideFeedback>1</provideFeedback></gazebo>""")
+        <gazebo reference="a"><sensor name="s" type="imu"><pose>1 0 0 0 0 0</pose></sensor>
+        <mu1>1</mu1><gravity>false</gravity></gazebo>
+        <gazebo reference="j"><sensor name="f" type="imu"/>
+        <provideFeedback>1</provideFeedback></gazebo>""")
 
     def tags(element: Element | None) -> list[object]:
         return [] if element is None else [child.tag for child in element]
@@ -387,8 +437,9 @@ def baked() -> Robot:
              Inertial(Placement(Pose((0.0, 0.0, 0.1)), FrameId('link', 'b')), 2.0,
                       (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
              (shape('b', extra('<visual><geometry><plane/></geometry></visual>')),), (shape('b'),),
-             extra('<link><sensor name="s"><pose>1 2 3 0 0 0</pose></sensor><sensor name="t"/>'
-                   '<sensor name="u"><pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
+             extra('<link><sensor name="s" type="imu"><pose>1 2 3 0 0 0</pose></sensor>'
+                   '<sensor name="t" type="imu"/><sensor name="u" type="imu">'
+                   '<pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
                    '</sensor><odd>1</odd></link>')),
         Link('c', Placement(Pose((0.0, 0.0, 3.0)), MODEL), None, (shape('c'),)),
     )
@@ -531,3 +582,111 @@ def test_yourdfpy_reads_the_same_numbers(judge: Callable[[Robot], Any]) -> None:
     joints = {one.name: one for one in loaded.joints}
     assert joints['j'].mimic.multiplier == -2
     assert joints['k'].limit.upper == 1e16
+
+
+def back_from_sdf(content: str, report: Report | None = None) -> Element:
+    """Convert URDF to SDF and back."""
+    root = convert_to_sdf(robot(content), Report(), inertial='zero', version='1.9')
+    read = read_sdf(parse(to_bytes(root), 'r.sdf', Report()), Report())
+    return convert_to_urdf(read, report or Report())
+
+
+@pytest.mark.parametrize(('kind', 'limit', 'written_limit'), [
+    ('revolute', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '-2.5'}, {}),
+    ('prismatic', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '3'}, {}),
+    ('continuous', {'effort': '-1', 'velocity': '-1'}, {}),
+    ('continuous', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '-1'}, {}),
+    ('continuous', {'lower': '-1', 'upper': '1', 'effort': '1e20', 'velocity': '1e18'},
+     {'effort': '1e+16', 'velocity': '1e+16'}),
+    ('revolute', {'lower': '-1', 'upper': '1', 'effort': '-1e20', 'velocity': '1e400'},
+     {'effort': '1e+16', 'velocity': '1e+16'}),
+    ('revolute', {'lower': '-1e16', 'upper': '1e17', 'effort': '1', 'velocity': '1'},
+     {'lower': '-1e+16', 'upper': '1e+16'}),
+])
+def test_limits_come_back(kind: str, limit: dict[str, str], written_limit: dict[str, str]) -> None:
+    words = ' '.join(f'{name}="{value}"' for name, value in limit.items())
+    report = Report()
+    content = joint(f'<axis xyz="0 0 1"/><limit {words}/>', kind)
+    root = back_from_sdf(content, report)
+    found = root.find('joint')
+    assert found is not None and found.get('type') == kind
+    assert [dict(one.attrib) for one in found.findall('limit')] == [{**limit, **written_limit}]
+    assert report.warnings == []
+    found = differences(robot(content), read_urdf(root, Report()))
+    assert [one for one in found if one.element == 'joint'] == []
+
+
+def test_limits_of_joints_without_an_axis_are_complete() -> None:
+    root = back_from_sdf(joint('<limit lower="0" upper="1"/>', 'fixed'))
+    assert dict(root.find('joint/limit').attrib) == {  # type: ignore[union-attr]
+        'lower': '0', 'upper': '1', 'effort': '1e+16', 'velocity': '1e+16'}
+
+
+@pytest.mark.parametrize(('content', 'attributes'), [
+    ('<dynamics/>', []),
+    ('<dynamics armature="1"/>', [{'armature': '1', 'damping': '0'}]),
+    ('<dynamics friction="0"/>', [{'friction': '0'}]),
+])
+@pytest.mark.parametrize('kind', ['continuous', 'fixed'])
+def test_dynamics_say_something(kind: str, content: str, attributes: list[dict[str, str]]) -> None:
+    root = back_from_sdf(joint(f'<axis xyz="0 0 1"/>{content}', kind))
+    assert [dict(one.attrib) for one in root.iterfind('joint/dynamics')] == attributes
+
+
+@pytest.mark.parametrize(('content', 'message'), [
+    ('<safety_controller/>', "has no k_velocity=, which URDF demands, in joint 'j'"),
+    ('<safety_controller k_velocity="fast"/>', "k_velocity='fast' is not a finite number"),
+    ('<calibration falling="1e400"/>', "falling='1e400' is not a finite number"),
+    ('<mimic/>', 'has no joint='),
+    ('<dynamics damping="inf"/>', "damping='inf'"),
+])
+def test_numbers_of_joints_that_urdf_refuses(content: str, message: str) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(message)):
+        back_from_sdf(joint(content, 'fixed'))
+
+
+@pytest.mark.parametrize(('version', 'back'), [
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.0')])
+def test_version_that_urdf_has(version: str, back: str) -> None:
+    text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
+    model = read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
+    report = Report()
+    root = convert_to_urdf(model, report, inertial='zero')
+    assert root.get('version') == back
+    assert [version in note.message for note in report.warnings] == [True] * (version != back)
+
+
+def test_materials_of_the_robot_have_a_name_each() -> None:
+    report = Report()
+    red = '<material name="red"><color rgba="1 0 0 1"/></material>'
+    root = back_from_sdf(f'{red}{red}<material name="red_again"/>{red}<link name="a"/>', report)
+    assert root.xpath('material/@name') == ['red', 'red_again_1', 'red_again', 'red_again_2']
+    assert len(report.warnings) == 2
+
+
+def test_colors_are_cut_and_come_back_unless_changed() -> None:
+    content = ('<material name="red"><color rgba="2 0 0 1"/></material>'
+               f'<link name="a"><visual>{BOX}<material name="blue"><color rgba="0 -1 1 1"/>'
+               '</material></visual></link>')
+    report = Report()
+    root = back_from_sdf(content, report)
+    assert root.xpath('//color/@rgba') == ['0 0 1 1', '1 0 0 1']
+    assert [note.name for note in report.warnings] == ['red', 'blue']
+    model = read_urdf(parse(to_bytes(root), 'r.urdf', Report()), Report())
+    material = model.links[0].visuals[0].material
+    assert material is not None and material.color == (0.0, -1.0, 1.0, 1.0)
+    kept = model.carried.urdf
+    assert kept is not None and kept.xpath('material/color/@rgba') == ['2 0 0 1']
+    color = root.find('link/visual/material/color')
+    assert color is not None
+    color.set('rgba', '1 1 1 1')
+    material = read_urdf(root, Report()).links[0].visuals[0].material
+    assert material is not None and material.color == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_robot_name_is_flat() -> None:
+    text = '<sdf version="1.7"><model name="a::b"><link name="a"/></model></sdf>'
+    report = Report()
+    model = read_sdf(parse(text.encode(), 'r.sdf', Report()), Report())
+    assert convert_to_urdf(model, report, inertial='zero').get('name') == 'a__b'
+    assert [note.name for note in report.warnings] == ['a::b']

@@ -12,163 +12,114 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a reader does not understand, kept for the way back in a namespace of its own."""
+"""What a reader did not take of an element: carried in the other format, and put back."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from copy import deepcopy
-
 from lxml import etree
+from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import detached, PART, Taken, TEXT
 from opencv_tools.robot.xml import Element, local_name
 
-# Elements and attributes that only the other format understands are kept in these namespaces.
+# What a writer notes for the reader of the way back has the namespace of the format that it is
+# about. What was not read is in an element of a namespace of its own, in the words of its format.
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
-_OURS = (f'{{{URDF_NAMESPACE}}}', f'{{{SDF_NAMESPACE}}}')
-# An element that has a namespace already is kept in one of this name, and so is a second pose, for
-# <sdf:pose> says where the frame of a link was.
-_HOLDER = 'element'
-_HELD = 'pose'
-
-# What a reader understands of an element: of its attributes (``@name``) and children each is None
-# (all of it), MANY (all of each, however often it occurs) or a table for what is in the child.
-Known = Mapping[str, 'Known | None']
-MANY: Known = {}
-_UNKNOWN: Known = {'': None}
+_CARRIED = 'urn:opencv_tools:carried'
+PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'carried': _CARRIED}
+# The name that a thing had before it was renamed is a note, too.
+_NAME = f'{{{URDF_NAMESPACE}}}name'
 
 
-def leftovers(element: Element, known: Known) -> Element | None:
+def restore(element: Element, rest: Element | None, *, marked: bool = False) -> None:
     """
-    Give what of an element a reader does not understand.
+    Put back into an element what `Taken.rest` left of it.
 
-    :param known: what it does understand.
-    :returns: an element of the same tag that has only attributes and children that are not
-        known; those of a child that occurs twice where one is expected, too. None when there are
-        none. What is kept for the other format does not count.
-    """
-    parts = []
-    seen = set()
-    for child in element:
-        tag = child.tag
-        if not isinstance(tag, str) or tag.startswith(_OURS):
-            continue
-        inner = known.get(tag, _UNKNOWN)
-        if inner is _UNKNOWN or (tag in seen and inner is not MANY):
-            part: Element | None = detached(child)
-        elif inner is None or inner is MANY:
-            part = None
-        else:
-            part = leftovers(child, inner)
-        seen.add(tag)
-        if part is not None:
-            parts.append(part)
-    attributes = {name: value for name, value in element.attrib.items()
-                  if f'@{name}' not in known and not str(name).startswith(_OURS)}
-    if not parts and not attributes:
-        return None
-    rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
-    rest.extend(parts)
-    return rest
-
-
-def detached(element: Element) -> Element:
-    """Copy an element without the text that follows it."""
-    copy = deepcopy(element)
-    copy.tail = None
-    return copy
-
-
-def restore(element: Element, rest: Element | None, known: Known) -> None:
-    """
-    Put back into an element what `leftovers` gave of it.
-
-    :param element: as it was written from what is known; it is changed.
+    :param element: the element as it was written from what was read; it is changed.
+    :param marked: whether ``PART`` stays, because the element is to be carried itself.
     """
     if rest is None:
         return
+    written = {child.tag: child for child in reversed(element)}
+    if rest.text and not element.text:
+        element.text = rest.text
     for name, value in rest.attrib.items():
-        element.set(name, value)
+        if name != PART:
+            element.set(name, value)
     for part in rest:
-        tag = str(part.tag)
-        inner = known.get(tag)
-        target = element.find(tag) if inner and not _repeats(part, inner) else None
+        target = written.get(part.tag) if PART in part.attrib else None
+        if target is None and part.get(PART) == TEXT:
+            continue  # what has no text any more has no attributes
         if target is None:
-            element.append(detached(part))
+            copy = detached(part)
+            if not marked:
+                etree.strip_attributes(copy, PART)
+            element.append(copy)
         else:
-            restore(target, part, inner or {})
+            restore(target, part, marked=marked)
 
 
-def _repeats(part: Element, known: Known) -> bool:
-    """Tell whether a part has what is known, as one has that was there a second time."""
-    if '#' in known and (part.text or '').strip():
-        return True
-    if any(f'@{name}' in known for name in part.attrib):
-        return True
-    for child in part:
-        tag = str(child.tag)
-        if tag in known:
-            inner = known[tag]
-            if inner is None or (inner is not MANY and _repeats(child, inner)):
-                return True
-    return False
-
-
-def carry(element: Element, rest: Element | None, namespace: str) -> list[str]:
+def carry(element: Element, rest: Element | None, language: str, report: Report, name: str,
+          line: int) -> None:
     """
-    Put into an element what only the other format understands, in a namespace of its own.
+    Put into an element what only the other format has a word for.
 
-    :param element: as it was written from what is known; it is changed.
-    :returns: the tags and attributes that were put there.
+    :param element: the element as it was written from what was read; it is changed.
+    :param language: the format that has the words, ``urdf`` or ``sdf``.
+    :param name: the name of the thing, for the report.
     """
     if rest is None:
-        return []
-    for name, value in rest.attrib.items():
-        element.set(name if str(name).startswith('{') else f'{{{namespace}}}{name}', value)
-    for part in rest:
-        copy, tag = detached(part), str(part.tag)
-        if tag.startswith('{') or tag == _HELD:
-            holder = etree.SubElement(element, f'{{{namespace}}}{_HOLDER}')
-            holder.append(copy)
-        else:
-            copy.tag = f'{{{namespace}}}{tag}'
-            element.append(copy)
-    return [*(f'@{name}' for name in rest.attrib), *(local_name(part) for part in rest)]
+        return
+    copy = detached(rest)
+    copy.tag = f'{{{_CARRIED}}}{language}'
+    if language == 'urdf' and 'name' in copy.attrib:
+        element.set(_NAME, copy.attrib.pop('name'))
+    if not len(copy) and not copy.attrib and not copy.text:
+        return
+    element.append(copy)
+    other = 'SDF' if language == 'urdf' else 'URDF'
+    for tag in (*(f'@{etree.QName(name).localname}' for name in copy.attrib),
+                *map(local_name, copy)):
+        report.carry(tag, name, line, f'{other} has no word for it; kept in <carried:{language}>')
 
 
-def carried(element: Element, namespace: str, skip: tuple[str, ...] = ()) -> Element | None:
+def carried(taken: Taken, language: str) -> Element | None:
     """
     Take from an element what `carry` put there.
 
-    :param skip: tags and ``@attributes`` that the caller reads itself.
-    :returns: an element without the namespace; None when there is nothing.
+    :returns: an element of the same tag; None where nothing is carried.
     """
-    prefix = f'{{{namespace}}}'
-    children = [child for child in element.iterchildren(f'{prefix}*')
-                if local_name(child) not in skip]
-    attributes = {str(name).removeprefix(prefix): value for name, value in element.attrib.items()
-                  if str(name).startswith(prefix)
-                  and f'@{str(name).removeprefix(prefix)}' not in skip}
-    if not children and not attributes:
+    own = taken.get(_NAME) if language == 'urdf' else None
+    found = taken.first(f'{{{_CARRIED}}}{language}')
+    if found is None and own is None:
         return None
-    rest = etree.Element(local_name(element), attributes, nsmap=element.nsmap)
-    for child in children:
-        if local_name(child) == _HOLDER:
-            rest.extend(detached(part) for part in child)
-        else:
-            copy = detached(child)
-            copy.tag = local_name(child)
-            rest.append(copy)
+    tag = local_name(taken)
+    rest = etree.Element(tag) if found is None else detached(found.element)
+    rest.tag = tag
+    if own is not None:
+        rest.set('name', own)
     return rest
 
 
-def note_carried(report: Report, namespace: str, name: str, line: int, tags: Iterable[str]
-                 ) -> None:
-    """Note each thing of `carry` that only one of the formats has a word for."""
-    other, prefix = ('SDF', 'urdf') if namespace == URDF_NAMESPACE else ('URDF', 'sdf')
-    for tag in tags:
-        # The name that a thing had is what its renaming notes already.
-        if tag != '@name':
-            kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
-            report.carry(tag, name, line, f'{other} has no word for it; kept as {kept}')
+def note_carried(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
+    """Note what is in the namespace of the one format that has a word for it."""
+    other = 'SDF' if prefix == 'urdf' else 'URDF'
+    kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
+    report.carry(tag, name, line, f'{other} has no word for it; kept as {kept}')
+
+
+def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
+    """
+    Collect the namespaces that what is carried was written with.
+
+    :param own: the prefix of what the writer notes.
+    """
+    things = [robot, *(thing for _, thing in robot.framed()), *(
+        shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
+    found: dict[str, str] = {}
+    for thing in things:
+        for rest in (thing.carried.urdf, thing.carried.sdf):
+            if rest is not None:
+                found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
+    return {**dict(sorted(found.items())), own: PREFIXES[own], 'carried': _CARRIED}

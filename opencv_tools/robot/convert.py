@@ -23,10 +23,12 @@ from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.names import sdf_named, urdf_named, with_own_names
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_rules import keep_sdf_rules, note_inertials
 from opencv_tools.robot.sdf_texts import FRAMES, version_text, written_version
 from opencv_tools.robot.sdf_writer import write_sdf
 from opencv_tools.robot.shapes import Mesh
 from opencv_tools.robot.trees import listed, one_tree
+from opencv_tools.robot.urdf_rules import keep_urdf_rules
 from opencv_tools.robot.urdf_writer import write_urdf
 from opencv_tools.robot.xml import DescriptionError, Element
 
@@ -61,7 +63,10 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
                                    f'take {version_text(FRAMES)} or newer', source=robot.source)
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
-    return write_sdf(sdf_named(robot, report), report, version=version, relative=relative)
+    note_inertials(robot, report)
+    root = write_sdf(sdf_named(robot, report), report, version=version, relative=relative)
+    keep_sdf_rules(root, robot.source, report)
+    return root
 
 
 def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
@@ -76,7 +81,9 @@ def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
     """
     robot = with_inertials(one_tree(robot, '', report), inertial, report)
     robot = with_mesh_uris(robot, mesh_uri)
-    return write_urdf(with_own_names(urdf_named(robot, report)), report)
+    root = write_urdf(with_own_names(urdf_named(robot, report)), report)
+    keep_urdf_rules(root, robot.source, report)
+    return root
 
 
 def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:

@@ -87,7 +87,8 @@ def of_axis(axis: Axis, turn: Transform) -> Facts:
     facts: Facts = {'axis': turn.rotate((x, y, z))}
     for what in ('lower', 'upper', 'effort', 'velocity'):
         value = getattr(limit, what)
-        facts[what] = (value,) if abs(value) < UNLIMITED else 'unlimited'
+        endless = abs(value) >= UNLIMITED or (what in ('effort', 'velocity') and value < 0)
+        facts[what] = 'unlimited' if endless else (value,)
     facts.update(damping=(dynamics.damping or 0.0,), friction=(dynamics.friction or 0.0,))
     if axis.mimic:
         facts.update(mimics=flat_name(axis.mimic.joint), multiplier=(axis.mimic.multiplier,),

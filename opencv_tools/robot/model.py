@@ -41,6 +41,7 @@ JOINT_TYPES: Mapping[str, str] = {
     'universal': 'two turns', 'revolute2': 'two turns', 'gearbox': 'two turns',
 }
 URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
+WITHOUT_AXIS = ('fixed', 'floating')  # of those of URDF
 SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'screw', 'ball', 'universal',
              'revolute2', 'gearbox')
 
@@ -143,8 +144,8 @@ class Limit:
     How far, how strongly and how fast a joint moves; infinite where there is no limit.
 
     :param lower: in radians or metres, ``upper`` too.
-    :param effort: in N m or N.
-    :param velocity: in rad/s or m/s.
+    :param effort: in N m or N; a negative one means no limit, too, and is kept as URDF has it.
+    :param velocity: in rad/s or m/s; as ``effort``.
     """
 
     lower: float = -math.inf

@@ -22,47 +22,61 @@ from dataclasses import replace
 from typing import TypeVar
 
 from lxml import etree
-from opencv_tools.robot.carrying import detached
 from opencv_tools.robot.model import (Axis, Carried, Frame, FrameId, Joint, Link, Robot, Shape,
                                       WORLD)
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import detached
 from opencv_tools.robot.xml import DescriptionError
 
-Named = TypeVar('Named', Link, Joint, Frame, Shape)
+Named = TypeVar('Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
 
 
 def sdf_named(robot: Robot, report: Report) -> Robot:
     """
-    Give links, joints and frames names of which SDF has each but once, and shapes any at all.
+    Give a robot, its links, joints and frames names that SDF allows, and shapes any at all.
 
-    SDF keeps ``world``, ``__name__`` and what has ``::`` in it for itself. The names of before are
-    kept for the way back.
+    SDF has each name but once, and keeps ``world``, ``__name__`` and what has ``::`` in it for
+    itself. The names of before are kept for the way back.
     """
+    name = free_name(allowed_name(robot.name), {WORLD}, '_model')
+    if name != robot.name:
+        _note(report, 'robot', robot.name, 0, name)
+        robot = replace(robot, name=name,
+                        carried=_keeping_name('robot', robot.name, robot.carried))
     taken = {WORLD}
     names: dict[FrameId, str] = {}
     for frame, thing in robot.framed():
         if isinstance(thing, Link) and thing.is_world:
             continue
-        name = _free(_allowed(thing.name), taken, f'_{frame.kind}')
+        name = free_name(allowed_name(thing.name), taken, f'_{frame.kind}')
         taken.add(name)
         if name != thing.name:
             names[frame] = name
-            report.warn(frame.kind, thing.name, thing.line, 'SDF wants each name once and has '
-                        f'some for itself; it is called {name!r} there')
+            _note(report, frame.kind, thing.name, thing.line, name)
     robot = renamed(robot, names, keep=True)
     return replace(robot, links=tuple(_with_shape_names(link, report) for link in robot.links))
 
 
+def _note(report: Report, kind: str, name: str, line: int, new: str) -> None:
+    report.warn(kind, name, line, 'SDF wants each name once and has some for itself; it is called '
+                f'{new!r} there')
+
+
 def urdf_named(robot: Robot, report: Report) -> Robot:
-    """Give links, joints and frames names without ``::``, which tf and others do not read."""
+    """Give all that has a name one without ``::``, which tf and others do not read."""
+    if '::' in robot.name:
+        name = flat_name(robot.name)
+        report.warn('model', robot.name, 0, f'URDF has no nested models; it is called {name!r} '
+                    'there')
+        robot = replace(robot, name=name)
     names: dict[FrameId, str] = {}
     taken: dict[str, set[str]] = defaultdict(set)
     for frame, _ in robot.framed():
         taken[frame.kind].add(frame.name)
     for frame, thing in robot.framed():
         if '::' in thing.name:
-            name = _free(flat_name(thing.name), taken[frame.kind], f'_{frame.kind}')
+            name = free_name(flat_name(thing.name), taken[frame.kind], f'_{frame.kind}')
             taken[frame.kind].add(name)
             names[frame] = name
             if not name.endswith('__model__'):
@@ -85,12 +99,15 @@ def with_own_names(robot: Robot) -> Robot:
             raise DescriptionError(f'urdf:name={named.name!r} is the name of another {frame.kind} '
                                    'too', source=robot.source, line=thing.line, tag=frame.kind)
         taken.add(named)
-    robot = renamed(robot, names)
+    robot, = _without_own_names((renamed(robot, names),))
     return replace(
         robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
-        links=tuple(replace(link, visuals=_without_own_names(link.visuals),
-                            collisions=_without_own_names(link.collisions))
-                    for link in _without_own_names(robot.links)))
+        links=tuple(replace(
+            link, visuals=_without_own_names(link.visuals),
+            collisions=_without_own_names(link.collisions), carried=_with_contacts(
+                link.carried, {shape.name: own for shape in link.collisions
+                               if (own := _own_name(shape.carried))}))
+            for link in _without_own_names(robot.links)))
 
 
 def flat_name(name: str) -> str:
@@ -139,15 +156,15 @@ def _id(frame: FrameId, names: _Names) -> FrameId:
     return FrameId(frame.kind, names.get(frame, frame.name))
 
 
-def _allowed(name: str) -> str:
+def allowed_name(name: str) -> str:
     """Take from a name what SDF keeps for itself."""
     name = flat_name(name)
-    if name.startswith('__') and name.endswith('__'):
+    if len(name) > 3 and name.startswith('__') and name.endswith('__'):
         name = name.strip('_') or 'unnamed'
     return name
 
 
-def _free(name: str, taken: Iterable[str], suffix: str) -> str:
+def free_name(name: str, taken: Iterable[str], suffix: str) -> str:
     """Give a name that is not taken: as it is, with a suffix, or with a number too."""
     if name not in taken:
         return name
@@ -160,20 +177,27 @@ def _free(name: str, taken: Iterable[str], suffix: str) -> str:
 
 
 def _with_shape_names(link: Link, report: Report) -> Link:
-    """Give each visual and collision of a link a name that no other there has."""
-    shapes = {'visual': link.visuals, 'collision': link.collisions}
+    """
+    Give each visual and collision of a link a name that no other there has.
+
+    Of two of one name the visual gives way, for contact sensors name collisions.
+    """
+    shapes = {'collision': link.collisions, 'visual': link.visuals}
     others = {name for part in (link.carried.sdf if link.carried.sdf is not None else ())
-              if (name := part.get('name'))}
+              if part.tag != 'plugin' and (name := part.get('name'))}
     # What has a name of its own comes first, so that none that is made up takes it.
     taken = {*others, *(shape.name for things in shapes.values() for shape in things)}
     seen = set(others)
     result: dict[str, tuple[Shape, ...]] = {}
+    collisions: dict[str, str] = {}  # new names by those of before
     for tag, things in shapes.items():
         named = []
         for shape in things:
-            name = _allowed(shape.name)
-            if not name or name in seen:
+            name = allowed_name(shape.name)
+            if not name or name == WORLD or name in seen:
                 name = _numbered(f'{link.name}_{tag}', taken)
+            if tag == 'collision' and shape.name:
+                collisions.setdefault(shape.name, name)
             if shape.name and name != shape.name:
                 report.warn(tag, shape.name, shape.line, 'SDF wants each name once in a link; it '
                             f'is called {name!r} there')
@@ -182,7 +206,19 @@ def _with_shape_names(link: Link, report: Report) -> Link:
             seen.add(name)
             named.append(replace(shape, name=name))
         result[tag] = tuple(named)
-    return replace(link, visuals=result['visual'], collisions=result['collision'])
+    return replace(link, visuals=result['visual'], collisions=result['collision'],
+                   carried=_with_contacts(link.carried, collisions))
+
+
+def _with_contacts(carried: Carried, names: Mapping[str, str]) -> Carried:
+    """Rename the collisions that the contact sensors of a link name."""
+    if carried.sdf is None or all(old == new for old, new in names.items()):
+        return carried
+    rest = detached(carried.sdf)
+    for collision in rest.iterfind('sensor/contact/collision'):
+        name = (collision.text or '').strip()
+        collision.text = names.get(name, collision.text)
+    return replace(carried, sdf=rest)
 
 
 def _numbered(name: str, taken: Iterable[str]) -> str:

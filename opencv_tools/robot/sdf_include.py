@@ -23,6 +23,7 @@ from pathlib import Path
 
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import file_version, NEWEST, text_of, Version, version_of
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import (DescriptionError, Element, local_name, named, parse,
                                     read_bytes, source_of)
 
@@ -50,28 +51,29 @@ class Part:
         model overrides what it says itself, and the outermost one overrides the others.
     """
 
-    element: Element
+    element: Taken
     version: Version
     files: tuple[Path, ...]
-    includes: tuple[Element, ...] = ()
+    includes: tuple[Taken, ...] = ()
 
     @property
     def name(self) -> str:
         """Give the name of the model."""
-        return next(filter(None, (text_of(include, 'name') for include in self.includes)),
-                    '') or named(self.element)
+        own = named(self.element)
+        return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
     @property
-    def placed_by(self) -> Element:
+    def placed_by(self) -> Taken:
         """Give the element that has the ``<pose>`` of the model, if one has."""
-        return next((include for include in self.includes if include.find('pose') is not None),
-                    self.element)
+        return next((include for include in self.includes
+                     if include.element.find('pose') is not None), self.element)
 
     @property
     def placement_frame(self) -> str:
         """Give the frame of the model that its pose places; empty for the model's own."""
-        texts = (text_of(include, 'placement_frame') for include in self.includes)
-        return next(filter(None, texts), '') or self.element.get('placement_frame', '')
+        names = [*(text_of(include, 'placement_frame') for include in self.includes),
+                 self.element.get('placement_frame', '')]
+        return next(filter(None, names), '')
 
 
 class Library:
@@ -90,7 +92,7 @@ class Library:
         self._read: dict[Path, tuple[Element, Version]] = {}
         self._count = 0
 
-    def part(self, include: Element, files: tuple[Path, ...]) -> Part:
+    def part(self, include: Taken, files: tuple[Path, ...]) -> Part:
         """
         Give the model that an ``<include>`` names.
 
@@ -109,14 +111,14 @@ class Library:
                 raise DescriptionError(f'{path} includes itself', includes[-1])
             root, version = self._root(path, includes[-1])
             files = (*files, path)
-            element = only_model(root, includes[-1])
+            element = Taken(only_model(root, includes[-1]))
             if local_name(element) == 'model':
                 part = Part(element, version, files, tuple(includes))
                 _check_placement(part)
                 return part
             includes.append(element)
 
-    def _root(self, path: Path, include: Element) -> tuple[Element, Version]:
+    def _root(self, path: Path, include: Taken) -> tuple[Element, Version]:
         if path not in self._read:
             root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':
@@ -128,7 +130,7 @@ class Library:
             self._read[path] = root, file_version(root, self._report)
         return self._read[path]
 
-    def _file(self, include: Element, folder: Path) -> Path:
+    def _file(self, include: Taken, folder: Path) -> Path:
         uri = text_of(include, 'uri')
         candidates = self._candidates(uri, include, folder)
         for candidate in candidates:
@@ -140,7 +142,7 @@ class Library:
         raise DescriptionError(f'<uri> {uri!r} is not found; there is no {searched}: name the '
                                'folder that has it by --path', include)
 
-    def _candidates(self, uri: str, include: Element, folder: Path) -> list[Path]:
+    def _candidates(self, uri: str, include: Taken, folder: Path) -> list[Path]:
         scheme, separator, rest = uri.partition('://')
         if not uri or (separator and not rest):
             raise DescriptionError(f'<uri> {uri!r} names no file', include)
@@ -163,7 +165,7 @@ def first_file(root: Element) -> Path:
     return Path(os.path.realpath(source)) if source else Path.cwd() / '<stdin>'
 
 
-def only_model(root: Element, include: Element) -> Element:
+def only_model(root: Element, include: Taken) -> Element:
     """
     Give the ``<model>`` of an included file, or the ``<include>`` that stands for it.
 
@@ -178,7 +180,7 @@ def only_model(root: Element, include: Element) -> Element:
     return models[0]
 
 
-def _file_in(folder: Path, include: Element) -> Path:
+def _file_in(folder: Path, include: Taken) -> Path:
     """Give the SDF of a model's folder that is the newest one of those that are read."""
     config = folder / 'model.config'
     if not config.is_file():
@@ -195,5 +197,5 @@ def _file_in(folder: Path, include: Element) -> Path:
 
 def _check_placement(part: Part) -> None:
     for include in part.includes:
-        if text_of(include, 'placement_frame') and include.find('pose') is None:
+        if text_of(include, 'placement_frame') and include.element.find('pose') is None:
             raise DescriptionError('has a <placement_frame> and no <pose> for it', include)

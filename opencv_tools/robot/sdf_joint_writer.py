@@ -20,8 +20,7 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_JOINT
+from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, Limit, Mimic,
                                       SDF_TYPES, WORLD)
@@ -56,9 +55,10 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             _mimic_element(element, axis.mimic, tag)
             report.carry('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.carried.sdf, SDF_JOINT)
-    note_carried(report, URDF_NAMESPACE, joint.name, joint.line,
-                 carry(element, joint.carried.urdf, URDF_NAMESPACE))
+    restore(element, joint.carried.sdf)
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        _remove_positions(element, joint, version, report)
+    carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,
@@ -89,7 +89,12 @@ def axis_to_element(axis: Axis, tag: str, version: Version,
 def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:
     """Name the type, or in older versions the one that means the same."""
     written = joint.type
-    if joint.type == 'continuous' and version < CONTINUOUS:
+    limit = joint.axes[0].limit if joint.axes else None
+    if joint.type == 'revolute' and (
+            limit is None or (limit.lower, limit.upper) == (-math.inf, math.inf)):
+        # Without limits it means a continuous one, which URDF has another word for.
+        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+    elif joint.type == 'continuous' and version < CONTINUOUS:
         written = 'revolute'  # without limits, which is the same
     elif joint.type == 'fixed' and version < JOINT_AXES:
         written = 'revolute'
@@ -113,12 +118,24 @@ def _axes(joint: Joint, version: Version) -> tuple[Axis, ...]:
     return joint.axes
 
 
+def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
+    """Remove limits that mean nothing to a continuous joint, which is a revolute one here."""
+    for limit in element.iterfind(f'{AXES[0]}/limit'):
+        for number in list(limit.iterchildren('lower', 'upper')):
+            limit.remove(number)
+            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
+                        f'SDF {version_text(version)} has no continuous joints, and a '
+                        'revolute one would be limited by it')
+
+
 def _limit_element(axis: Element, limit: Limit) -> None:
     element = etree.SubElement(axis, 'limit')
     for tag in ('lower', 'upper', 'effort', 'velocity'):
         value = getattr(limit, tag)
         # No limit is what SDF means where it has none.
-        if math.isfinite(value):
+        if tag in ('effort', 'velocity') and value < 0:
+            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
+        elif math.isfinite(value):
             text_element(element, tag, number_text(value))
 
 

@@ -20,8 +20,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 import math
 
-from opencv_tools.robot.carrying import Known, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_JOINT
+from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic,
                                       SDF_TYPES)
@@ -31,6 +30,7 @@ from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_names import JOINTS
 from opencv_tools.robot.sdf_shapes import Place
 from opencv_tools.robot.sdf_texts import flag, FRAMES, JOINT_AXES
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, named
 
@@ -43,7 +43,7 @@ _AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane':
 Turn = Callable[[Vector], Vector] | None
 
 
-def read_joint(element: Element, place: Place) -> Joint:
+def read_joint(element: Taken, place: Place) -> Joint:
     """Read what a joint connects and where it is, without its axes."""
     name = place.scope.qualified(named(element))
     names, scope = place.names, place.scope
@@ -60,7 +60,7 @@ def read_joint(element: Element, place: Place) -> Joint:
                  place.placement(element, child), line=line_of(element))
 
 
-def with_axes(joint: Joint, element: Element, place: Place, kinematics: Kinematics) -> Joint:
+def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics) -> Joint:
     """
     Read the axes of a joint, and keep what else there is of it.
 
@@ -79,36 +79,27 @@ def with_axes(joint: Joint, element: Element, place: Place, kinematics: Kinemati
                                   '<axis>; it is taken for 0 0 1, as SDF has it')
                 axes.append(Axis((0.0, 0.0, 1.0)))
             continue
-        axis = axis_from_element(child, _turn(child, joint, place, kinematics))
+        axis = axis_from_element(child, _turn(child, joint, place, kinematics),
+                                 kind=joint.type)
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
-    # The axis that an old version wants of a fixed joint is none of ours.
-    known: Known = {tag: inner for tag, inner in SDF_JOINT.items()
-                    if tag not in AXES or tag in tags or _TYPE in element.attrib}
+    own = element.get(_TYPE)
+    if own == 'fixed':
+        element.first(AXES[0])  # an old version wants one of a fixed joint
     limit = axes[0].limit if axes else None
     limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if limits[0] > limits[1]:
         place.report.warn('limit', joint.name, joint.line,
                           f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
-    if joint.type == 'revolute' and limits == (-math.inf, math.inf):
+    if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
-    elif joint.type == 'continuous' and limits != (-math.inf, math.inf):
-        # They mean nothing here; they are kept as they are.
-        axes[0] = replace(axes[0], limit=limit and replace(
-            limit, lower=-math.inf, upper=math.inf))
-        known = {**known, AXES[0]: _UNLIMITED_AXIS}
-    return replace(joint, axes=tuple(axes),
-                   carried=place.carried(element, known, ('mimic', '@type')))
+    return replace(joint, axes=tuple(axes), carried=place.carried(element))
 
 
-_AXIS: Known = SDF_JOINT[AXES[0]] or {}
-_UNLIMITED_AXIS: Known = {**_AXIS, 'limit': {
-    tag: inner for tag, inner in (_AXIS['limit'] or {}).items() if tag in ('effort', 'velocity')}}
-
-
-def axis_from_element(element: Element, turn: Turn = None) -> Axis:
+def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
     """
     Read an axis.
 
+    :param kind: type of the joint; the positions of a continuous one have no limits.
     :param turn: what turns its direction into the joint's frame, where it is in another one.
     :raises DescriptionError: it has no direction, or a number that is none.
     """
@@ -124,7 +115,7 @@ def axis_from_element(element: Element, turn: Turn = None) -> Axis:
         if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
             xyz = written
     limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
-    return Axis(xyz, None if limit is None else _limit(limit),
+    return Axis(xyz, None if limit is None else _limit(limit, kind),
                 None if dynamics is None else _dynamics(dynamics),
                 None if mimic is None else _plain_mimic(mimic))
 
@@ -180,8 +171,9 @@ class _Sets:
         return one != other
 
 
-def _type(element: Element) -> str:
-    text = (element.get(_TYPE) or element.get('type') or '').strip().lower()
+def _type(element: Taken) -> str:
+    written = element.get('type', '')
+    text = element.get(_TYPE, written).strip().lower()
     # In the namespace of URDF stand those that SDF does not have.
     types = tuple(JOINT_TYPES) if element.tag != JOINTS[0] else SDF_TYPES
     if text not in types:
@@ -190,15 +182,18 @@ def _type(element: Element) -> str:
     return text
 
 
-def _turn(axis: Element, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
+def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
     """Give what turns an axis into the joint's frame, by the rules of its version."""
-    version = place.scope.version
-    old, xyz = axis.find('use_parent_model_frame'), axis.find('xyz')
-    name = ''
-    if version >= FRAMES:
-        name = '' if xyz is None else xyz.get('expressed_in', '')
-    elif version < JOINT_AXES or (old is not None and flag(old.text, old)):
-        name = MODEL_FRAME
+    version, xyz = place.scope.version, axis.find('xyz')
+    name = '' if xyz is None else xyz.get('expressed_in', '')
+    old = axis.find('use_parent_model_frame')
+    if old is not None and flag(old.text, old) and version >= FRAMES:
+        place.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame means nothing '
+                          'from SDF 1.7 on, where it is expressed_in=')
+    elif version < FRAMES:
+        in_model = version < JOINT_AXES and not place.scope.is_inside
+        if in_model if old is None else flag(old.text, old):
+            name = MODEL_FRAME
     if not name:
         return None
     frame = place.names.lookup(place.scope, name, axis, 'expressed_in')
@@ -206,9 +201,9 @@ def _turn(axis: Element, joint: Joint, place: Place, kinematics: Kinematics) -> 
     return None if pose.rpy == ZERO else pose.transform().rotate
 
 
-def _mimic(joint: Element, element: Element, tag: str, axis: Axis, place: Place) -> Mimic | None:
-    mimic = axis.mimic
-    for kept in joint.iterchildren(_MIMIC):
+def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
+    mimic, own = axis.mimic, element.find('mimic')
+    for kept in joint.each(_MIMIC):
         if kept.get('axis', AXES[0]) == tag:
             mimic = Mimic(kept.get('joint', ''),
                           number(kept.get('multiplier', '1'), kept, 'multiplier'),
@@ -217,11 +212,16 @@ def _mimic(joint: Element, element: Element, tag: str, axis: Axis, place: Place)
         return None
     leader = FrameId('joint', place.scope.qualified(mimic.joint))
     if leader not in place.names.elements:
-        raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
+        if own is None:
+            raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
+        place.report.warn('mimic', place.scope.qualified(named(joint)), line_of(own),
+                          f'joint={mimic.joint!r} is no joint of the model; it follows none')
+        element.leave(own)
+        return None
     return replace(mimic, joint=leader.name)
 
 
-def _plain_mimic(element: Element) -> Mimic:
+def _plain_mimic(element: Element | Taken) -> Mimic:
     values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
               if (child := element.find(tag)) is not None}
     multiplier = values.get('multiplier', 1.0)
@@ -230,15 +230,17 @@ def _plain_mimic(element: Element) -> Mimic:
                  values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
 
 
-def _limit(element: Element) -> Limit:
+def _limit(element: Element | Taken, kind: str) -> Limit:
     values = {}
-    for tag in ('lower', 'upper', 'effort', 'velocity'):
+    positions = () if kind == 'continuous' else ('lower', 'upper')
+    for tag in (*positions, 'effort', 'velocity'):
         child = element.find(tag)
         if child is not None:
             values[tag] = limit_number(child.text, child)
     lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    effort, velocity = (values.get(tag, -1.0) for tag in ('effort', 'velocity'))
-    return Limit(lower, upper, _enforced(effort), _enforced(velocity))
+    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
+    effort, velocity = (_enforced(values[tag]) if tag in values else kept[tag] for tag in kept)
+    return Limit(lower, upper, effort, velocity)
 
 
 def _enforced(value: float) -> float:
@@ -246,6 +248,13 @@ def _enforced(value: float) -> float:
     return math.inf if value < 0 else abs(value)
 
 
-def _dynamics(element: Element) -> Dynamics:
+def _negative(limit: Element | Taken, tag: str) -> float:
+    """Read the negative number by which URDF said that there is no limit."""
+    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+    value = limit_number(text, limit, f'urdf:{tag}')
+    return value if value < 0 else math.inf
+
+
+def _dynamics(element: Element | Taken) -> Dynamics:
     return Dynamics(*(None if child is None else number(child.text, child)
                       for child in map(element.find, ('damping', 'friction'))))

@@ -24,6 +24,7 @@ from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_include import first_file, Library, NoModelError, Part
 from opencv_tools.robot.sdf_texts import file_version, flag, text_of, Version
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named
 
 MODEL_FRAME = '__model__'
@@ -49,7 +50,7 @@ class Scope:
     inner: list[Scope] = field(default_factory=list)
 
     @property
-    def element(self) -> Element:
+    def element(self) -> Taken:
         """Give its ``<model>``."""
         return self.part.element
 
@@ -62,6 +63,11 @@ class Scope:
     def is_merged(self) -> bool:
         """Tell whether its links are the parent's own."""
         return self.parent is not None and self.prefix == self.parent.prefix
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether it is written in another model, not in a file of its own."""
+        return self.parent is not None and not self.part.includes
 
     def qualified(self, name: str) -> str:
         """Give the name that something of this model has in the robot."""
@@ -81,13 +87,13 @@ def scopes_of(root: Element, library: Library, name: str, report: Report) -> lis
     while pending:
         scope = pending.pop()
         result.append(scope)
-        for child in scope.element.iterchildren(*_MODELS):
+        for child in scope.element.each(*_MODELS):
             scope.inner.append(_inner(scope, child, library, report))
         pending.extend(reversed(scope.inner))
     return result
 
 
-def _inner(scope: Scope, element: Element, library: Library, report: Report) -> Scope:
+def _inner(scope: Scope, element: Taken, library: Library, report: Report) -> Scope:
     if local_name(element) == 'model':
         part = Part(element, scope.version, scope.part.files)
     else:
@@ -120,8 +126,8 @@ def _chosen(root: Element, library: Library, name: str, report: Report) -> Part:
     _note_rest(root, element, report)
     files = (first_file(root),)
     if local_name(element) == 'include':
-        return library.part(element, files)
-    return Part(element, version, files)
+        return library.part(Taken(element), files)
+    return Part(Taken(element), version, files)
 
 
 def _candidates(root: Element, library: Library) -> Iterator[tuple[str, Element]]:
@@ -137,7 +143,7 @@ def _candidates(root: Element, library: Library) -> Iterator[tuple[str, Element]
 def _include_name(element: Element, library: Library, file: Path) -> str:
     """Name what is included; empty for lights and the like, which are no models."""
     try:
-        return library.part(element, (file,)).name
+        return library.part(Taken(element), (file,)).name
     except NoModelError:
         return ''
     except DescriptionError:

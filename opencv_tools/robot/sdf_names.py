@@ -22,6 +22,7 @@ from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.model import FrameId, WORLD
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope, SEPARATOR
 from opencv_tools.robot.sdf_texts import CAPSULE, flag, FRAMES, text_of
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import DescriptionError, Element, local_name, named
 
 # Joints and frames that SDF has no word for are written in the namespace of URDF.
@@ -41,14 +42,14 @@ class Names:
 
         :raises DescriptionError: a name is there twice, or is none that may be given.
         """
-        self.elements: dict[FrameId, Element] = {}
+        self.elements: dict[FrameId, Taken] = {}
         self._scopes: dict[FrameId, Scope] = {}  # by the frame of each model
         self._homes: dict[FrameId, Scope] = {}  # the model that each frame is declared in
         self._frames: dict[str, FrameId] = {}
         self._links: dict[FrameId, str] = {}
         for scope in scopes:
             for tags, kind in ((('link',), 'link'), (JOINTS, 'joint'), (FRAME_TAGS, 'frame')):
-                for element in scope.element.iterchildren(*tags):
+                for element in scope.element.each(*tags):
                     name = scope.qualified(_allowed(element, scope))
                     self._declare(name, FrameId(kind, name), element, scope)
         for scope in scopes:
@@ -58,7 +59,7 @@ class Names:
                 self._declare(name, scope.frame, scope.element, scope.parent)
                 self._frames[scope.frame.name] = scope.frame
 
-    def lookup(self, scope: Scope, name: str, element: Element, what: str) -> FrameId:
+    def lookup(self, scope: Scope, name: str, element: Element | Taken, what: str) -> FrameId:
         """
         Give the frame that a name means in a model.
 
@@ -90,7 +91,7 @@ class Names:
         self._links.update(dict.fromkeys(chain, link))
         return link
 
-    def child_frame(self, element: Element, scope: Scope) -> FrameId:
+    def child_frame(self, element: Taken, scope: Scope) -> FrameId:
         """
         Give the frame that is the child of a joint.
 
@@ -102,7 +103,7 @@ class Names:
                                    element)
         return self.lookup(scope, name, element, '<child>')
 
-    def parent_frame(self, element: Element, scope: Scope) -> FrameId:
+    def parent_frame(self, element: Taken, scope: Scope) -> FrameId:
         """
         Give the frame that is the parent of a joint; the link `WORLD` for the world.
 
@@ -122,7 +123,7 @@ class Names:
                 raise DescriptionError(f'canonical_link={name!r} is no link', scope.element)
             return frame
         first = self._first(scope)
-        static = scope.element.find('static')
+        static = scope.element.element.find('static')
         if first is None and scope.parent and static is not None and flag(static.text, static):
             return scope.parent.frame  # it does not move, so it needs no links
         if first is None:
@@ -133,7 +134,7 @@ class Names:
         """Give the first link of a model, or else the first model inside it."""
         inner = iter(scope.inner)
         nested = None
-        for child in scope.element.iterchildren('link', 'model', 'include'):
+        for child in scope.element.each('link', 'model', 'include'):
             if local_name(child) == 'link':
                 return FrameId('link', scope.qualified(named(child)))
             other = next(inner)
@@ -152,7 +153,7 @@ class Names:
         name = element.get('attached_to') or MODEL_FRAME
         return self.lookup(scope, name, element, 'attached_to')
 
-    def _declare(self, name: str, frame: FrameId, element: Element, scope: Scope) -> None:
+    def _declare(self, name: str, frame: FrameId, element: Taken, scope: Scope) -> None:
         other = self._frames.get(name)
         if frame in self.elements or (other and scope.version >= FRAMES):
             before = self.elements[frame if frame in self.elements else other or frame]
@@ -165,7 +166,7 @@ class Names:
             self._frames[name] = frame
 
 
-def _allowed(element: Element, scope: Scope) -> str:
+def _allowed(element: Taken, scope: Scope) -> str:
     name = named(element)
     is_reserved = len(name) > 3 and name.startswith('__') and name.endswith('__')
     if name == WORLD or (is_reserved and scope.version >= FRAMES):
@@ -176,7 +177,7 @@ def _allowed(element: Element, scope: Scope) -> str:
     return name
 
 
-def _end(joint: Element, tag: str) -> str:
+def _end(joint: Taken, tag: str) -> str:
     name = text_of(joint, tag)
     if not name:
         raise DescriptionError(f'has no <{tag}>', joint)

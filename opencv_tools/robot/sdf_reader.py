@@ -20,8 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.carrying import carried, detached, Known, MANY, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_FRAME, SDF_MODEL
+from opencv_tools.robot.carrying import carried
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (Carried, Frame, FrameId, Joint, Link, MODEL, Placement,
                                       Robot, WORLD)
@@ -33,14 +32,12 @@ from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope, scopes_of
 from opencv_tools.robot.sdf_names import FRAME_TAGS, JOINTS, Names
 from opencv_tools.robot.sdf_shapes import Place, read_link
 from opencv_tools.robot.sdf_texts import flag, pose_element, pose_of
-from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
+from opencv_tools.robot.taken import detached, Taken
+from opencv_tools.robot.xml import (DescriptionError, Either, Element, line_of, local_name, named,
+                                    source_of)
 
-# What is read of <model> beyond the table: in the namespace of URDF.
-_OURS = ('joint', 'frame')
-# What of models inside the model, and of an <include>, is read.
-_NESTED: Known = {**SDF_MODEL, 'pose': MANY, '@placement_frame': None}
-_INCLUDE: Known = {'@merge': None, 'uri': MANY, 'name': MANY, 'pose': MANY,
-                   'placement_frame': MANY}
+# What is read of an <include>, or of another one that overrides it.
+_INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
 # What an <include> says about the model instead of the model itself.
 _OVERRIDES = ('pose', 'static')
 
@@ -59,7 +56,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF, whose root is <sdf>', root)
     scopes = scopes_of(root, Library(search, report), model, report)
-    if all(scope.element.find('link') is None for scope in scopes):
+    if not any(scope.element.each('link') for scope in scopes):
         raise DescriptionError(f'model {scopes[0].part.name!r} has no links', scopes[0].element)
     names = Names(scopes)
     folder = str(first_file(root).parent)
@@ -79,7 +76,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     return robot
 
 
-def frame_from_element(element: Element, lookup: Callable[[str, Element], FrameId],
+def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId],
                        model: FrameId = MODEL) -> Frame:
     """
     Read a frame.
@@ -94,7 +91,7 @@ def frame_from_element(element: Element, lookup: Callable[[str, Element], FrameI
     return Frame(named(element), home, Placement(pose_of(pose), start), line=line_of(element))
 
 
-def _named_frame(pose: Element, lookup: Callable[[str, Element], FrameId], model: FrameId,
+def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
                  default: FrameId) -> FrameId:
     name = pose.get('relative_to')
     if not name:
@@ -111,26 +108,26 @@ def _parts(places: Sequence[Place]
     around = {place.scope.frame: place for place in places}
     for place in places:
         element, scope = place.scope.element, place.scope
-        links.extend(read_link(child, place) for child in element.iterchildren('link'))
-        joints.extend(read_joint(child, place) for child in element.iterchildren(*JOINTS))
+        links.extend(read_link(child, place) for child in element.each('link'))
+        joints.extend(read_joint(child, place) for child in element.each(*JOINTS))
         if scope.parent is not None:
             frames.append(_model_frame(place, around[scope.parent.frame]))
             _note_rest(place)
-        frames.extend(_frame(child, place) for child in element.iterchildren(*FRAME_TAGS))
+        frames.extend(_frame(child, place) for child in element.each(*FRAME_TAGS))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(WORLD, Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)
 
 
-def _frame(element: Element, place: Place) -> Frame:
-    def lookup(name: str, holder: Element) -> FrameId:
+def _frame(element: Taken, place: Place) -> Frame:
+    def lookup(name: str, holder: Taken) -> FrameId:
         what = 'relative_to' if holder.tag == 'pose' else 'attached_to'
         return place.names.lookup(place.scope, name, holder, what)
 
     frame = frame_from_element(element, lookup, place.scope.frame)
     return replace(frame, name=place.scope.qualified(frame.name),
                    placement=place.placement(element, frame.attached_to),
-                   carried=place.carried(element, SDF_FRAME))
+                   carried=place.carried(element))
 
 
 def _model_frame(place: Place, around: Place) -> Frame:
@@ -144,9 +141,10 @@ def _model_frame(place: Place, around: Place) -> Frame:
 def _note_rest(place: Place) -> None:
     """Note what is left out of a model that is no longer a model."""
     part = place.scope.part
-    rest = [place.rest(part.element, _NESTED), carried(part.element, URDF_NAMESPACE, _OURS),
-            *(place.rest(include, _INCLUDE) for include in part.includes)]
-    for found in rest:
+    kept = carried(part.element, 'urdf')
+    for one in (part.element, *part.includes):
+        one.each(*_INCLUDE)
+    for found in (place.rest(part.element), kept, *map(place.rest, part.includes)):
         for child in () if found is None else found:
             # A model is not static anyway.
             if child.tag != 'static' or flag(child.text, child):
@@ -199,7 +197,7 @@ def _placement_frame(robot: Robot, scope: Scope, names: Names) -> Transform:
 
 def _in_world(robot: Robot, scope: Scope, names: Names) -> Pose:
     """Give where the model is in the world; in its origin if that is relative to what is gone."""
-    pose = scope.part.placed_by.find('pose')
+    pose = scope.part.placed_by.element.find('pose')
     placed = _placement_frame(robot, scope, names)
     if pose is not None and pose.get('relative_to'):
         return Pose()
@@ -218,7 +216,7 @@ def _with_world(robot: Robot, in_world: Pose) -> Robot:
 
 def _with_axes(robot: Robot, places: Sequence[Place]) -> Robot:
     elements = ((element, place) for place in places
-                for element in place.scope.element.iterchildren(*JOINTS))
+                for element in place.scope.element.each(*JOINTS))
     kinematics = Kinematics(robot)
     return replace(robot, joints=tuple(
         with_axes(joint, element, place, kinematics)
@@ -232,11 +230,11 @@ def _model_rest(place: Place, in_world: Pose) -> Carried:
     :param in_world: where the model's own frame is in the world.
     """
     part = place.scope.part
-    rest = place.rest(part.element, SDF_MODEL)
+    kept, rest = carried(part.element, 'urdf'), place.rest(part.element)
     if rest is None:
         rest = etree.Element('model')
     for include in reversed(part.includes):
-        for child in include.iterchildren('*'):
+        for child in include.element.iterchildren('*'):
             tag = local_name(child)
             if tag in _OVERRIDES:
                 for old in rest.findall(tag):
@@ -246,8 +244,7 @@ def _model_rest(place: Place, in_world: Pose) -> Carried:
             elif tag not in _INCLUDE:
                 place.report.warn(tag, part.name, line_of(child), 'left out of the <include>')
     _settle_pose(rest, place, in_world)
-    return Carried(urdf=carried(part.element, URDF_NAMESPACE, _OURS),
-                   sdf=rest if len(rest) or rest.attrib else None)
+    return Carried(urdf=kept, sdf=rest if len(rest) or rest.attrib else None)
 
 
 def _settle_pose(rest: Element, place: Place, in_world: Pose) -> None:
@@ -259,7 +256,6 @@ def _settle_pose(rest: Element, place: Place, in_world: Pose) -> None:
                               f'left out, it is relative to {other!r}, outside the model')
             rest.remove(pose)
     if frame := place.scope.part.placement_frame:
-        rest.attrib.pop('placement_frame', None)
         for pose in rest.findall('pose'):
             rest.remove(pose)
         pose_element(rest, in_world)

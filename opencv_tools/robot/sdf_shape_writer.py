@@ -17,8 +17,8 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
-from opencv_tools.robot.elements import INERTIA, SDF_COLLISION, SDF_VISUAL
+from opencv_tools.robot.carrying import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.elements import INERTIA
 from opencv_tools.robot.model import Inertial, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
@@ -65,9 +65,8 @@ def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Ve
     _geometry_element(element, shape, version, report)
     if shape.material is not None:
         _material_element(element, shape, shape.material, version, report)
-    restore(element, shape.carried.sdf, SDF_VISUAL if tag == 'visual' else SDF_COLLISION)
-    note_carried(report, URDF_NAMESPACE, shape.name, shape.line,
-                 carry(element, shape.carried.urdf, URDF_NAMESPACE))
+    restore(element, shape.carried.sdf)
+    carry(element, shape.carried.urdf, 'urdf', report, shape.name, shape.line)
 
 
 def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:

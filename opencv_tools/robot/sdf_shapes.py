@@ -21,19 +21,20 @@ import os
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.carrying import carried, Known, leftovers, URDF_NAMESPACE
-from opencv_tools.robot.elements import INERTIA, SDF_COLLISION, SDF_LINK, SDF_VISUAL
+from opencv_tools.robot.carrying import carried, URDF_NAMESPACE
+from opencv_tools.robot.elements import INERTIA
 from opencv_tools.robot.model import Carried, FrameId, Inertial, Link, MODEL, Placement, Shape
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_models import MODEL_FRAME, Scope
-from opencv_tools.robot.sdf_names import Names
+from opencv_tools.robot.sdf_names import JOINTS, Names
 from opencv_tools.robot.sdf_shape_writer import COLORS
-from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, text_of
+from opencv_tools.robot.sdf_texts import color_of, flag, FRAMES, pose_of, poses_in, text_of
 from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.texts import number, vector
-from opencv_tools.robot.xml import child_of, DescriptionError, Element, line_of, local_name, named
+from opencv_tools.robot.taken import Taken
+from opencv_tools.robot.texts import number, number_text, vector
+from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named
 
-_KNOWN = {'visual': SDF_VISUAL, 'collision': SDF_COLLISION}
+_FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
 
 
@@ -50,7 +51,7 @@ class Place:
     report: Report
     folder: str
 
-    def placement(self, holder: Element, default: FrameId) -> Placement:
+    def placement(self, holder: Taken, default: FrameId) -> Placement:
         """
         Read the ``<pose>`` of an element.
 
@@ -59,32 +60,31 @@ class Place:
         pose = holder.find('pose')
         if pose is None:
             return Placement(pose_of(None), default)
-        name = pose.get('relative_to', '')
-        if 'frame' in pose.attrib and self.scope.version >= FRAMES:
-            self.report.warn('pose', holder.get('name', ''), line_of(pose),
+        name, old = pose.get('relative_to', ''), pose.get('frame')
+        if old is not None and self.scope.version >= FRAMES:
+            self.report.warn('pose', holder.element.get('name', ''), line_of(pose),
                              'frame= means nothing from SDF 1.7 on, where it is relative_to=')
-        elif self.scope.version < FRAMES:
-            name = name or pose.get('frame', '')
+        elif old is not None:
+            name = old
         frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
         return Placement(pose_of(pose), frame)
 
-    def carried(self, element: Element, known: Known, skip: tuple[str, ...] = ()) -> Carried:
-        """
-        Keep what is not read of an element.
+    def carried(self, element: Taken) -> Carried:
+        """Return what was not taken of an element."""
+        return Carried(urdf=carried(element, 'urdf'), sdf=self.rest(element))
 
-        :param skip: what `xml.carried` shall leave out.
-        """
-        return Carried(urdf=carried(element, URDF_NAMESPACE, skip), sdf=self.rest(element, known))
-
-    def rest(self, element: Element, known: Known) -> Element | None:
-        """Keep what is not read of an element, in the words of SDF 1.7 and later."""
-        rest = leftovers(element, known)
+    def rest(self, element: Taken) -> Element | None:
+        """Return what was not taken of an element, in the words of SDF 1.7 and later."""
+        rest = element.rest()
         if rest is None:
             return None
-        if self.scope.version < FRAMES:
-            for axis in rest.iter('axis', 'axis2'):
+        for axis in rest.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
+            if self.scope.version < FRAMES:
                 _modernise(axis)
-        for pose in rest.iter('pose'):
+            xyz = axis.find('xyz')
+            if xyz is not None and (name := xyz.get('expressed_in')):
+                xyz.set('expressed_in', self._in_robot(name))
+        for pose in poses_in(rest):
             if self.scope.version < FRAMES and 'frame' in pose.attrib:
                 pose.set('relative_to', pose.attrib.pop('frame'))
             if name := pose.get('relative_to'):
@@ -113,24 +113,22 @@ def _modernise(axis: Element) -> None:
         axis.remove(old)
 
 
-def read_link(element: Element, place: Place) -> Link:
+def read_link(element: Taken, place: Place) -> Link:
     """Read a link."""
     name = place.scope.qualified(named(element))
     frame = FrameId('link', name)
     shapes: dict[str, tuple[Shape, ...]] = {}
-    for tag in _KNOWN:
-        shapes[tag] = tuple(_shape(child, frame, place) for child in element.iterchildren(tag))
+    for tag in ('visual', 'collision'):
+        shapes[tag] = tuple(_shape(child, frame, place) for child in element.each(tag))
         _check_names(element, tag, place)
-    inertial = element.find('inertial')
-    return Link(name, place.placement(element, place.scope.frame),
-                None if inertial is None else _inertial(inertial, frame, place),
-                shapes['visual'], shapes['collision'], place.carried(element, SDF_LINK),
-                line_of(element))
+    placement, inertial = place.placement(element, place.scope.frame), element.find('inertial')
+    return Link(name, placement, None if inertial is None else _inertial(inertial, frame, place),
+                shapes['visual'], shapes['collision'], place.carried(element), line_of(element))
 
 
-def _check_names(link: Element, tag: str, place: Place) -> None:
+def _check_names(link: Taken, tag: str, place: Place) -> None:
     names = set()
-    for child in link.iterchildren(tag) if place.scope.version >= FRAMES else ():
+    for child in link.each(tag) if place.scope.version >= FRAMES else ():
         name = child.get('name')
         if name in names:
             raise DescriptionError(f'{name!r} is the name of another {tag} of link '
@@ -138,7 +136,7 @@ def _check_names(link: Element, tag: str, place: Place) -> None:
         names.add(name)
 
 
-def _inertial(element: Element, link: FrameId, place: Place) -> Inertial:
+def _inertial(element: Taken, link: FrameId, place: Place) -> Inertial:
     """Read an inertial; what it does not say is as SDF has it by default."""
     moments = element.find('inertia')
     values = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]
@@ -146,17 +144,21 @@ def _inertial(element: Element, link: FrameId, place: Place) -> Inertial:
         if moments is not None and (child := moments.find(tag)) is not None:
             values[index] = number(child.text, child)
     ixx, ixy, ixz, iyy, iyz, izz = values
-    mass = element.find('mass')
-    return Inertial(place.placement(element, link), 1.0 if mass is None else number(
+    mass, pose = element.find('mass'), element.find('pose')
+    if pose is not None and (pose.get('relative_to', '') or pose.get('frame', '')):
+        place.report.warn('inertial', link.name, line_of(pose), 'its pose is in its link, so that '
+                          'what it is relative to means nothing')
+    return Inertial(Placement(pose_of(pose), link), 1.0 if mass is None else number(
         mass.text, mass), (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def _shape(element: Element, link: FrameId, place: Place) -> Shape:
+def _shape(element: Taken, link: FrameId, place: Place) -> Shape:
     tag = local_name(element)
-    material = element.find('material') if tag == 'visual' else None
-    geometry, rest = _geometry(element, place), place.carried(element, _KNOWN[tag])
-    return Shape(named(element), place.placement(element, link), geometry,
-                 None if material is None else _material(material, place),
+    look = element.find('material') if tag == 'visual' else None
+    geometry, placement = _geometry(element, place), place.placement(element, link)
+    material = None if look is None else _material(look, place)
+    name, rest = named(element), place.carried(element)
+    return Shape(name, placement, geometry, material,
                  rest if geometry else _with_geometry(rest, tag), line_of(element))
 
 
@@ -169,48 +171,63 @@ def _with_geometry(rest: Carried, tag: str) -> Carried:
     return Carried(rest.urdf, element)
 
 
-def _geometry(shape: Element, place: Place) -> Geometry | None:
+def _geometry(shape: Taken, place: Place) -> Geometry | None:
     element = shape.find('geometry')
     if element is None:
         place.report.warn(local_name(shape), named(shape), line_of(shape), 'has no <geometry>')
         return None
-    capsule = element.find(_KEPT_CAPSULE)
+    capsule = element.first(_KEPT_CAPSULE)
     if capsule is not None:
+        element.first('cylinder')  # which stands for it
         return Capsule(number(capsule.get('radius'), capsule, 'radius'),
                        number(capsule.get('length'), capsule, 'length'))
-    known = SDF_VISUAL['geometry'] or {}
-    forms = [child for child in element.iterchildren('*') if child.tag in known]
+    forms = list(element.element.iterchildren(*_FORMS))
     for other in forms[1:]:
         place.report.warn(local_name(other), named(shape), line_of(other),
-                          'left out, a geometry is one shape')
-    return _form(forms[0], place) if forms else None
+                          'is not read, a geometry is one shape')
+    form = element.find(str(forms[0].tag)) if forms else None
+    return _form(form, place) if form else None
 
 
-def _form(element: Element, place: Place) -> Geometry:
+def _form(element: Taken, place: Place) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
+        if not uri and place.scope.version < (1, 4):
+            uri = text_of(element, 'filename')  # as the oldest versions had it
         if not uri:
             raise DescriptionError('has no <uri>', element)
         return Mesh(place.uri(uri), None if scale is None else vector(scale.text, scale))
     if tag == 'box':
-        size = child_of(element, 'size')
-        return Box(vector(size.text, size))
+        size = element.find('size')
+        if size is None:
+            _warn_of_default(element, 'size', '1 1 1', place)
+        return Box((1.0, 1.0, 1.0) if size is None else vector(size.text, size))
+    radius = _length(element, 'radius', 0.5 if tag == 'capsule' else 1.0, place)
     if tag == 'sphere':
-        return Sphere(_length(element, 'radius'))
+        return Sphere(radius)
     form = Cylinder if tag == 'cylinder' else Capsule
-    return form(_length(element, 'radius'), _length(element, 'length'))
+    return form(radius, _length(element, 'length', 1.0, place))
 
 
-def _length(element: Element, tag: str) -> float:
-    child = child_of(element, tag)
-    return number(child.text, child)
+def _length(element: Taken, tag: str, default: float, place: Place) -> float:
+    child = element.find(tag)
+    if child is None:
+        _warn_of_default(element, tag, number_text(default), place)
+    return default if child is None else number(child.text, child)
 
 
-def _material(element: Element, place: Place) -> Material:
+def _warn_of_default(element: Taken, tag: str, default: str, place: Place) -> None:
+    place.report.warn(element.tag, '', line_of(element),
+                      f'has no <{tag}>; it is {default}, as SDF has it')
+
+
+def _material(element: Taken, place: Place) -> Material:
     colors = {field: color_of(child) for tag, field in COLORS.items()
               if (child := element.find(tag)) is not None}
-    kept = element.find(f'{{{URDF_NAMESPACE}}}texture')
-    texture = place.uri(text_of(element, 'pbr/metal/albedo_map'))
+    kept = element.first(f'{{{URDF_NAMESPACE}}}texture')
+    pbr = element.find('pbr')
+    metal = pbr.find('metal') if pbr else None
+    texture = place.uri(text_of(metal, 'albedo_map')) if metal else ''
     return Material(element.get(f'{{{URDF_NAMESPACE}}}name', ''),
                     texture=texture if kept is None else kept.get('filename', ''), **colors)

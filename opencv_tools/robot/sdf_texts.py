@@ -16,18 +16,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 from lxml import etree
+from opencv_tools.robot.carrying import URDF_NAMESPACE
+from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
-from opencv_tools.robot.texts import numbers, numbers_text
+from opencv_tools.robot.taken import Taken
+from opencv_tools.robot.texts import numbers, numbers_text, uncut
 from opencv_tools.robot.xml import DescriptionError, Element
 
 Version = tuple[int, int]
 
-OLDEST: Version = (1, 4)
+OLDEST: Version = (1, 4)  # that is written
+OLDEST_READ: Version = (1, 2)  # in which a robot is written as in 1.4
 NEWEST: Version = (1, 12)
 # From these versions on an SDF has ...
 FRAMES: Version = (1, 7)  # frames with attached_to, poses with relative_to, axes expressed_in
@@ -37,6 +42,10 @@ PBR: Version = (1, 6)
 CAPSULE: Version = (1, 8)
 MIMIC: Version = (1, 11)
 
+# The attribute that keeps a colour of which SDF took only a part.
+CUT = f'{{{URDF_NAMESPACE}}}color'
+
+_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
 
@@ -62,10 +71,10 @@ def file_version(root: Element, report: Report) -> Version:
     """
     text = root.get('version')
     if text is None:
-        raise DescriptionError(f'has no version; {_range()} are read', root)
+        raise DescriptionError(f'has no version; {_range(OLDEST_READ)} are read', root)
     version = version_of(text)
-    if version is None or version < OLDEST:
-        raise DescriptionError(f'version={text!r} is not read; {_range()} are', root)
+    if version is None or version < OLDEST_READ:
+        raise DescriptionError(f'version={text!r} is not read; {_range(OLDEST_READ)} are', root)
     if version > NEWEST:
         report.warn('sdf', '', root.sourceline or 0,
                     f'version {text} is newer than what is known; read as {version_text(NEWEST)}')
@@ -80,15 +89,15 @@ def written_version(text: str) -> Version:
     """
     version = version_of(text)
     if version is None or not OLDEST <= version <= NEWEST:
-        raise DescriptionError(f'SDF {text!r} is not written; {_range()} are')
+        raise DescriptionError(f'SDF {text!r} is not written; {_range(OLDEST)} are')
     return version
 
 
-def _range() -> str:
-    return f'{version_text(OLDEST)} to {version_text(NEWEST)}'
+def _range(oldest: Version) -> str:
+    return f'{version_text(oldest)} to {version_text(NEWEST)}'
 
 
-def flag(text: str | None, element: Element, what: str = '') -> bool:
+def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
     """
     Read a bool; False where there is none.
 
@@ -101,12 +110,12 @@ def flag(text: str | None, element: Element, what: str = '') -> bool:
     return _FLAGS.get(word, False)
 
 
-def text_of(element: Element, tag: str) -> str:
+def text_of(element: Element | Taken, tag: str) -> str:
     """Give the text of a child; empty where there is no such child."""
     return (element.findtext(tag) or '').strip()
 
 
-def pose_of(element: Element | None) -> Pose:
+def pose_of(element: Element | Taken | None) -> Pose:
     """
     Read the numbers of a ``<pose>``, of six numbers or of a quaternion.
 
@@ -127,7 +136,7 @@ def pose_of(element: Element | None) -> Pose:
     return Pose((x, y, z), (roll, pitch, yaw))
 
 
-def _quaternion_pose(element: Element, degrees: bool) -> Pose:
+def _quaternion_pose(element: Element | Taken, degrees: bool) -> Pose:
     if degrees:
         raise DescriptionError('degrees="true" says nothing about a quaternion', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
@@ -148,8 +157,17 @@ def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:
     element.text = numbers_text(pose.xyz + pose.rpy)
 
 
-def color_of(element: Element) -> Color:
-    """Read a colour of three or four numbers; without alpha it is opaque."""
-    count = 3 if len((element.text or '').split()) == 3 else 4
-    red, green, blue, *rest = numbers(element.text, count, element)
+def poses_in(element: Element) -> Iterator[Element]:
+    """Return the poses that SDF itself reads, and none of a plugin or of what others added."""
+    for child in element:
+        if child.tag == 'pose':
+            yield child
+        elif child.tag in _HOLDERS:
+            yield from poses_in(child)
+
+
+def color_of(element: Element | Taken) -> Color:
+    """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
+    text = uncut(element.text or '', element.get(CUT))
+    red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, rest[0] if rest else 1.0

@@ -19,14 +19,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, note_carried, restore, URDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_FRAME, SDF_LINK, SDF_MODEL
+from opencv_tools.robot.carrying import carry, prefixes, restore, URDF_NAMESPACE
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import joint_element
 from opencv_tools.robot.sdf_shape_writer import inertial_element, shape_element
-from opencv_tools.robot.sdf_texts import (FRAMES, pose_element, Version, version_text,
+from opencv_tools.robot.sdf_texts import (FRAMES, pose_element, poses_in, Version, version_text,
                                           written_version)
 from opencv_tools.robot.xml import DescriptionError, Element
 
@@ -50,7 +49,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
                                f'{version_text(FRAMES)} or newer, or for poses in the model frame')
     kinematics = Kinematics(robot)
     _check(robot, kinematics)
-    root = etree.Element('sdf', version=version_text(wanted), nsmap={'urdf': URDF_NAMESPACE})
+    root = etree.Element('sdf', version=version_text(wanted), nsmap=prefixes(robot, 'urdf'))
     model = etree.SubElement(root, 'model', name=robot.name)
     if robot.canonical_link:
         _set_canonical_link(model, robot, wanted, report)
@@ -63,9 +62,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     for frame in robot.frames:
         home = stand_ins.get(frame.attached_to, frame.attached_to)
         _add_frame(model, replace(frame, attached_to=home), kinematics, wanted, report)
-    restore(model, robot.carried.sdf, SDF_MODEL)
-    note_carried(report, URDF_NAMESPACE, robot.name, 0,
-                 carry(model, robot.carried.urdf, URDF_NAMESPACE))
+    restore(model, robot.carried.sdf)
+    carry(model, robot.carried.urdf, 'urdf', report, robot.name, 0)
     if wanted < FRAMES:
         _rename_references(root)
     return root
@@ -114,17 +112,15 @@ def _link_element(model: Element, link: Link, kinematics: Kinematics, version: V
         for shape in shapes:
             pose = kinematics.within(frame, shape.placement)
             shape_element(element, tag, shape, pose, version, report)
-    restore(element, link.carried.sdf, SDF_LINK)
-    note_carried(report, URDF_NAMESPACE, link.name, link.line,
-                 carry(element, link.carried.urdf, URDF_NAMESPACE))
+    restore(element, link.carried.sdf)
+    carry(element, link.carried.urdf, 'urdf', report, link.name, link.line)
 
 
 def _add_frame(model: Element, frame: Frame, kinematics: Kinematics, version: Version,
                report: Report) -> None:
     element = frame_to_element(frame, kinematics)
-    restore(element, frame.carried.sdf, SDF_FRAME)
-    note_carried(report, URDF_NAMESPACE, frame.name, frame.line,
-                 carry(element, frame.carried.urdf, URDF_NAMESPACE))
+    restore(element, frame.carried.sdf)
+    carry(element, frame.carried.urdf, 'urdf', report, frame.name, frame.line)
     if version < FRAMES:
         element.tag = f'{{{URDF_NAMESPACE}}}frame'
         report.warn('frame', frame.name, frame.line,
@@ -142,7 +138,7 @@ def _stand_ins(robot: Robot) -> dict[FrameId, FrameId]:
 
 def _rename_references(root: Element) -> None:
     """Name the frames of poses that were carried as SDF before 1.7 has them."""
-    for pose in root.iter('pose'):
+    for pose in poses_in(root):
         name = pose.attrib.pop('relative_to', None)
         if name is not None:
             pose.set('frame', name)

@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 import math
+import sys
 
 from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.pose import Vector
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.xml import DescriptionError, Element
 
 
-def numbers(text: str | None, count: int, element: Element, what: str = '') -> tuple[float, ...]:
+def numbers(text: str | None, count: int, element: Element | Taken, what: str = ''
+            ) -> tuple[float, ...]:
     """
     Read numbers that stand in a text.
 
@@ -42,18 +45,18 @@ def numbers(text: str | None, count: int, element: Element, what: str = '') -> t
     return values
 
 
-def number(text: str | None, element: Element, what: str = '') -> float:
+def number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read one number, as `numbers` does."""
     return numbers(text, 1, element, what)[0]
 
 
-def vector(text: str | None, element: Element, what: str = '') -> Vector:
+def vector(text: str | None, element: Element | Taken, what: str = '') -> Vector:
     """Read three numbers, as `numbers` does."""
     x, y, z = numbers(text, 3, element, what)
     return x, y, z
 
 
-def limit_number(text: str | None, element: Element, what: str = '') -> float:
+def limit_number(text: str | None, element: Element | Taken, what: str = '') -> float:
     """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
     try:
         value = _float((text or '').strip())
@@ -78,8 +81,33 @@ def _float(word: str) -> float:
     return float(word)
 
 
+def uncut(text: str, kept: str | None) -> str:
+    """
+    Return the colour that a writer cut to 0 and 1, unless someone changed it since.
+
+    :param text: the colour as it stands there.
+    :param kept: the colour of before; None where it was not cut.
+    """
+    try:
+        values, before = (tuple(map(_float, words.split())) for words in (text, kept or ''))
+    except ValueError:
+        return text
+    return kept if kept and values == cut(before) else text
+
+
+def cut(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Cut the parts of a colour to 0 and 1."""
+    return tuple(min(max(value, 0.0), 1.0) for value in values)
+
+
 def number_text(value: float) -> str:
-    """Write a number so that reading it gives the same one, a whole one without a point."""
+    """
+    Write a number so that reading it gives the same one, a whole one without a point.
+
+    Numbers so small that C++ cannot read them are 0.
+    """
+    if abs(value) < sys.float_info.min:
+        value = 0.0
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 

@@ -17,21 +17,22 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.carrying import detached
 from opencv_tools.robot.elements import GAZEBO, POSED
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import pose_of
+from opencv_tools.robot.sdf_values import flaw_of, looked_at
+from opencv_tools.robot.taken import detached, Taken
 from opencv_tools.robot.texts import numbers_text
 from opencv_tools.robot.urdf_tree import TreeOfLinks
-from opencv_tools.robot.xml import Element, line_of
+from opencv_tools.robot.xml import Element, line_of, local_name
 
 # What turning a pose there and back leaves of nothing.
 _NOTHING_LEFT = 1e-12
 
 
-def sorted_blocks(root: Element, tree: TreeOfLinks, report: Report
+def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
                   ) -> tuple[dict[FrameId, list[Element]], list[Element]]:
     """
     Sort what stands in ``<gazebo>`` blocks.
@@ -40,7 +41,7 @@ def sorted_blocks(root: Element, tree: TreeOfLinks, report: Report
     """
     found: dict[FrameId, list[Element]] = {}
     rest = []
-    for block in root.iterfind('gazebo'):
+    for block in root.each('gazebo'):
         name = block.get('reference')
         owners = [MODEL] if name is None else [
             FrameId(kind, name) for kind, names in (('link', tree.links), ('joint', tree.joints))
@@ -48,11 +49,15 @@ def sorted_blocks(root: Element, tree: TreeOfLinks, report: Report
         if not owners:
             report.warn('gazebo', name or '', line_of(block),
                         'refers to no link or joint; it is kept as it is')
-        remains = detached(block)
+        remains = detached(block.element)
         remains.text = None
         for part in list(remains):
             owner = next((owner for owner in owners if part.tag in GAZEBO[owner.kind]), None)
-            if owner is not None:
+            flaw = owner and next(filter(None, map(flaw_of, (part, *looked_at(part)))), '')
+            if flaw:
+                report.warn(local_name(part), name or '', line_of(part), f'{flaw}; it is kept as '
+                            'it is')
+            elif owner is not None:
                 remains.remove(part)
                 found.setdefault(owner, []).append(detached(part))
         if len(remains) or set(remains.attrib) - {'reference'} or not owners:

@@ -17,16 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carried, Known, leftovers, SDF_NAMESPACE
-from opencv_tools.robot.elements import SDF_JOINT, URDF_JOINTS, URDF_LINK, URDF_ROBOT
+from opencv_tools.robot.carrying import carried, SDF_NAMESPACE
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Joint, JOINT_TYPES,
-                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape,
-                                      URDF_TYPES)
+                                      Limit, Link, Mimic, MODEL, Placement, Robot, URDF_TYPES,
+                                      WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import AXES
@@ -34,15 +33,17 @@ from opencv_tools.robot.sdf_joints import axis_from_element
 from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_reader import frame_from_element
 from opencv_tools.robot.sdf_texts import pose_of
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import limit_number, number, vector
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf_shapes import (inertial_from_element, Looks, looks_of, origin_of,
-                                            shape_from_element)
+                                            restore_colors, shapes_of)
 from opencv_tools.robot.urdf_tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml import DescriptionError, Element, line_of, local_name, named, source_of
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
+_UNNAMED = 'robot'
 
 
 @dataclass(frozen=True)
@@ -63,67 +64,64 @@ class _Source:
         return FrameId('link', link)
 
 
-def read_urdf(root: Element, report: Report, *, root_link: str = '') -> Robot:
+def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot:
     """
     Read a robot.
 
-    :param root: the element ``<robot>``.
+    :param element: the element ``<robot>``.
     :param root_link: which link to take with all below it, where several hang on nothing.
     :raises DescriptionError: it is no robot, or not a right one.
     """
+    root = Taken(element)
     if root.tag != 'robot':
         raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
                                root)
-    name = named(root)
-    tree = tree_of(root)
+    name = root.get('name', '').strip()
+    if not name:
+        name = _UNNAMED
+        report.warn('robot', '', line_of(root), f'has no name; it is called {name!r}')
+    restore_colors(element)
+    tree = tree_of(root, report)
     gazebo, rest = sorted_blocks(root, tree, report)
     source = _Source(report, tree, looks_of(root, report), gazebo,
                      {link: pose for link, joint in tree.above.items()
                       if (pose := _sdf_pose(joint)) is not None and not pose.is_identity})
-    extras = _carried(root, URDF_ROBOT, gazebo.get(MODEL, []),
-                      ('frame', 'joint', '@canonical_link'))
+    links = tuple(_link(link, source) for link in tree.links.values())
+    joints = tuple(_joint(joint, source) for joint in tree.joints.values())
+    frames, canonical = _frames(root, tree), _canonical_link(root, source)
+    extras = _carried(root, gazebo.get(MODEL, []))
     if rest:
         kept = etree.Element('robot') if extras.urdf is None else extras.urdf
         kept.extend(rest)
         extras = Carried(kept, extras.sdf)
-    robot = one_tree(Robot(
-        name,
-        tuple(_link(element, source) for element in tree.links.values()),
-        tuple(_joint(element, source) for element in tree.joints.values()),
-        _frames(root, tree),
-        canonical_link=_canonical_link(root, source),
-        carried=extras,
-        source=source_of(root)), root_link, report)
+    robot = one_tree(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
+                     root_link, report)
     with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
     return robot
 
 
-def _canonical_link(root: Element, source: _Source) -> str:
+def _canonical_link(root: Taken, source: _Source) -> str:
     name = root.get(f'{_SDF}canonical_link', '')
     if name and name not in source.tree.links:
         raise DescriptionError(f'canonical_link={name!r} is no link', root)
     return name
 
 
-def _link(element: Element, source: _Source) -> Link:
+def _link(element: Taken, source: _Source) -> Link:
     name = named(element)
     home = source.home(name)
     inertial = element.find('inertial')
-    shapes: dict[str, list[Shape]] = {'visual': [], 'collision': []}
-    for child in element:
-        tag = str(child.tag).removeprefix(_SDF)
-        if tag in shapes:
-            shapes[tag].append(shape_from_element(child, home, name, source.looks, source.report))
+    visuals, collisions = (shapes_of(element, tag, home, source.looks, source.report)
+                           for tag in ('visual', 'collision'))
     offset = source.offsets.get(name)
     extra = [in_link_frame(part, offset) for part in source.gazebo.get(FrameId('link', name), [])]
     return Link(
         name, _link_placement(element, source),
         None if inertial is None else inertial_from_element(inertial, home, source.report, name),
-        tuple(shapes['visual']), tuple(shapes['collision']),
-        _carried(element, URDF_LINK, extra, ('pose', 'visual', 'collision')), line_of(element))
+        visuals, collisions, _carried(element, extra), line_of(element))
 
 
-def _link_placement(element: Element, source: _Source) -> Placement:
+def _link_placement(element: Taken, source: _Source) -> Placement:
     """Place a link in the joint above it, the root in the model."""
     name = named(element)
     above = source.tree.above.get(name)
@@ -134,13 +132,13 @@ def _link_placement(element: Element, source: _Source) -> Placement:
     return Placement(pose, FrameId('joint', named(above)))
 
 
-def _sdf_pose(element: Element) -> Pose | None:
+def _sdf_pose(element: Taken) -> Pose | None:
     """Read what the writer of URDF noted of a pose that URDF has no word for."""
     pose = element.find(f'{_SDF}pose')
     return None if pose is None else pose_of(pose)
 
 
-def _joint(element: Element, source: _Source) -> Joint:
+def _joint(element: Taken, source: _Source) -> Joint:
     name = named(element)
     kind = _type(element)
     is_loop = element.tag != 'joint'
@@ -152,23 +150,18 @@ def _joint(element: Element, source: _Source) -> Joint:
     own = element.get(f'{_SDF}type', '')
     if not own:
         axes = _axes(element, kind, source)
-        if kind == 'revolute' and axes[0].limit and axes[0].limit.lower == -math.inf and (
-                axes[0].limit.upper == math.inf):
-            kind = 'continuous'
-        known = URDF_JOINTS[kind]
         return Joint(name, kind, parent, child, placement, axes, is_loop,
-                     _carried(element, known, extra, ('pose', '@type')), line_of(element))
+                     _carried(element, extra), line_of(element))
     if own not in JOINT_TYPES:
         raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
-    kept = _carried(element, URDF_JOINTS[kind], extra, ('pose', '@type'))
-    rest = None if kept.sdf is None else leftovers(kept.sdf, SDF_JOINT)
-    found = (element.find(f'{_SDF}{tag}') for tag in AXES)
-    axes = tuple(axis_from_element(axis) for axis in found if axis is not None)
-    return Joint(name, own, parent, child, placement, axes, is_loop, Carried(kept.urdf, rest),
-                 line_of(element))
+    kept = _carried(element, extra)
+    more = Taken(etree.Element('joint') if kept.sdf is None else kept.sdf)
+    axes = tuple(axis_from_element(axis) for axis in map(more.find, AXES) if axis is not None)
+    return Joint(name, own, parent, child, placement, axes, is_loop,
+                 Carried(kept.urdf, more.rest()), line_of(element))
 
 
-def _type(element: Element) -> str:
+def _type(element: Taken) -> str:
     kind = element.get('type')
     if kind not in URDF_TYPES:
         problem = 'has no type' if kind is None else f'type={kind!r} is no type of joint'
@@ -176,13 +169,13 @@ def _type(element: Element) -> str:
     return kind
 
 
-def _axes(element: Element, kind: str, source: _Source) -> tuple[Axis, ...]:
+def _axes(element: Taken, kind: str, source: _Source) -> tuple[Axis, ...]:
     """Read the axis of a joint that has one."""
-    if 'axis' not in URDF_JOINTS[kind]:
+    if kind in WITHOUT_AXIS:
         return ()
     axis = element.find('axis')
     xyz = (1.0, 0.0, 0.0)
-    if axis is not None and 'xyz' in axis.attrib:
+    if axis is not None and 'xyz' in axis:
         xyz = vector(axis.get('xyz'), axis, 'xyz')
         if xyz == ZERO:
             raise DescriptionError(f'xyz={axis.get("xyz")!r} has no direction; give the axis of '
@@ -191,7 +184,7 @@ def _axes(element: Element, kind: str, source: _Source) -> tuple[Axis, ...]:
                  _mimic(element, source)),)
 
 
-def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
+def _limit(element: Taken, kind: str, source: _Source) -> Limit | None:
     limit = element.find('limit')
     if limit is None:
         if kind in ('revolute', 'prismatic'):
@@ -199,9 +192,10 @@ def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
         return None
     strength = []
     for attribute in ('effort', 'velocity'):
-        if attribute not in limit.attrib and kind != 'planar':
+        if attribute not in limit and kind != 'planar':
             raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
-        strength.append(limit_number(limit.get(attribute, 'inf'), limit, attribute))
+        value = limit_number(limit.get(attribute, 'inf'), limit, attribute)
+        strength.append(abs(value) if math.isinf(value) else value)
     if kind not in ('revolute', 'prismatic'):
         return Limit(effort=strength[0], velocity=strength[1])
     lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
@@ -212,49 +206,56 @@ def _limit(element: Element, kind: str, source: _Source) -> Limit | None:
     return Limit(lower, upper, strength[0], strength[1])
 
 
-def _dynamics(element: Element) -> Dynamics | None:
+def _dynamics(element: Taken) -> Dynamics | None:
     dynamics = element.find('dynamics')
     if dynamics is None:
         return None
     damping, friction = (
-        number(dynamics.get(attribute), dynamics, attribute) if attribute in dynamics.attrib
+        number(dynamics.get(attribute), dynamics, attribute) if attribute in dynamics
         else None for attribute in ('damping', 'friction'))
     return Dynamics(damping, friction)
 
 
-def _mimic(element: Element, source: _Source) -> Mimic | None:
+def _mimic(element: Taken, source: _Source) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None
-    joint = (mimic.get('joint') or '').strip()
+    joint = mimic.element.get('joint', '').strip()
     if not joint:
         raise DescriptionError('has no joint= to say which joint it follows', mimic)
     if joint not in source.tree.joints:
-        raise DescriptionError(f'joint={joint!r} is no joint of the robot', mimic)
+        source.report.warn('mimic', named(element), line_of(mimic),
+                           f'joint={joint!r} is no joint of the robot; it follows none')
+        return None
+    mimic.get('joint')
     return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),
                  number(mimic.get('offset', '0'), mimic, 'offset'))
 
 
-def _frames(root: Element, tree: TreeOfLinks) -> tuple[Frame, ...]:
-    elements = root.findall(f'{_SDF}frame')
+def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
+    elements = root.each(f'{_SDF}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
     for kind, names in (('frame', [named(element) for element in elements]),
                         ('joint', tree.joints), ('link', tree.links)):
         ids.update((name, FrameId(kind, name)) for name in names)
 
-    def lookup(name: str, element: Element) -> FrameId:
+    def lookup(name: str, element: Element | Taken) -> FrameId:
         if name not in ids:
             raise DescriptionError(f'there is no link, joint or frame {name!r}', element)
         return ids[name]
 
-    return tuple(frame_from_element(element, lookup) for element in elements)
+    frames = []
+    for element in elements:
+        frame = frame_from_element(element, lookup)
+        urdf = carried(element, 'urdf')
+        frames.append(replace(frame, carried=Carried(urdf, element.rest())))
+    return tuple(frames)
 
 
-def _carried(element: Element, known: Known, extra: list[Element],
-             skip: tuple[str, ...]) -> Carried:
-    """Take what URDF says beyond a robot, and what is there of SDF."""
-    sdf = carried(element, SDF_NAMESPACE, skip)
+def _carried(element: Taken, extra: list[Element]) -> Carried:
+    """Return what URDF says beyond a robot, and what is there of SDF."""
+    sdf = carried(element, 'sdf')
     if extra:
         sdf = etree.Element(local_name(element)) if sdf is None else sdf
         sdf.extend(extra)
-    return Carried(leftovers(element, known), sdf)
+    return Carried(element.rest(), sdf)

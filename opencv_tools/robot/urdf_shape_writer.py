@@ -19,13 +19,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, note_carried, restore, SDF_NAMESPACE
-from opencv_tools.robot.elements import INERTIA, SDF_VISUAL, URDF_COLLISION, URDF_VISUAL
+from opencv_tools.robot.carrying import carry, restore, SDF_NAMESPACE
+from opencv_tools.robot.elements import INERTIA
 from opencv_tools.robot.model import Inertial, Link, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, Geometry, LIGHTS, Material,
                                        Sphere)
+from opencv_tools.robot.taken import PART, Taken
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.urdf_shapes import lit, look_of, material_name
 from opencv_tools.robot.xml import Element, local_name
@@ -51,7 +52,8 @@ class Materials:
         shapes = (shape for link in robot.links for shape in link.visuals)
         names = {shape.material.name for shape in shapes if shape.material}
         kept = robot.carried.urdf
-        shared = [] if kept is None else [look_of(part) for part in kept.iterfind('material')]
+        shared = [] if kept is None else [look_of(Taken(part), Report())
+                                          for part in kept.iterfind('material')]
         looks = {look.name: (look.color, look.texture) for look in reversed(shared) if look.name}
         return Materials(looks, {*names, *looks})
 
@@ -108,8 +110,8 @@ def shape_element(parent: Element, tag: str, shape: Shape, pose: Pose, link: Lin
     if shape.material:
         _material_element(element, shape.material, shape, link, materials, report)
         rest = _with_lights(shape.material, rest)
-    restore(element, shape.carried.urdf, URDF_VISUAL if tag == 'visual' else URDF_COLLISION)
-    note_carried(report, SDF_NAMESPACE, name, shape.line, carry(element, rest, SDF_NAMESPACE))
+    restore(element, shape.carried.urdf)
+    carry(element, rest, 'sdf', report, name, shape.line)
 
 
 def _lack(shape: Shape) -> str:
@@ -155,10 +157,10 @@ def _with_lights(material: Material, rest: Element | None) -> Element | None:
     if has_word and not has_more and material == lit(material):
         return rest
     holder = etree.Element('visual')
-    element = etree.SubElement(holder, 'material')
+    element = etree.SubElement(holder, 'material', {PART: 'true'})
     for tag in LIGHTS:
         color: Color | None = getattr(material, tag)
         if color:
             etree.SubElement(element, tag).text = numbers_text(color)
-    restore(holder, rest, SDF_VISUAL)
+    restore(holder, rest, marked=True)
     return holder

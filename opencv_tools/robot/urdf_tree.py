@@ -19,9 +19,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from lxml import etree
 from opencv_tools.robot.carrying import SDF_NAMESPACE
+from opencv_tools.robot.model import WORLD
+from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.trees import listed
-from opencv_tools.robot.xml import DescriptionError, Element, named
+from opencv_tools.robot.xml import DescriptionError, line_of, named
 
 
 @dataclass(frozen=True)
@@ -33,11 +37,11 @@ class TreeOfLinks:
     :param above: the joint that is above each link, by the link's name.
     """
 
-    links: Mapping[str, Element]
-    joints: Mapping[str, Element]
-    above: Mapping[str, Element]
+    links: Mapping[str, Taken]
+    joints: Mapping[str, Taken]
+    above: Mapping[str, Taken]
 
-    def ends(self, joint: Element) -> tuple[str, str]:
+    def ends(self, joint: Taken) -> tuple[str, str]:
         """
         Name the parent and the child of a joint.
 
@@ -45,7 +49,7 @@ class TreeOfLinks:
         """
         return self._end(joint, 'parent'), self._end(joint, 'child')
 
-    def _end(self, joint: Element, tag: str) -> str:
+    def _end(self, joint: Taken, tag: str) -> str:
         end = joint.find(tag)
         if end is None:
             raise DescriptionError(f'joint {named(joint)!r} has no <{tag} link=>', joint)
@@ -56,18 +60,22 @@ class TreeOfLinks:
         return name
 
 
-def tree_of(root: Element) -> TreeOfLinks:
+def tree_of(root: Taken, report: Report) -> TreeOfLinks:
     """
     Find the links and joints of a robot, and which hangs on which.
 
+    A link ``world`` that a joint names as its parent need not be there; it is an empty one then.
+
     :raises DescriptionError: there are none, a name occurs twice, or they are no trees.
     """
-    links = _by_name(root.findall('link'))
+    links = _by_name(root.each('link'))
     if not links:
         raise DescriptionError('has no <link>', root)
     loops = f'{{{SDF_NAMESPACE}}}joint'
-    joints = _by_name([child for child in root if child.tag in ('joint', loops)])
-    above: dict[str, Element] = {}
+    joints = _by_name(root.each('joint', loops))
+    if WORLD not in links:
+        _add_world(links, joints, report)
+    above: dict[str, Taken] = {}
     tree = TreeOfLinks(links, joints, above)
     for name, joint in joints.items():
         parent, child = tree.ends(joint)
@@ -84,8 +92,18 @@ def tree_of(root: Element) -> TreeOfLinks:
     return tree
 
 
-def _by_name(elements: list[Element]) -> dict[str, Element]:
-    found: dict[str, Element] = {}
+def _add_world(links: dict[str, Taken], joints: Mapping[str, Taken], report: Report) -> None:
+    for name, joint in joints.items():
+        parent = joint.element.find('parent')
+        if parent is not None and parent.get('link', '').strip() == WORLD:
+            report.warn('joint', name, line_of(parent),
+                        f'there is no link {WORLD!r}; it is taken for an empty one')
+            links[WORLD] = Taken(etree.Element('link', name=WORLD))
+            return
+
+
+def _by_name(elements: list[Taken]) -> dict[str, Taken]:
+    found: dict[str, Taken] = {}
     for element in elements:
         name = named(element)
         if name in found:

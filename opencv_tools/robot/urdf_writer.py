@@ -21,18 +21,18 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
-from opencv_tools.robot.carrying import carry, detached, note_carried, restore, SDF_NAMESPACE
-from opencv_tools.robot.elements import (GAZEBO, POSED, SDF_FRAME, SDF_JOINT, URDF_JOINTS,
-                                         URDF_LINK, URDF_ROBOT)
+from opencv_tools.robot.carrying import carry, note_carried, prefixes, restore, SDF_NAMESPACE
+from opencv_tools.robot.elements import GAZEBO, POSED
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot,
-                                      UNLIMITED, URDF_TYPES)
+                                      UNLIMITED, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_joint_writer import AXES, axis_to_element
 from opencv_tools.robot.sdf_models import MODEL_FRAME
 from opencv_tools.robot.sdf_texts import NEWEST, pose_of
 from opencv_tools.robot.sdf_writer import frame_to_element
+from opencv_tools.robot.taken import detached
 from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, origin_element,
@@ -71,24 +71,24 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     robot = one_tree(robot, '', report)
     kinematics = Kinematics(robot)
     target = _Target(kinematics, report, Materials.of(robot), _frames_by_name(robot))
-    root = etree.Element('robot', {'name': robot.name}, nsmap={'sdf': SDF_NAMESPACE})
+    root = etree.Element('robot', {'name': robot.name}, nsmap=prefixes(robot, 'sdf'))
     if robot.canonical_link:
         root.set(f'{_SDF}canonical_link', robot.canonical_link)
-        note_carried(report, SDF_NAMESPACE, robot.name, 0, ['@canonical_link'])
+        note_carried(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
         _link_element(root, link, target)
     for joint in robot.joints:
         _joint_element(root, joint, target)
     for frame in robot.frames:
         element = frame_to_element(frame, kinematics)
-        restore(element, frame.carried.sdf, SDF_FRAME)
+        restore(element, frame.carried.sdf)
+        carry(element, frame.carried.urdf, 'urdf', Report(), frame.name, frame.line)
         element.tag = f'{_SDF}frame'
         root.append(element)
-        note_carried(report, SDF_NAMESPACE, frame.name, frame.line, ['frame'])
+        note_carried(report, 'sdf', frame.name, frame.line, 'frame')
     _gazebo_elements(root, robot, target)
-    restore(root, robot.carried.urdf, URDF_ROBOT)
-    note_carried(report, SDF_NAMESPACE, robot.name, 0, carry(
-        root, _without(robot.carried.sdf, GAZEBO['model']), SDF_NAMESPACE))
+    restore(root, robot.carried.urdf)
+    carry(root, _without(robot.carried.sdf, GAZEBO['model']), 'sdf', report, robot.name, 0)
     return root
 
 
@@ -110,16 +110,16 @@ def _link_element(root: Element, link: Link, target: _Target) -> None:
                           target.materials, target.report)
     if home.kind == 'link':
         _note_pose(element, kinematics.between(MODEL, home), link.name, link.line, target.report)
-    restore(element, link.carried.urdf, URDF_LINK)
-    note_carried(target.report, SDF_NAMESPACE, link.name, link.line, carry(
-        element, _without(link.carried.sdf, GAZEBO['link']), SDF_NAMESPACE))
+    restore(element, link.carried.urdf)
+    carry(element, _without(link.carried.sdf, GAZEBO['link']), 'sdf', target.report, link.name,
+          link.line)
 
 
 def _note_pose(element: Element, pose: Pose, name: str, line: int, report: Report) -> None:
     """Keep a pose that URDF has no word for."""
     if not pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-        note_carried(report, SDF_NAMESPACE, name, line, ['pose'])
+        note_carried(report, 'sdf', name, line, 'pose')
 
 
 def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
@@ -134,21 +134,21 @@ def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
     origin_element(element, kinematics.between(target.home(joint.parent), frame))
     etree.SubElement(element, 'parent', link=joint.parent)
     etree.SubElement(element, 'child', link=joint.child)
-    if 'axis' in URDF_JOINTS[kind] and joint.axes:
+    if kind not in WITHOUT_AXIS and joint.axes:
         _axis_elements(element, kind, joint.axes[0])
     pose = kinematics.between(child, frame)
     if joint.is_loop and pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
     _note_pose(element, pose, joint.name, joint.line, report)
-    restore(element, joint.carried.urdf, URDF_JOINTS[kind])
+    restore(element, joint.carried.urdf)
     rest = joint.carried.sdf
     if joint.type != kind:
         report.warn('joint', joint.name, joint.line, f'URDF has no {joint.type} joints; it is a '
                     'floating one there')
         element.set(f'{_SDF}type', joint.type)
         rest = _with_axes(joint)
-    note_carried(report, SDF_NAMESPACE, joint.name, joint.line, carry(
-        element, _without(rest, _in_gazebo(joint.name, 'joint', target)), SDF_NAMESPACE))
+    carry(element, _without(rest, _in_gazebo(joint.name, 'joint', target)), 'sdf', report,
+          joint.name, joint.line)
 
 
 def _axis_elements(element: Element, kind: str, axis: Axis) -> None:
@@ -180,7 +180,7 @@ def _with_axes(joint: Joint) -> Element:
     holder = etree.Element('joint')
     for axis, tag in zip(joint.axes, AXES):
         holder.append(axis_to_element(axis, tag, NEWEST))
-    restore(holder, joint.carried.sdf, SDF_JOINT)
+    restore(holder, joint.carried.sdf, marked=True)
     return holder
 
 

@@ -19,11 +19,14 @@ from __future__ import annotations
 from pathlib import Path
 import re
 import sys
+from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.taken import Taken
 
 Element = etree._Element
+Either = TypeVar('Either', Element, Taken)
 
 _MAX_BYTES = 100_000_000
 
@@ -31,7 +34,7 @@ _MAX_BYTES = 100_000_000
 class DescriptionError(ValueError):
     """A robot description that cannot be read, or cannot be written as asked."""
 
-    def __init__(self, message: str, element: Element | None = None, *, source: str = '',
+    def __init__(self, message: str, element: Element | Taken | None = None, *, source: str = '',
                  line: int = 0, tag: str = '') -> None:
         """
         Say what is wrong and where.
@@ -47,19 +50,19 @@ class DescriptionError(ValueError):
         super().__init__(': '.join(filter(None, [place, f'<{tag}>' if tag else '', message])))
 
 
-def source_of(element: Element) -> str:
+def source_of(element: Element | Taken) -> str:
     """Name the file that an element comes from."""
     return element.getroottree().docinfo.URL or ''
 
 
-def line_of(element: Element) -> int:
+def line_of(element: Element | Taken) -> int:
     """Give the line that an element begins at, 0 when it comes from no file."""
     return element.sourceline or 0
 
 
-def local_name(element: Element) -> str:
+def local_name(element: Element | Taken) -> str:
     """Give the tag of an element without its namespace."""
-    return etree.QName(element).localname
+    return str(element.tag).rpartition('}')[2]
 
 
 def read_bytes(path: str) -> bytes:
@@ -164,7 +167,7 @@ def _mended(data: bytes) -> bytes | None:
     return mended if mended != data else None
 
 
-def named(element: Element) -> str:
+def named(element: Element | Taken) -> str:
     """
     Give the name of an element that has to have one.
 
@@ -176,7 +179,7 @@ def named(element: Element) -> str:
     return name
 
 
-def child_of(element: Element, tag: str) -> Element:
+def child_of(element: Either, tag: str) -> Either:
     """
     Give a child that an element has to have.
 

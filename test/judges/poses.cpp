@@ -12,11 +12,13 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// What libsdformat makes of files: poses FILE..., as JSON by file.
+// What libsdformat makes of files: poses FILE..., as JSON by file. Without files it reads their
+// names from its standard input, and answers each line with one.
 //
-// Of each file: whether it is valid, by the checks of `ign sdf -k`, and what it complains of; and of every model in it where its links, joints, frames,
-// visuals, collisions and centres of mass are in the frame of the model, [x, y, z, qw, qx, qy,
-// qz]. What is in a nested model is called arm::name.
+// Of each file: whether it is loaded without an error, whether it is valid by the checks of
+// `ign sdf -k`, too, and what it complains of; and of every model in it where it is in the world,
+// and where its links, joints, frames, visuals, collisions and centres of mass are in the frame
+// of the model, [x, y, z, qw, qx, qy, qz]. What is in a nested model is called arm::name.
 
 #include <cmath>
 #include <filesystem>
@@ -159,6 +161,7 @@ std::string description(const sdf::Model & model)
   add(model, "", Pose::Zero, groups, trouble);
   Group out;
   out["trouble"] = literal(trouble);
+  out["in_world"] = json(model.RawPose());
   for (const auto & [name, group] : groups) {
     out[name] = json(group);
   }
@@ -209,16 +212,22 @@ std::string judged(const std::string & path)
     }
   }
   return json(
-    Group{{"valid", valid ? "true" : "false"}, {"complaints", literal(complaints.str())},
-      {"models", json(models)}});
+    Group{{"loaded", errors.empty() ? "true" : "false"}, {"valid", valid ? "true" : "false"},
+      {"complaints", literal(complaints.str())}, {"models", json(models)}});
 }
 
 int main(int count, char ** arguments)
 {
+  std::string path;
+  while (count == 1 && std::getline(std::cin, path)) {
+    std::cout << json(Group{{path, judged(path)}}) << std::endl;
+  }
   Group files;
   for (int i = 1; i < count; ++i) {
     files[arguments[i]] = judged(arguments[i]);
   }
-  std::cout << json(files) << std::endl;
+  if (count > 1) {
+    std::cout << json(files) << std::endl;
+  }
   return 0;
 }

@@ -22,20 +22,24 @@ import json
 import math
 import os
 from pathlib import Path
+from random import Random
 import re
 import subprocess
 from typing import Any
+import xml.etree.ElementTree as ElementTree
 
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Link, Robot, UNLIMITED
+from opencv_tools.robot.model import (Axis, FrameId, Inertial, Link, MODEL, Placement, Robot,
+                                      UNLIMITED)
 from opencv_tools.robot.names import sdf_named
-from opencv_tools.robot.pose import normalised, Transform
+from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.xml import parse, to_bytes
 import pytest
+import robots
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / 'test' / 'data' / 'robots'
@@ -57,6 +61,7 @@ TOLERANCE = 1e-12  # metres, and lengths of differences of unit quaternions
 
 # SDF that is read here and that libsdformat does not read: what it says.
 LIMITS_OF_LIBSDFORMAT: Mapping[str, str] = {
+    'warning_color_above_1.sdf': 'The value <diffuse>200 200 200 1</diffuse> is invalid',
     'warning_text_before_the_declaration.sdf': 'Error parsing XML',
 }
 # Joints of files of others for which libsdformat has no axis at all: they do not say any.
@@ -215,6 +220,60 @@ def test_our_urdf_is_parsed_by_urdfdom(
         record_property('files of URDF written here that urdfdom parses, with the same tree', 1)
 
 
+@pytest.mark.parametrize('language', ['urdf', 'sdf'])
+def test_robots_that_are_made_up_are_taken_by_both_parsers(
+        language: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
+    made: list[Written] = []
+    for seed in range(12):
+        path = tmp_path / f'made_up_{seed}.{language}'
+        path.write_bytes(ElementTree.tostring(getattr(robots, language)(Random(seed), 8)))
+        made.append(write_all(path, tmp_path))
+    verdicts = ask_libsdformat([case.path for one in made for case in one.sdf])
+    for one in made:
+        for case in one.sdf:
+            verdict = verdicts[str(case.path)]
+            assert verdict['valid'] and complaints(verdict) == [], (
+                verdict['complaints'] + case.path.read_text())
+            compare(case.robot, verdict)
+        for case in one.urdf:
+            text = case.path.read_text().replace('<capsule', '<cylinder')
+            case.path.write_text(text)
+            finished = check_urdf(case.path)
+            assert 'Successfully Parsed XML' in finished.stdout, finished.stderr + text
+            assert finished.stderr == '', text
+    record_property('files of SDF of made up robots that libsdformat takes', len(verdicts))
+
+
+def test_parts_that_libsdformat_refuses(tmp_path: Path) -> None:
+    paths = [tmp_path / f'{number}.sdf' for number in range(len(robots.PARTS_OF_SDF))]
+    for path, (content, _) in zip(paths, robots.PARTS_OF_SDF):
+        path.write_text(f'<sdf version="1.9"><model name="m"><link name="a">{content}</link>'
+                        '</model></sdf>')
+    verdicts = ask_libsdformat(paths)
+    for path, (content, words) in zip(paths, robots.PARTS_OF_SDF):
+        assert verdicts[str(path)]['valid'] is not bool(words), content
+
+
+@pytest.mark.parametrize(('mass', 'inertia'), [
+    (1, (1, 0, 0, 1, 0, 1)), (1, (1, 0, 0, 1, 0, 2)), (1, (1, 0, 0, 1, 0, 2.1)),
+    (0, (0, 0, 0, 0, 0, 0)), (0, (0, 0, 0, 0, 0, 1)), (1, (0, 0, 0, 0, 0, 0)),
+    (-1, (1, 0, 0, 1, 0, 1)), (1, (-1, 0, 0, 1, 0, 1)), (1, (1, 5, 0, 1, 0, 1)),
+    (1, (1, 0.9999, 0, 1, 0, 1)), (1, (1, 0.4, 0, 1, 0, 1)), (1, (1e-6, 0, 0, 1e-6, 0, 2.1e-6)),
+    (1, (2, 0.5, 0.25, 2, -0.5, 3)), (1, (2, 0.5, 1.25, 2, -0.5, 3)),
+    (1, (0.1, 0, 0, 0.2, 0, 0.3)),
+])
+def test_moments_of_inertia_that_libsdformat_refuses(
+        mass: float, inertia: Tensor, tmp_path: Path) -> None:
+    placement = Placement(Pose(), FrameId('link', 'a'))
+    xx, xy, xz, yy, yz, zz = map(float, inertia)
+    inertial = Inertial(placement, float(mass), (xx, xy, xz, yy, yz, zz))
+    robot = Robot('robot', (Link('a', Placement(Pose(), MODEL), inertial),))
+    path = tmp_path / 'robot.sdf'
+    report = Report()
+    path.write_bytes(to_bytes(convert_to_sdf(robot, report, version='1.9')))
+    assert ask_libsdformat([path])[str(path)]['valid'] is not bool(report.warnings)
+
+
 def test_the_command_says_the_same(written: Mapping[Path, Written],
                                    judge: Callable[[Path], dict[str, Any]]) -> None:
     for path in SHIPPED:
@@ -299,8 +358,9 @@ def axis_values(axis: Axis, kind: str) -> list[float]:
     lower, upper = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if kind == 'continuous':
         lower, upper = -math.inf, math.inf
-    return [*normalised(axis.xyz), lower, upper, limit.effort if limit else math.inf,
-            limit.velocity if limit else math.inf,
+    effort, velocity = (limit.effort, limit.velocity) if limit else (-1.0, -1.0)
+    return [*normalised(axis.xyz), lower, upper, effort if effort >= 0 else math.inf,
+            velocity if velocity >= 0 else math.inf,
             (dynamics.damping if dynamics else None) or 0.0,
             (dynamics.friction if dynamics else None) or 0.0]
 
