@@ -132,8 +132,8 @@ class Taken:
             rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
             rest.text = text or None
             rest.extend(parts)
-        # Nothing more is read of the others, and a robot has many of them.
-        self._parts = {child: part for child, part in self._parts.items() if part._is_whole}
+        if self._is_whole:  # nothing more is read of its other parts, and a robot has many
+            self._parts = {child: part for child, part in self._parts.items() if part._is_whole}
         return rest
 
     def _part(self, child: _Element, *, whole: bool = False) -> Taken:
