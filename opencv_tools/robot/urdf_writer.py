@@ -37,7 +37,7 @@ from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, origin_element,
                                                   shape_element)
-from opencv_tools.robot.xml import Element
+from opencv_tools.robot.xml import Element, line_of
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
@@ -227,7 +227,7 @@ def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
         return part
     name = '' if pose is None else pose.get('relative_to', pose.get('frame', ''))
     if name not in target.frames and name:
-        target.report.warn(str(part.tag), owner.name, part.sourceline or 0,
+        target.report.warn(str(part.tag), owner.name, line_of(part),
                            f'its pose is relative to {name!r}, which is not there; it is taken as '
                            'relative to the link')
     placement = Placement(pose_of(pose), target.frames.get(name, owner))
