@@ -25,7 +25,8 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xacro import expand, is_xacro
+from opencv_tools.robot.xacro import is_xacro
+from opencv_tools.robot.xacro_process import expand_apart
 from opencv_tools.robot.xml import (DescriptionError, Element, line_of, local_name, name_of, parse,
                                     read_bytes)
 
@@ -75,7 +76,7 @@ def _root(path: str, report: Report, choices: Choices) -> Element:
     data, source = read_bytes(path), name_of(path)
     root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
-        expanded = expand(path, data, choices.arguments, report)
+        expanded = expand_apart(path, data, choices.arguments, report)
         return parse(expanded, source, report)
     namespace = etree.QName(root).namespace
     if namespace:
