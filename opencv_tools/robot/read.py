@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from lxml import etree
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_include import file_of_model
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_reader import read_urdf
@@ -56,10 +57,11 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
     """
     Read a robot of either format; xacro is expanded where the root declares it.
 
-    :param path: a file, or ``-`` for standard input.
+    :param path: a file, a model's folder, or ``-`` for standard input.
     :returns: the robot under the names of the file, and the format: ``URDF`` or ``SDF``.
     :raises DescriptionError: there is no robot to be read.
     """
+    path = file_of_model(path)
     report.source = name_of(path)
     root = _root(path, report, choices)
     tag = local_name(root)

@@ -214,6 +214,10 @@ def _gazebo_elements(root: Element, robot: Robot, target: _Target) -> None:
             block = etree.SubElement(root, 'gazebo',
                                      {} if owner == MODEL else {'reference': owner.name})
             block.extend(_in_home(part, owner, target) for part in parts)
+        for part in parts:
+            target.report.carry(str(part.tag), owner.name or robot.name, line_of(part),
+                                'URDF has no word for it; it is in <gazebo>, where Gazebo takes '
+                                'it from')
 
 
 def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
