@@ -33,6 +33,7 @@ SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PAT
 # A file that includes others twice each doubles with every step; no robot has as many as this.
 MAX_INCLUDES = 2000
 MAX_DEPTH = 50
+MAX_ELEMENTS = 300_000
 _CONFIG = 'model.config'
 _MODEL = 'model.sdf'
 _NAMED_SCHEMES = ('model', 'package')
@@ -92,6 +93,7 @@ class Library:
         self._report = report
         self._read: dict[Path, tuple[Element, Version]] = {}
         self._count = 0
+        self._elements = 0
 
     def part(self, include: Element, files: tuple[Path, ...]) -> Part:
         """
@@ -118,6 +120,17 @@ class Library:
                 _check_placement(part)
                 return part
             includes.append(element)
+
+    def check_size(self, part: Part) -> None:
+        """
+        Count the elements of a model that is included, each time that it is.
+
+        :raises DescriptionError: all models together are larger than any robot.
+        """
+        self._elements += sum(1 for _ in part.element.iter())
+        if self._elements > MAX_ELEMENTS:
+            raise DescriptionError(f'the models that are included have more than {MAX_ELEMENTS} '
+                                   'elements; no robot has so many', part.includes[0])
 
     def _root(self, path: Path, include: Element) -> tuple[Element, Version]:
         if path not in self._read:

@@ -216,8 +216,7 @@ def _gazebo_elements(root: Element, robot: Robot, target: _Target) -> None:
             block.extend(_in_home(part, owner, target) for part in parts)
         for part in parts:
             target.report.carry(str(part.tag), owner.name or robot.name, line_of(part),
-                                'URDF has no word for it; it is in <gazebo>, where Gazebo takes '
-                                'it from')
+                                'URDF has no word for it; kept in <gazebo>, which Gazebo reads')
 
 
 def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
