@@ -69,6 +69,7 @@ def leftovers(element: Element, known: Known) -> Element | None:
     if not parts and not attributes:
         return None
     rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+    rest.getroottree().docinfo.URL = element.getroottree().docinfo.URL  # for messages about it
     rest.extend(parts)
     return rest
 
@@ -153,6 +154,7 @@ def carried(element: Element, namespace: str, skip: tuple[str, ...] = ()) -> Ele
     if not children and not attributes:
         return None
     rest = etree.Element(local_name(element), attributes, nsmap=element.nsmap)
+    rest.getroottree().docinfo.URL = element.getroottree().docinfo.URL  # for messages about it
     for child in children:
         if local_name(child) == _HOLDER:
             rest.extend(detached(part) for part in child)

@@ -127,7 +127,7 @@ class Library:
 
         :raises DescriptionError: all models together are larger than any robot.
         """
-        self._elements += sum(1 for _ in part.element.iter())
+        self._elements += sum(1 for _ in self._read[part.files[-1]][0].iter())
         if self._elements > MAX_ELEMENTS:
             raise DescriptionError(f'the models that are included have more than {MAX_ELEMENTS} '
                                    'elements; no robot has so many', part.includes[0])

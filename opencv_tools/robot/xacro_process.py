@@ -73,13 +73,13 @@ class Limits:
 
     @property
     def too_slow(self) -> str:
-        """What to say where it takes too much processor time."""
+        """Return the message for too much processor time."""
         return (f'takes more than {self.seconds} s of processor time to expand; look for an '
                 'expression that does not end')
 
     @property
     def too_late(self) -> str:
-        """What to say where it waits too long."""
+        """Return the message for too long a wait."""
         return (f'is not expanded after {self.wait:g} s; look for an expression that does not end '
                 'or a file that cannot be read')
 

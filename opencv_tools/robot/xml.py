@@ -64,7 +64,7 @@ def source_of(element: Element) -> str:
 
 
 def line_of(element: Element) -> int:
-    """Give the line that an element begins at, 0 when it comes from no file; it knows the file."""
+    """Return the line that an element begins at, 0 when it comes from no file."""
     return Line(element.sourceline or 0, source_of(element))
 
 
