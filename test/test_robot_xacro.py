@@ -22,6 +22,7 @@ import os
 from pathlib import Path
 import sys
 
+from opencv_tools.robot import xacro_process
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
 from opencv_tools.robot.xacro_process import expand_apart, Limits
@@ -340,6 +341,30 @@ def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
                 result = str(err)
             said.append((result, report))
         assert said[0] == said[1]
+
+
+@pytest.mark.parametrize(('script', 'message'), [
+    ('import nothing_at_all', "cannot be expanded: ModuleNotFoundError: No module named 'nothing"),
+    ('raise MemoryError', 'takes more memory to expand than any robot'),
+    ('import sys; sys.exit(3)', 'cannot be expanded: the process ended with 3'),
+    ('pass', 'cannot be expanded: the process ended with 0')])
+@pytest.mark.process
+def test_a_process_that_ends_without_a_reply(script: str, message: str,
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(xacro_process, '_START', script)
+    with pytest.raises(DescriptionError, match=f'^a[.]xacro: {message}'):
+        expand_apart('a.xacro', f'{HEAD}</robot>'.encode(), {}, Report())
+
+
+@pytest.mark.process
+def test_what_others_print_is_no_part_of_the_reply(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'sitecustomize.py').write_text('print("good morning")')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    data = f'{HEAD}<link name="a"/></robot>'.encode()
+    assert b'morning' not in expand_apart('a.xacro', data, {}, Report())
+    assert capfd.readouterr() == ('', '')
 
 
 def test_without_xacro_its_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,9 +108,10 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     except OSError as err:
         raise DescriptionError(f'cannot be expanded, no process can be started: {err.strerror}',
                                source=source) from err
-    if done.returncode:
+    _, begun, answer = done.stdout.partition(_REPLY)
+    if done.returncode or not begun:
         raise DescriptionError(_why_ended(done, limits), source=source)
-    head, _, expanded = done.stdout.partition(_REPLY)[2].partition(b'\n')
+    head, _, expanded = answer.partition(b'\n')
     reply = json.loads(head)
     report.notes.extend(Note(**note) for note in reply['notes'])
     if reply['error']:
