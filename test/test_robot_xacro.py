@@ -25,6 +25,7 @@ import sys
 from opencv_tools.robot import xacro_process
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
+from opencv_tools.robot.xacro_errors import sentence
 from opencv_tools.robot.xacro_process import expand_apart, Limits
 from opencv_tools.robot.xml import DescriptionError, Element, parse
 import pytest
@@ -231,6 +232,10 @@ def test_failures_are_one_line_with_a_place(
     assert message in text
     assert '\n' not in text and '\ue000' not in text and len(text) < 800
     assert capfd.readouterr() == ('', '')
+
+
+def test_an_error_without_words_has_a_reason() -> None:
+    assert str(sentence(KeyError(), 'a.xacro')) == 'a.xacro: cannot be expanded: KeyError'
 
 
 def test_macros_that_call_each_other_ever_more_often_end(tmp_path: Path) -> None:
