@@ -306,9 +306,9 @@ DEAF = 'max(range(10**15))'
 
 @pytest.mark.process
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
-    (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=300_000_000),
+    (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
      ':2: <link>: takes more memory to expand than any robot; look for a property'),
-    ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=300_000_000),
+    ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
      'takes more memory to expand than any robot'),
     ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: takes more memory to expand'),
     (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
