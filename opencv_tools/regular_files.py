@@ -20,7 +20,6 @@ from contextlib import suppress
 import errno
 import os
 from pathlib import Path
-import secrets
 import stat
 
 _CHUNK = 1 << 20
@@ -117,7 +116,7 @@ def replace_file(path: Path, content: bytes) -> None:
     """
     with suppress(FileNotFoundError):
         _check_kind(path, path.lstat().st_mode)
-    temporary = path.with_name(f'.{secrets.token_hex(8)}.part')
+    temporary = path.with_name(f'.{os.urandom(8).hex()}.part')
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     file = os.open(temporary, flags, 0o666)
     try:

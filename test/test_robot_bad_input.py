@@ -16,10 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-import errno
 import os
 from pathlib import Path
 import resource
@@ -147,6 +145,11 @@ WRONG = {
     'an undeclared prefix and a tag that is not closed': Bad(
         '<robot name="a">\n<link name="b"><x:y/>\n</robot>', (
             'robot.urdf:3: ', 'not well-formed XML', 'link line 2')),
+    'too many tags': Bad('<robot name="a"><link name="b"/>' + '<a/>' * 1_000_000 + '</robot>', (
+        'robot.urdf: has more than 1000000 tags',)),
+    'too many attributes': Bad(
+        f'<robot name="a"><link name="b"{" a=" * 1_000_000}/></robot>', (
+            'robot.urdf: has more than 1000000 tags',)),
     'two roots': Bad('<robot name="a"><link name="b"/></robot>\n<robot name="c"/>', (
         'robot.urdf:2: ', 'not well-formed XML')),
     'a number of 100,000 digits': Bad(
@@ -254,13 +257,48 @@ def test_what_is_no_robot(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture
 @pytest.mark.parametrize('command', [urdf_to_sdf, sdf_to_urdf, robot_frames])
 def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path,
                              capfd: pytest.CaptureFixture[str]) -> None:
-    for path, words in [(tmp_path, 'Is a directory'), (tmp_path / 'none', 'No such file'),
+    pipe, text = tmp_path / 'pipe', tmp_path / 'text'
+    os.mkfifo(pipe)
+    text.touch()
+    for path, words in [(tmp_path, 'is a folder without model.config and model.sdf; name a file'),
+                        (tmp_path / 'none', 'No such file'),
                         (tmp_path / 'none' / 'none.urdf', 'No such file'),
-                        (Path('/dev/null'), 'not well-formed XML')]:
+                        (text / 'none.urdf', 'Not a directory'),
+                        (tmp_path / ('a' * 300), 'File name too long'),
+                        (pipe, 'pipe is a named pipe, not a regular file'),
+                        (Path('/dev/null'), 'a device, not a regular file')]:
         assert command([str(path)]) == 2
         message = _one_line(capfd.readouterr().err, command.__name__)
         assert str(path) in message
         assert words in message
+
+
+@pytest.mark.parametrize(('uri', 'instead'), [
+    ('https://example.com/a.urdf', 'download the file and name it'),
+    ('package://arm/urdf/a.urdf', 'name the file, $(ros2 pkg prefix --share arm)/urdf/a.urdf'),
+    ('model://arm', 'name the file or the folder of the model'),
+    ('file:///home/a.urdf', 'name the file, /home/a.urdf')])
+def test_what_is_no_file_but_a_uri(uri: str, instead: str, capfd: pytest.CaptureFixture[str]
+                                   ) -> None:
+    for command in (urdf_to_sdf, sdf_to_urdf, robot_frames):
+        assert command([uri]) == 2
+        scheme = uri.partition(':')[0]
+        assert _one_line(capfd.readouterr().err, command.__name__) == (
+            f'{command.__name__}: error: {uri}: cannot be read: only files are read, and this is '
+            f'a URI of {scheme}:; {instead}\n')
+
+
+@pytest.mark.parametrize('folder', ['/dev/fd', '/proc/self/fd'])
+def test_what_the_shell_has_opened_is_read(folder: str, capfd: pytest.CaptureFixture[str]
+                                           ) -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b'<robot name="a"><link name="b"/></robot>')
+    os.close(writing)
+    try:
+        assert urdf_to_sdf([f'{folder}/{reading}', '--inertial', 'zero']) == 0
+    finally:
+        os.close(reading)
+    assert '<link name="b">' in capfd.readouterr().out
 
 
 def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -275,6 +313,26 @@ def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.Capture
 def test_what_has_no_end() -> None:
     message = _refused('urdf_to_sdf', Path('/dev/zero'), Path('/nowhere/output'))
     assert '/dev/zero' in message
+
+
+@pytest.mark.process
+def test_sixty_megabytes_of_dashes_take_little_memory(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.sdf'
+    with path.open('wb') as file:
+        file.write(b'<sdf version="1.6">\n')
+        for _ in range(8):
+            file.write(b'<!-- ' + b'-- ' * 2_500_000 + b'-->\n')
+        file.write(b'<model name="m"><link name="a"/></model></sdf>')
+    command = _process('sdf_to_urdf', str(path), '--inertial', 'zero')
+    # Only what is waited for so tells of this process alone.
+    pid = os.posix_spawn(sys.executable, command, {**os.environ, 'PYTHONPATH': str(ROOT)},
+                         file_actions=[(os.POSIX_SPAWN_OPEN, 1, tmp_path / 'output',
+                                        os.O_WRONLY | os.O_CREAT, 0o666)])
+    _, status, used = os.wait4(pid, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert used.ru_utime + used.ru_stime < AT_ONCE
+    assert used.ru_maxrss < 1_000_000  # KB; 4,500,000 with an object for every dash
+    assert '<link name="a">' in (tmp_path / 'output').read_text()
 
 
 @pytest.mark.parametrize('output', ['none/output.sdf', 'file/output.sdf', '.'])
@@ -326,40 +384,70 @@ def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_control_c(tmp_path: Path) -> None:
-    path = tmp_path / 'robot.urdf'
-    os.mkfifo(path)
-    # What a shell starts in the background does not heed Ctrl-C, nor does what that starts.
+def test_control_c_while_xacro_expands(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.urdf.xacro'
+    path.write_text(f'<robot name="a" {XACRO}><link name="${{9**9**9}}"/></robot>')
     command = ['env', '--default-signal=INT', *_process('urdf_to_sdf', str(path))]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE,
-                          stderr=subprocess.PIPE) as process, _opened(path):
-        # Python sees a signal that comes just before it waits only when the wait is over.
-        _wait_until_it_waits(process.pid)
+                          stderr=subprocess.PIPE) as process:
+        child = _child_of(process.pid)
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=30) == (b'', b'')
     assert process.returncode == 128 + signal.SIGINT
+    # It would go on for 20 s of processor time otherwise.
+    while (used := _used(child)) is not None:
+        assert used < 10
+        time.sleep(0.01)
 
 
-@contextmanager
-def _opened(fifo: Path) -> Iterator[None]:
-    """Hold the other end of a pipe that something reads, once it does."""
-    end = time.monotonic() + 30
-    while True:
-        try:
-            descriptor = os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
-            break
-        except OSError as err:  # nobody reads it yet
-            assert err.errno == errno.ENXIO and time.monotonic() < end
-            time.sleep(0.01)
+def _used(pid: str) -> float | None:
+    """Return the seconds of processor time that a process has used, None where it has ended."""
+    fields = _stat(pid)
+    if fields[0] in 'ZX':
+        return None
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def _stat(pid: str) -> list[str]:
+    """Return what is known of a process, from its state on, which is Z where it has ended."""
     try:
-        yield
-    finally:
-        os.close(descriptor)
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return ['Z']
+
+
+def _child_of(pid: int) -> str:
+    """Wait until a process has started another one, and sleeps."""
+    end = time.monotonic() + 30
+    while not (children := [path.name for path in Path('/proc').glob('[0-9]*')
+                            if _stat(path.name)[1:2] == [f'{pid}']]):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    _wait_until_it_waits(pid)
+    return children[0]
+
+
+@pytest.mark.process
+def test_control_c() -> None:
+    # What a shell starts in the background does not heed Ctrl-C, nor does what that starts.
+    command = ['env', '--default-signal=INT', *_process('urdf_to_sdf', '-')]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as process:
+        assert process.stdin
+        # What is more than a pipe takes is written when it is being read.
+        process.stdin.write(bytes(1_000_000))
+        process.stdin.flush()
+        # Python sees a signal that comes just before it waits only when the wait is over.
+        _wait_until_it_waits(process.pid)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 128 + signal.SIGINT
+        assert process.stdout and process.stderr
+        assert (process.stdout.read(), process.stderr.read()) == (b'', b'')
 
 
 def _wait_until_it_waits(pid: int) -> None:
     """Wait until a process sleeps, as one does that reads what is not there yet."""
     end = time.monotonic() + 30
-    while Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'S':
+    while _stat(f'{pid}')[0] != 'S':
         assert time.monotonic() < end
         time.sleep(0.01)

@@ -119,6 +119,84 @@ def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: T
     assert [note['element'] for note in notes['carried']] == ['transmission']
 
 
+@pytest.mark.parametrize('report', ['no/report.json', '.', '/dev/full'])
+def test_nothing_is_written_where_the_report_cannot_be(
+        report: str, arm: str, tmp_path: Path, capfd: Text) -> None:
+    output = tmp_path / 'out.sdf'
+    for arguments in (['-o', str(output)], []):
+        assert urdf_to_sdf([arm, *arguments, '--report', str(tmp_path / report)]) == 2
+        out, err = capfd.readouterr()
+        *warnings, error = err.splitlines()
+        assert out == ''
+        assert f'{tmp_path / report}: cannot be written: ' in error
+        assert len(warnings) == 2
+        assert all(line.startswith('urdf_to_sdf: warning: ') for line in warnings)
+        assert [path.name for path in tmp_path.iterdir()] == ['arm.urdf']
+
+
+@pytest.mark.parametrize('output', ['no/out.sdf', '.', '/dev/full'])
+def test_no_report_is_written_where_the_output_cannot_be(
+        output: str, arm: str, tmp_path: Path, capfd: Text) -> None:
+    report = tmp_path / 'report.json'
+    assert urdf_to_sdf([arm, '-o', str(tmp_path / output), '--report', str(report)]) == 2
+    assert f'{tmp_path / output}: cannot be written: ' in capfd.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['arm.urdf']
+
+
+def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.urdf'
+    path.write_text('<robot name="r"><link name="a"/>\n<gazebo reference="a"><sensor name="s" '
+                    'type="imu"/>\n<mu1>1</mu1></gazebo>\n<gazebo><plugin name="p" filename="f"/>'
+                    '</gazebo></robot>')
+    there, report = str(tmp_path / 'there.sdf'), tmp_path / 'report.json'
+
+    def carried() -> list[tuple[str, str, int, str]]:
+        return [(note['element'], note['name'], note['line'], note['message'])
+                for note in json.loads(report.read_text())['carried']]
+
+    assert urdf_to_sdf([str(path), '-o', there, '--report', str(report)]) == 0
+    *moved, kept = carried()
+    assert moved == [('sensor', 'a', 2, 'out of <gazebo>; SDF has it in the link itself'),
+                     ('plugin', 'r', 4, 'out of <gazebo>; SDF has it in the model itself')]
+    assert kept[:3] == ('gazebo', 'r', 0)
+    lines = Path(there).read_text().splitlines()
+    assert sdf_to_urdf([there, '-o', str(path), '--report', str(report)]) == 0
+    word = 'URDF has no word for it; kept in <gazebo>, which Gazebo reads'
+    assert [(*note[:2], note[3]) for note in carried()] == [
+        ('plugin', 'r', word), ('sensor', 'a', word)]
+    assert ['<plugin' in lines[carried()[0][2] - 1], '<sensor' in lines[carried()[1][2] - 1]
+            ] == [True, True]
+
+
+def test_a_model_is_named_by_its_folder(tmp_path: Path, capsys: Text) -> None:
+    folder, config = str(MODEL.parent), str(MODEL.parent / 'model.config')
+    assert robot_compare([folder, config]) == robot_compare([folder, str(MODEL)]) == 0
+    assert robot_frames([folder]) == 0
+    for path in (folder, f'{folder}/', config):
+        report = tmp_path / 'report.json'
+        assert sdf_to_urdf([path, '-o', str(tmp_path / 'out.urdf'), '--report', str(report)]) == 0
+        assert json.loads(report.read_text())['input'] == str(MODEL)
+    capsys.readouterr()
+    assert urdf_to_sdf([folder]) == 2
+    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is SDF already\n'
+
+
+def test_a_comparison_counts_and_lists_the_differences(tmp_path: Path, capsys: Text) -> None:
+    one, other = tmp_path / 'one.urdf', tmp_path / 'other.urdf'
+    for path, count in ((one, 1), (other, 61)):
+        path.write_text('<robot name="r"><link name="a"/>' + ''.join(
+            f'<link name="l{n}"/><joint name="j{n}" type="fixed"><parent link="a"/>'
+            f'<child link="l{n}"/></joint>' for n in range(count)) + '</robot>')
+    assert robot_compare([str(one), str(other)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 50 + 2
+    assert lines[-2:] == ['... and 70 more; --all shows them', '120 differences']
+    assert robot_compare([str(one), str(other), '--all']) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 120 + 1
+    assert lines[-1] == '120 differences'
+
+
 def test_strict_fails_where_something_was_reported(arm: str, tmp_path: Path) -> None:
     output = tmp_path / 'out.sdf'
     assert urdf_to_sdf([arm, '-o', str(output), '--strict']) == 1
@@ -257,7 +335,7 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
         assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
         assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
-    assert "'down'" in capsys.readouterr().err
+    assert "'down'; the movable joints are 'up'\n" in capsys.readouterr().err
     for wrong in ('up=nan', 'up', '=1', ':=1'):
         with pytest.raises(SystemExit):
             robot_frames([str(path), '--joint', wrong])

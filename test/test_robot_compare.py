@@ -20,7 +20,8 @@ import math
 from typing import Any
 
 from lxml import etree
-from opencv_tools.robot.compare import Difference, differences, table
+from opencv_tools.robot.compare import Difference, differences
+from opencv_tools.robot.compare_table import table
 from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
                                       Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Vector
@@ -359,13 +360,26 @@ def test_circles_are_errors() -> None:
 
 def test_a_table_is_aligned_and_empty_without_differences() -> None:
     assert table([]) == ''
-    heading, first, second = table([
+    heading, first, second, count = table([
         Difference('joint', 'j', 'upper', '1', '22', 21.0),
         Difference('collision', 'a/0', 'presence', 'yes', 'no')]).splitlines()
     assert heading.split() == ['element', 'name', 'what', 'a', 'b', 'difference']
     assert first.index('upper') == second.index('presence') == heading.index('what')
     assert first.endswith('22  21')
     assert second == second.rstrip()
+    assert count == '2 differences'
+
+
+@pytest.mark.parametrize(('count', 'most', 'rows', 'last'), [
+    (1, 50, 1, ['1 difference']), (50, 50, 50, ['50 differences']),
+    (51, 50, 50, ['... and 1 more; --all shows them', '51 differences']),
+    (173, 50, 50, ['... and 123 more; --all shows them', '173 differences']),
+    (173, None, 173, ['173 differences'])])
+def test_a_table_has_a_limit(count: int, most: int | None, rows: int, last: list[str]) -> None:
+    found = [Difference('link', f'{number}', 'presence', 'yes', 'no') for number in range(count)]
+    lines = table(found, most).splitlines()
+    assert [line.split()[1] for line in lines[1:rows + 1]] == [f'{n}' for n in range(rows)]
+    assert lines[rows + 1:] == last
 
 
 def test_long_chains_take_linear_time() -> None:

@@ -15,11 +15,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
+from opencv_tools.robot import sdf_include
+from opencv_tools.robot.convert import convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Robot
+from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_include import MAX_INCLUDES, SEARCH_VARIABLES
+from opencv_tools.robot.sdf_include import file_of_model, MAX_INCLUDES, SEARCH_VARIABLES
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.shapes import Mesh
 from opencv_tools.robot.xml import DescriptionError, parse
@@ -106,6 +110,45 @@ def test_newest_version_of_a_model_is_taken(
         put(tmp_path / 'arm' / f'{name}.sdf', f'<model name="of_{name}"><link name="l"/></model>')
     robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
     assert robot.links[1].name == f'of_{expected}::l'
+
+
+@pytest.mark.parametrize(('entries', 'expected'), [
+    ((('1.4', 'a.sdf'), ('1.9', 'b.sdf'), ('1.10', 'c.sdf')), 'c.sdf'),
+    ((('1.99', 'a.sdf'), ('1.6', 'sub/b.sdf'), ('1.7', '')), 'sub/b.sdf'), (None, 'model.sdf')])
+def test_a_folder_stands_for_its_model(
+        tmp_path: Path, entries: tuple[tuple[str, str], ...] | None, expected: str) -> None:
+    if entries is not None:
+        configure(tmp_path, *entries)
+        assert file_of_model(str(tmp_path / 'model.config')) == str(tmp_path / expected)
+    (tmp_path / 'model.sdf').touch()
+    assert file_of_model(str(tmp_path)) == str(tmp_path / expected)
+
+
+def test_other_files_stand_for_themselves(tmp_path: Path) -> None:
+    for path in ('-', str(tmp_path / 'none'), str(tmp_path / 'model.config'), '/dev/null'):
+        assert file_of_model(path) == path
+
+
+@pytest.mark.parametrize(('config', 'message'), [
+    (None, 'is a folder without model.config and model.sdf; name a file'),
+    ('<model/>', 'model.config names no <sdf>'), ('<model>', 'not well-formed XML')])
+def test_folders_that_have_no_model(tmp_path: Path, config: str | None, message: str) -> None:
+    if config is not None:
+        (tmp_path / 'model.config').write_text(config)
+    with pytest.raises(DescriptionError) as error:
+        file_of_model(str(tmp_path))
+    assert str(error.value).startswith(str(tmp_path)) and message in str(error.value)
+
+
+def test_models_that_are_included_have_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                              ) -> None:
+    monkeypatch.setattr(sdf_include, 'MAX_ELEMENTS', 1000)
+    put(tmp_path / 'arm' / 'model.sdf', f'<model name="m"><link name="l"/>{"<a/>" * 97}</model>')
+    content = ('<model name="m"><link name="a"/>' + ''.join(
+        f'<include><uri>model://arm</uri><name>{n}</name></include>' for n in range(10)))
+    assert len(read(tmp_path, f'{content}</model>').links) == 11
+    with pytest.raises(DescriptionError, match='more than 1000 elements; no robot has so many'):
+        read(tmp_path, f'{content}<include><uri>model://arm</uri></include></model>')
 
 
 def test_include_overrides_what_the_model_says(tmp_path: Path) -> None:
@@ -216,7 +259,40 @@ def test_version_of_an_included_file_is_its_own(tmp_path: Path) -> None:
     assert robot.joints[0].axes[0].xyz == pytest.approx((0, -1, 0))
 
 
+def test_notes_name_the_file_that_they_are_about(tmp_path: Path) -> None:
+    arm = put(tmp_path / 'arm' / 'model.sdf', """
+        <model name="arm">
+
+        <link name="l"><p:q/><!-- -- --><sensor name="s" type="imu"/></link>
+        <joint name="j" type="fixed"><parent>l</parent><child>k</child></joint><link name="k"/>
+        <plugin name="p"/><urdf:x xmlns:urdf="urn:opencv_tools:urdf"/></model>""")
+    outer = tmp_path / 'robots' / 'robot.sdf'
+    put(outer, robot_with('<uri>model://arm</uri><static>1</static>').replace(
+        '</model>', '<joint name="h" type="fixed"><parent>a</parent><child>arm::l</child></joint>'
+        '</model>') + '<light name="sun" type="point"/>')
+    report = Report()
+    robot, _ = read_robot(str(outer), report)
+    convert_to_urdf(robot, report)
+    notes = {(note.source, note.line, note.element) for note in report.notes}
+    assert {(str(arm), 4, 'sdf'), (str(arm), 4, 'link'), (str(arm), 4, 'sensor'),
+            (str(arm), 5, 'joint'), (str(arm), 6, 'plugin'), (str(arm), 6, 'x'),
+            (str(outer), 1, 'static'), (str(outer), 1, 'light')} <= notes
+    assert {source for source, _, _ in notes} == {str(arm), str(outer)}
+    assert all(line <= 1 for source, line, _ in notes if source == str(outer))
+    assert all(type(note.line) is int for note in report.notes)
+
+
+def test_errors_name_the_file_that_they_are_about(tmp_path: Path) -> None:
+    arm = put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="l"/><link name="k"/>'
+              '\n<joint name="j" type="revolute"><parent>l</parent><child>k</child><axis><xyz>'
+              '0 0 1</xyz><limit><lower>0</lower><upper>1</upper></limit><mimic joint="j"/></axis>'
+              '</joint></model>', '1.11')
+    with pytest.raises(DescriptionError, match=f'^{re.escape(str(arm))}:2: <joint>: .*mimics'):
+        read(tmp_path, robot_with('<uri>model://arm</uri>'))
+
+
 @pytest.mark.parametrize(('uri', 'message'), [
+    (f'model://{"a" * 300}', 'is not found'),
     ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and name the folder'),
     ('http://x/y', 'download the model'),
     ('ftp://x/y', 'none that is read'),

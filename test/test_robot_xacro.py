@@ -18,11 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+import os
 from pathlib import Path
 import sys
 
+from opencv_tools.robot import xacro_process
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.xacro import expand, is_xacro
+from opencv_tools.robot.xacro_errors import sentence
+from opencv_tools.robot.xacro_process import expand_apart, Limits
 from opencv_tools.robot.xml import DescriptionError, Element, parse
 import pytest
 import xacro
@@ -98,6 +102,8 @@ def test_expanding_again_changes_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize('written', [
     'file://$(find some_pkg)/meshes/a.stl', '$(find some_pkg)/meshes/a.stl',
     'file://${folder}/a.stl', '${folder}/a.stl', 'file:$(find some_pkg)/meshes/a.stl',
+    'file:/$(find some_pkg)/meshes/a.stl', 'file:///$(find some_pkg)/meshes/a.stl',
+    'file://localhost$(find some_pkg)/meshes/a.stl', 'FILE:///${folder}/a.stl',
 ])
 @pytest.mark.parametrize('is_there', [True, False])
 def test_packages_stay_packages(written: str, is_there: bool, tmp_path: Path,
@@ -207,12 +213,18 @@ ENDLESS = '<xacro:macro name="m"><xacro:m/></xacro:macro>\n<xacro:m/>'
     ('\n<xacro:include filename="*.xacro"/>', 2, 'xacro:include', 'includes itself'),
     (ENDLESS, 1, 'xacro:m', 'calls itself without end'),
     ('\n<a b="${xacro.fatal(\'no way\')}"/>', 2, 'a', 'no way'),
+    ('\n<xacro:include filename="pipe"/>', 2, 'xacro:include', 'is a named pipe; only regular'),
+    ('\n<xacro:include filename="p*e"/>', 2, 'xacro:include', 'cannot be read'),
+    ('\n<link name="${xacro.load_yaml(\'pipe\')}"/>', 2, 'link', 'is a named pipe'),
+    ('\n<link name="${xacro.load_yaml(\'/dev/zero\')}"/>', 2, 'link', 'is a device'),
+    ('\n<link name="${\'a\' * 10**18}"/>', 2, 'link', 'takes more memory to expand'),
 ])
 def test_failures_are_one_line_with_a_place(
         content: str, line: int, tag: str, message: str, tmp_path: Path,
         capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('NOT_SET_AT_ALL', raising=False)
     path = tmp_path / 'a.xacro'
+    os.mkfifo(tmp_path / 'pipe')
     with pytest.raises(DescriptionError) as caught:
         expanded(path, content)
     text = str(caught.value)
@@ -220,6 +232,10 @@ def test_failures_are_one_line_with_a_place(
     assert message in text
     assert '\n' not in text and '\ue000' not in text and len(text) < 800
     assert capfd.readouterr() == ('', '')
+
+
+def test_an_error_without_words_has_a_reason() -> None:
+    assert str(sentence(KeyError(), 'a.xacro')) == 'a.xacro: cannot be expanded: KeyError'
 
 
 def test_macros_that_call_each_other_ever_more_often_end(tmp_path: Path) -> None:
@@ -279,6 +295,81 @@ def test_xacro_is_left_as_it_was(content: str, tmp_path: Path) -> None:
     assert all(getattr(xacro, name) is value for name, value in before.items())
     assert {name: str(value) for name, value in before.items()} == copies
     assert (substitution._eval_find, substitution._eval_dict['find']) == (find, finds)
+
+
+LAUGHS = '<xacro:property name="a0" value="lollollol"/>' + ''.join(
+    f'<xacro:property name="a{n + 1}" value="{f"${{a{n}}}" * 10}"/>' for n in range(12))
+SLOW = '9**9**9'
+# As slow, and does not heed signals.
+DEAF = 'max(range(10**15))'
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('content', 'limits', 'message'), [
+    (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
+     ':2: <link>: takes more memory to expand than any robot; look for a property'),
+    ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
+     'takes more memory to expand than any robot'),
+    ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: takes more memory to expand'),
+    (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
+     ':2: <link>: takes more than 1 s of processor time to expand; look for an expression'),
+    (f'\n<link name="${{{DEAF}}}"/>', Limits(seconds=1, grace=0),
+     ': takes more than 1 s of processor time to expand'),
+    (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': is not expanded after 0.5 s; look for'),
+    (f'\n<link name="${{{DEAF}}}"/>', Limits(wait=0.5, grace=0), ': is not expanded after 0.5 s'),
+])
+def test_what_would_take_all_memory_or_time(content: str, limits: Limits, message: str,
+                                            tmp_path: Path) -> None:
+    path = tmp_path / 'a.xacro'
+    report = Report()
+    data = f'{HEAD}{content}</robot>'.encode()
+    with pytest.raises(DescriptionError) as caught:
+        expand_apart(str(path), data, {}, report, limits)
+    assert str(caught.value).startswith(str(path))
+    assert message in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.process
+def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
+    path = tmp_path / 'a.xacro'
+    for content in ('<xacro:arg name="a" default="1"/>\n<a b="$(arg a)" c="$(find p)"/>',
+                    '<xacro:property name="pi" value="3"/>\n<link name="${nothing}"/>',
+                    '<xacro:arg'):
+        data = f'{HEAD}{content}</robot>'.encode()
+        said = []
+        for expanding in (expand, expand_apart):
+            report = Report(str(path))
+            try:
+                result = expanding(str(path), data, {'a': '\u00fc', 'c': '3'}, report).decode()
+            except DescriptionError as err:
+                result = str(err)
+            said.append((result, report))
+        assert said[0] == said[1]
+
+
+@pytest.mark.parametrize(('script', 'message'), [
+    ('import nothing_at_all', "cannot be expanded: ModuleNotFoundError: No module named 'nothing"),
+    ('raise MemoryError', 'takes more memory to expand than any robot'),
+    ('import sys; sys.exit(3)', 'cannot be expanded: the process ended with 3'),
+    ('pass', 'cannot be expanded: the process ended with 0')])
+@pytest.mark.process
+def test_a_process_that_ends_without_a_reply(script: str, message: str,
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(xacro_process, '_START', script)
+    with pytest.raises(DescriptionError, match=f'^a[.]xacro: {message}'):
+        expand_apart('a.xacro', f'{HEAD}</robot>'.encode(), {}, Report())
+
+
+@pytest.mark.process
+def test_what_others_print_is_no_part_of_the_reply(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'sitecustomize.py').write_text('print("good morning")')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    data = f'{HEAD}<link name="a"/></robot>'.encode()
+    assert b'morning' not in expand_apart('a.xacro', data, {}, Report())
+    assert capfd.readouterr() == ('', '')
 
 
 def test_without_xacro_its_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from opencv_tools.robot.read import Choices
     from opencv_tools.robot.report import Report
 
+_MOST_DIFFERENCES = 50
 _XACRO = 'xacro is expanded, which runs the Python expressions in it.'
 
 
@@ -80,6 +81,8 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     _add_sdf_options(parser)
     parser.add_argument('--samples', type=_count, default=20, metavar='N',
                         help='random joint positions to compare at [%(default)s]')
+    parser.add_argument('--all', action='store_true',
+                        help=f'list all differences, not the first {_MOST_DIFFERENCES} only')
     parser.add_argument('--tolerance', type=_positive, default=1e-9, metavar='X',
                         help='in metres, radians and what else there is [%(default)s]')
     return _run(parser, argv, _robot_compare)
@@ -176,10 +179,10 @@ def _positive(text: str) -> float:
 def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_sdf
     from opencv_tools.robot.read import read_robot, URDF
-    from opencv_tools.robot.xml import DescriptionError, name_of, to_bytes
+    from opencv_tools.robot.xml import DescriptionError, to_bytes
     robot, language = read_robot(options.input, report, _choices(options))
     if language != URDF:
-        raise DescriptionError('is SDF already', source=name_of(options.input))
+        raise DescriptionError('is SDF already', source=robot.source)
     root = convert_to_sdf(
         robot, report, version=options.sdf_version, relative=options.poses == 'relative',
         inertial=options.inertial, lump=options.fixed == 'lump', mesh_uri=options.mesh_uri)
@@ -189,27 +192,28 @@ def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
 def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_urdf
     from opencv_tools.robot.read import read_robot, SDF
-    from opencv_tools.robot.xml import DescriptionError, name_of, to_bytes
+    from opencv_tools.robot.xml import DescriptionError, to_bytes
     robot, language = read_robot(options.input, report, _choices(options))
     if language != SDF:
-        raise DescriptionError('is URDF already', source=name_of(options.input))
+        raise DescriptionError('is URDF already', source=robot.source)
     root = convert_to_urdf(robot, report, inertial=options.inertial, mesh_uri=options.mesh_uri)
     return _converted(options, report, to_bytes(root))
 
 
 def _converted(options: argparse.Namespace, report: Report, data: bytes) -> int:
     """Write what a conversion gave, and its report."""
-    from opencv_tools.robot.output import write
-    from opencv_tools.robot.xml import name_of
-    write(options.output, data)
+    from opencv_tools.robot.output import write_all
+    files = [(options.output, data)]
     if options.report:
-        text = json.dumps({'input': name_of(options.input), **report.as_json()}, indent=2)
-        write(options.report, text.encode() + b'\n')
+        text = json.dumps({'input': report.source, **report.as_json()}, indent=2)
+        files.append((options.report, text.encode() + b'\n'))
+    write_all(files)
     return 1 if options.strict and report.warnings else 0
 
 
 def _robot_compare(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.compare import differences, table
+    from opencv_tools.robot.compare import differences
+    from opencv_tools.robot.compare_table import table
     from opencv_tools.robot.names import with_own_names
     from opencv_tools.robot.output import print_text
     from opencv_tools.robot.read import read_robot
@@ -220,7 +224,7 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
                   for path in (options.a, options.b))
     found = differences(one, other, samples=options.samples, tolerance=options.tolerance)
     if found:
-        print_text(table(found))
+        print_text(table(found, None if options.all else _MOST_DIFFERENCES))
         return 1
     print_text(f'the same robot: links {len(one.links)}, joints {len(one.joints)}; at zero and '
                f'at {options.samples} random positions, to {options.tolerance:g}')
@@ -255,21 +259,25 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
     """Run a command, say on standard error what it reports, and give its exit status."""
     open_standard_streams()
     options = parser.parse_args(argv)
+    from opencv_tools.robot.output import NotWrittenError
     from opencv_tools.robot.report import Report
     from opencv_tools.robot.xml import DescriptionError
     report = Report()
+    error = None
     try:
         status = command(options, report)
-        for note in report.warnings:
-            print(f'{parser.prog}: warning: {note.text()}', file=sys.stderr)
-        return status
     except DescriptionError as err:
-        print(f'{parser.prog}: error: {err}', file=sys.stderr)
-        return 2
+        status, error = 2, err
     except BrokenPipeError:  # whoever reads has what they wanted
         return 128 + signal.SIGPIPE
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
+    if error is None or isinstance(error, NotWrittenError):
+        for note in report.warnings:
+            print(f'{parser.prog}: warning: {note.text()}', file=sys.stderr)
+    if error is not None:
+        print(f'{parser.prog}: error: {error}', file=sys.stderr)
+    return status
 
 
 _COMMANDS = (urdf_to_sdf, sdf_to_urdf, robot_compare, robot_frames)

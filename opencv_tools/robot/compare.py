@@ -114,17 +114,6 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     return [difference for some in found.values() for difference in some]
 
 
-def table(differences: Iterable[Difference]) -> str:
-    """Lay out differences for a terminal, a line each below a heading; empty for none."""
-    rows = [(one.element, one.name, one.what, one.a, one.b, f'{one.size:.3g}' if one.size else '')
-            for one in differences]
-    if not rows:
-        return ''
-    rows.insert(0, ('element', 'name', 'what', 'a', 'b', 'difference'))
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    return '\n'.join('  '.join(map(str.ljust, row, widths)).rstrip() for row in rows)
-
-
 class _Side:
     """One of both robots, with its objects by the names that both have in common."""
 

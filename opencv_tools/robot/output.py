@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import errno
 import os
 from pathlib import Path
 import sys
@@ -24,31 +26,86 @@ import tempfile
 from opencv_tools.robot.xml import DescriptionError
 
 
+class NotWrittenError(DescriptionError):
+    """A file, or standard output, that cannot be written."""
+
+    def __init__(self, path: str | None, err: OSError) -> None:
+        super().__init__(f'cannot be written: {err.strerror}', source=path or '<stdout>')
+
+
 def write(path: str | None, data: bytes) -> None:
     """Write a file whole or not at all, or to standard output where there is no path."""
-    if path is None or path == '-':
-        print_bytes(data)
-        return
-    target = Path(path).resolve()
-    if target.exists() and not target.is_file():  # a device, such as /dev/null
-        try:
-            target.write_bytes(data)
-        except OSError as err:
-            raise DescriptionError(f'cannot be written: {err.strerror}', source=path) from err
-        return
-    temporary = ''
+    write_all([(path, data)])
+
+
+def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
+    """
+    Write several files, each as `write` does, or none of them.
+
+    :raises NotWrittenError: one cannot be written.
+    """
+    ready: list[tuple[str, Path, Path]] = []
     try:
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
+        streams = []
+        for path, data in files:
+            target = None if path is None or path == '-' else Path(path).resolve()
+            if path is None or target is None or _is_stream(target):
+                streams.append((path, data, target))
+            else:
+                ready.append((path, _beside(path, target, data), target))
+        # What is written there cannot be taken back, so that all else is ready by then.
+        for path, data, target in reversed(streams):
+            if target is None:
+                print_bytes(data)
+            else:
+                _write_stream(path, target, data)
+        while ready:
+            path, temporary, target = ready[0]
+            try:
+                temporary.replace(target)
+            except OSError as err:
+                raise NotWrittenError(path, err) from err
+            ready.pop(0)
+    finally:
+        for _, temporary, _ in ready:
+            temporary.unlink(missing_ok=True)
+
+
+def _is_stream(target: Path) -> bool:
+    """Return whether something is there that is no file, such as /dev/null or a pipe."""
+    try:
+        return target.exists() and not target.is_file() and not target.is_dir()
+    except OSError:  # writing a file there says why
+        return False
+
+
+def _write_stream(path: str | None, target: Path, data: bytes) -> None:
+    try:
+        target.write_bytes(data)
+    except OSError as err:
+        raise NotWrittenError(path, err) from err
+
+
+def _beside(path: str, target: Path, data: bytes) -> Path:
+    """Write a temporary file where it can take the place of another one."""
+    temporary = None
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
+        temporary = Path(name)
         with open(descriptor, 'wb') as file:  # noqa: PTH123
             file.write(data)
         mask = os.umask(0)
         os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(target)
-    except OSError as err:
+        temporary.chmod(0o666 & ~mask)
+        return temporary
+    except BaseException as err:
         if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise DescriptionError(f'cannot be written: {err.strerror}', source=path) from err
+            temporary.unlink(missing_ok=True)
+        if isinstance(err, OSError):
+            raise NotWrittenError(path, err) from err
+        raise
 
 
 def print_text(text: str) -> None:
@@ -69,4 +126,4 @@ def print_bytes(data: bytes) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(err, BrokenPipeError):
             raise
-        raise DescriptionError(f'cannot be written: {err.strerror}', source='<stdout>') from err
+        raise NotWrittenError(None, err) from err

@@ -22,10 +22,12 @@ from dataclasses import dataclass, field
 from lxml import etree
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.report import Report
+from opencv_tools.robot.sdf_include import file_of_model
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xacro import expand, is_xacro
+from opencv_tools.robot.xacro import is_xacro
+from opencv_tools.robot.xacro_process import expand_apart
 from opencv_tools.robot.xml import (DescriptionError, Element, line_of, local_name, name_of, parse,
                                     read_bytes)
 
@@ -55,10 +57,11 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
     """
     Read a robot of either format; xacro is expanded where the root declares it.
 
-    :param path: a file, or ``-`` for standard input.
+    :param path: a file, a model's folder, or ``-`` for standard input.
     :returns: the robot under the names of the file, and the format: ``URDF`` or ``SDF``.
     :raises DescriptionError: there is no robot to be read.
     """
+    path = file_of_model(path)
     report.source = name_of(path)
     root = _root(path, report, choices)
     tag = local_name(root)
@@ -75,7 +78,7 @@ def _root(path: str, report: Report, choices: Choices) -> Element:
     data, source = read_bytes(path), name_of(path)
     root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
-        expanded = expand(path, data, choices.arguments, report)
+        expanded = expand_apart(path, data, choices.arguments, report)
         return parse(expanded, source, report)
     namespace = etree.QName(root).namespace
     if namespace:

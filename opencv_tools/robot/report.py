@@ -23,6 +23,21 @@ CARRIED = 'carried'  # kept in a namespace of its own; the way back restores it
 REPORTED = 'reported'  # means something else now, or is gone
 
 
+class Line(int):
+    """
+    A line that knows its file, for robots that are read from several.
+
+    :param source: the name of the file; empty when that is not known.
+    """
+
+    source: str
+
+    def __new__(cls, line: int, source: str = '') -> Line:
+        new = super().__new__(cls, line)
+        new.source = source
+        return new
+
+
 @dataclass(frozen=True)
 class Note:
     """
@@ -63,11 +78,15 @@ class Report:
 
     def carry(self, element: str, name: str, line: int, message: str) -> None:
         """Note what was kept in a namespace of its own."""
-        self.notes.append(Note(CARRIED, self.source, element, name, line, message))
+        self._note(CARRIED, element, name, line, message)
 
     def warn(self, element: str, name: str, line: int, message: str) -> None:
         """Note what means something else now, or is gone."""
-        self.notes.append(Note(REPORTED, self.source, element, name, line, message))
+        self._note(REPORTED, element, name, line, message)
+
+    def _note(self, level: str, element: str, name: str, line: int, message: str) -> None:
+        source = line.source if isinstance(line, Line) else ''
+        self.notes.append(Note(level, source or self.source, element, name, int(line), message))
 
     @property
     def warnings(self) -> list[Note]:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -33,6 +34,9 @@ SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PAT
 # A file that includes others twice each doubles with every step; no robot has as many as this.
 MAX_INCLUDES = 2000
 MAX_DEPTH = 50
+MAX_ELEMENTS = 300_000
+_CONFIG = 'model.config'
+_MODEL = 'model.sdf'
 _NAMED_SCHEMES = ('model', 'package')
 
 
@@ -91,6 +95,7 @@ class Library:
         self._report = report
         self._read: dict[Path, tuple[Element, Version]] = {}
         self._count = 0
+        self._elements = 0
 
     def part(self, include: Taken, files: tuple[Path, ...]) -> Part:
         """
@@ -118,6 +123,17 @@ class Library:
                 return part
             includes.append(element)
 
+    def check_size(self, part: Part) -> None:
+        """
+        Count the elements of a model that is included, each time that it is.
+
+        :raises DescriptionError: all models together are larger than any robot.
+        """
+        self._elements += sum(1 for _ in self._read[part.files[-1]][0].iter())
+        if self._elements > MAX_ELEMENTS:
+            raise DescriptionError(f'the models that are included have more than {MAX_ELEMENTS} '
+                                   'elements; no robot has so many', part.includes[0])
+
     def _root(self, path: Path, include: Taken) -> tuple[Element, Version]:
         if path not in self._read:
             root = parse(read_bytes(str(path)), str(path), self._report)
@@ -134,10 +150,11 @@ class Library:
         uri = text_of(include, 'uri')
         candidates = self._candidates(uri, include, folder)
         for candidate in candidates:
-            if candidate.is_dir():
-                candidate = _file_in(candidate, include)
-            if candidate.is_file():
-                return Path(os.path.realpath(candidate))
+            with suppress(OSError):  # it is too long, or in a folder that cannot be read
+                if candidate.is_dir():
+                    candidate = _file_in(candidate, include)
+                if candidate.is_file():
+                    return Path(os.path.realpath(candidate))
         searched = ', '.join(dict.fromkeys(map(str, candidates)))
         raise DescriptionError(f'<uri> {uri!r} is not found; there is no {searched}: name the '
                                'folder that has it by --path', include)
@@ -180,14 +197,36 @@ def only_model(root: Element, include: Taken) -> Element:
     return models[0]
 
 
-def _file_in(folder: Path, include: Taken) -> Path:
+def file_of_model(path: str) -> str:
+    """
+    Return the file of a model that is named by its folder or its model.config.
+
+    :param path: any file; one of another name is returned as it is, and so is ``-``.
+    :raises DescriptionError: there is no such file.
+    """
+    folder = Path(path)
+    try:
+        if folder.name == _CONFIG and folder.is_file():
+            folder = folder.parent
+        elif path == '-' or not folder.is_dir():
+            return path
+        is_model = any((folder / name).is_file() for name in (_CONFIG, _MODEL))
+    except OSError:  # reading it says why
+        return path
+    if not is_model:
+        raise DescriptionError(f'is a folder without {_CONFIG} and {_MODEL}; name a file',
+                               source=path)
+    return str(_file_in(folder, None))
+
+
+def _file_in(folder: Path, include: Taken | None) -> Path:
     """Give the SDF of a model's folder that is the newest one of those that are read."""
-    config = folder / 'model.config'
+    config = folder / _CONFIG
     if not config.is_file():
-        return folder / 'model.sdf'
+        return folder / _MODEL
     root = parse(read_bytes(str(config)), str(config), Report())
-    entries = [((version_of(entry.get('version', '')) or (0, 0)), (entry.text or '').strip())
-               for entry in root.findall('sdf')]
+    entries = [((version_of(entry.get('version', '')) or (0, 0)), name)
+               for entry in root.findall('sdf') if (name := (entry.text or '').strip())]
     known = [entry for entry in entries if entry[0] <= NEWEST] or entries
     if not known:
         raise DescriptionError(f'{config} names no <sdf>', include)

@@ -98,6 +98,7 @@ def _inner(scope: Scope, element: Taken, library: Library, report: Report) -> Sc
         part = Part(element, scope.version, scope.part.files)
     else:
         part = library.part(element, scope.part.files)
+        library.check_size(part)
     name = part.name
     if flag(element.get('merge'), element, 'merge'):
         frame = FrameId('frame', scope.qualified(f'_merged__{name}{MODEL_FRAME}'))

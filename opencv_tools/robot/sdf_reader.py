@@ -252,7 +252,7 @@ def _settle_pose(rest: Element, place: Place, in_world: Pose) -> None:
     name = place.scope.part.name
     for pose in rest.findall('pose'):
         if other := pose.get('relative_to'):
-            place.report.warn('pose', name, line_of(pose),
+            place.report.warn('pose', name, line_of(place.scope.part.placed_by),
                               f'left out, it is relative to {other!r}, outside the model')
             rest.remove(pose)
     if frame := place.scope.part.placement_frame:

@@ -27,7 +27,7 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.shapes import Color
 from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import numbers, numbers_text, uncut
-from opencv_tools.robot.xml import DescriptionError, Element
+from opencv_tools.robot.xml import DescriptionError, Element, line_of
 
 Version = tuple[int, int]
 
@@ -76,7 +76,7 @@ def file_version(root: Element, report: Report) -> Version:
     if version is None or version < OLDEST_READ:
         raise DescriptionError(f'version={text!r} is not read; {_range(OLDEST_READ)} are', root)
     if version > NEWEST:
-        report.warn('sdf', '', root.sourceline or 0,
+        report.warn('sdf', '', line_of(root),
                     f'version {text} is newer than what is known; read as {version_text(NEWEST)}')
     return min(version, NEWEST)
 

@@ -130,6 +130,8 @@ class Taken:
             if not self._is_whole and (PART in element.attrib or self._is_taken()):
                 attributes[PART] = TEXT if '' in names else element.get(PART, 'true')
             rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+            # Messages about it name the file.
+            rest.getroottree().docinfo.URL = element.getroottree().docinfo.URL
             rest.text = text or None
             rest.extend(parts)
         if self._is_whole:  # nothing more is read of its other parts, and a robot has many

@@ -37,7 +37,7 @@ from opencv_tools.robot.texts import number_text, numbers_text
 from opencv_tools.robot.trees import one_tree
 from opencv_tools.robot.urdf_shape_writer import (inertial_element, Materials, origin_element,
                                                   shape_element)
-from opencv_tools.robot.xml import Element
+from opencv_tools.robot.xml import Element, line_of
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
@@ -214,6 +214,9 @@ def _gazebo_elements(root: Element, robot: Robot, target: _Target) -> None:
             block = etree.SubElement(root, 'gazebo',
                                      {} if owner == MODEL else {'reference': owner.name})
             block.extend(_in_home(part, owner, target) for part in parts)
+        for part in parts:
+            target.report.carry(str(part.tag), owner.name or robot.name, line_of(part),
+                                'URDF has no word for it; kept in <gazebo>, which Gazebo reads')
 
 
 def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
@@ -227,7 +230,7 @@ def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
         return part
     name = '' if pose is None else pose.get('relative_to', pose.get('frame', ''))
     if name not in target.frames and name:
-        target.report.warn(str(part.tag), owner.name, part.sourceline or 0,
+        target.report.warn(str(part.tag), owner.name, line_of(part),
                            f'its pose is relative to {name!r}, which is not there; it is taken as '
                            'relative to the link')
     placement = Placement(pose_of(pose), target.frames.get(name, owner))

@@ -22,23 +22,25 @@ sentence, and ``$(find package)`` as a URI, because a path of one machine helps 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 import importlib
 from io import StringIO
 import os
 from pathlib import Path
 import re
+import stat
 from typing import Any
 from xml.dom import minidom
 
 from lxml import etree
-from opencv_tools.robot.report import Report
+from opencv_tools.regular_files import describe_kind
+from opencv_tools.robot.report import Line, Report
 from opencv_tools.robot.xacro_document import place_of, PlacedBuilder, text_of
 from opencv_tools.robot.xacro_errors import FOUND, one_line, os_error, sentence, Trouble
 from opencv_tools.robot.xml import DescriptionError, Element, name_of, parse, read_bytes
 
 _XACRO = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
-_FOUND_URI = re.compile(f'file:(?://)?{FOUND.pattern}')
+_FOUND_URI = re.compile(f'(?i:file:(?://localhost)?)/*{FOUND.pattern}')
 # Of macros that call each other; Python's own limit is not much above.
 _DEEPEST = 120
 _MOST_CALLS = 5000
@@ -158,8 +160,13 @@ class _Expansion:
         return PlacedBuilder(source).parseString(data)
 
     def _file(self, name: str) -> str:
-        """Name a file that is included, or read as YAML."""
-        return str(self._spec(FOUND.sub(lambda found: _folder(found[1]), name)))
+        """Name a file that is included, or read as YAML; but none that has no end."""
+        path = str(self._spec(FOUND.sub(lambda found: _folder(found[1]), name)))
+        with suppress(OSError, ValueError):
+            mode = Path(path).stat().st_mode
+            if not stat.S_ISDIR(mode) and (kind := describe_kind(mode)):
+                raise Trouble(f'file {path!r} is {kind}; only regular files are read')
+        return path
 
     def _called(self, node: minidom.Element, macros: object, symbols: object) -> object:
         """Expand a macro, unless a few of them have called each other too often."""
@@ -241,7 +248,7 @@ def _warn_of_paths(document: minidom.Document, report: Report) -> None:
         if element.tagName not in ('mesh', 'texture'):
             texts += [value for _, value in element.attributes.items()]
         for found in FOUND.finditer(_FOUND_URI.sub('', ' '.join(texts))):
-            _, line = place_of(element)
-            report.warn(element.tagName, element.getAttribute('name'), line,
+            source, line = place_of(element)
+            report.warn(element.tagName, element.getAttribute('name'), Line(line, source),
                         f'$(find {found[1]}) is written as package://{found[1]}, because the path '
                         'is one of this machine')

@@ -18,9 +18,12 @@ from __future__ import annotations
 
 from typing import Any
 from xml.dom import expatbuilder, minidom
-from xml.sax.saxutils import escape, quoteattr
 
 _PLACE = 'place'  # under which an element keeps file and line
+# As xml.sax.saxutils has them, which takes longer to import than all else here.
+_IN_TEXT = str.maketrans({'&': '&amp;', '<': '&lt;', '>': '&gt;'})
+_IN_ATTRIBUTE = _IN_TEXT | str.maketrans(
+    {'"': '&quot;', '\n': '&#10;', '\r': '&#13;', '\t': '&#9;'})
 
 Place = tuple[str, int]
 
@@ -67,14 +70,14 @@ def text_of(document: minidom.Document, source: str) -> str:
             parts.append(node)
         elif isinstance(node, minidom.Text):
             if node.data.strip():
-                parts.append(escape(node.data))
+                parts.append(node.data.translate(_IN_TEXT))
                 line += node.data.count('\n')
         elif isinstance(node, minidom.Element):
             file, wanted = place_of(node)
             if file == source and wanted > line:
                 parts.append('\n' * (wanted - line))
                 line = wanted
-            attributes = ''.join(f' {name}={quoteattr(value)}'
+            attributes = ''.join(f' {name}="{value.translate(_IN_ATTRIBUTE)}"'
                                  for name, value in node.attributes.items())
             parts.append(f'<{node.tagName}{attributes}>')
             pending.append(f'</{node.tagName}>')

@@ -26,6 +26,8 @@ from opencv_tools.robot.xml import DescriptionError
 # What $(find package) stands for until it is known what the path is used for: an absolute path
 # with characters of Unicode's private area, which no file has.
 FOUND = re.compile('/\ue000([^\ue000\ue001]*)\ue001')
+TOO_LARGE = ('takes more memory to expand than any robot; look for a property or an expression '
+             'that grows without end')
 _LONGEST = 400  # characters of a message
 
 
@@ -44,13 +46,15 @@ def sentence(err: Exception, source: str) -> DescriptionError:
     argument = next((cause for cause in causes if type(cause).__name__ == 'ArgException'), None)
     if any(isinstance(cause, RecursionError) for cause in causes):
         message = 'a macro calls itself without end'
+    elif any(isinstance(cause, MemoryError) for cause in causes):
+        message = TOO_LARGE
     elif argument is not None:
         message = (f'argument {str(argument)!r} has no value; give it one by '
                    f'--arg {argument}:=VALUE')
     elif trouble is not None:
         message = str(trouble)
     else:
-        message = str(err) or type(err).__name__
+        message = str(err).strip() or f'cannot be expanded: {type(causes[-1]).__name__}'
     return DescriptionError(one_line(message), source=place, line=line, tag=tag)
 
 

@@ -16,19 +16,28 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 import re
 import sys
 from typing import TypeVar
 
 from lxml import etree
-from opencv_tools.robot.report import Report
+from opencv_tools.regular_files import read_regular
+from opencv_tools.robot.report import Line, Report
 from opencv_tools.robot.taken import Taken
 
 Element = etree._Element
 Either = TypeVar('Either', Element, Taken)
 
-_MAX_BYTES = 100_000_000
+MAX_BYTES = 100_000_000
+# Tags, attributes and comments, which bound the memory and the time that a file takes.
+_MAX_MARKUP = 1_000_000
+# What the shell passes for <(command) is open already, as standard input is.
+_OPEN_ALREADY = re.compile(r'/dev/stdin|/(?:dev|proc/self)/fd/\d+')
+_URI = re.compile(r'([A-Za-z][A-Za-z0-9+.-]+):/+(.*)', re.DOTALL)
+# In place of a comment: as long as it is, with its lines.
+_BLANKS = bytes(byte if byte == ord('\n') else ord(' ') for byte in range(256))
 
 
 class DescriptionError(ValueError):
@@ -46,6 +55,8 @@ class DescriptionError(ValueError):
         if element is not None:
             source = source or source_of(element)
             line, tag = line_of(element), local_name(element)
+        elif isinstance(line, Line):
+            source = line.source or source
         place = ':'.join([*filter(None, [source]), *([str(line)] if line else [])])
         super().__init__(': '.join(filter(None, [place, f'<{tag}>' if tag else '', message])))
 
@@ -56,8 +67,8 @@ def source_of(element: Element | Taken) -> str:
 
 
 def line_of(element: Element | Taken) -> int:
-    """Give the line that an element begins at, 0 when it comes from no file."""
-    return element.sourceline or 0
+    """Return the line that an element begins at, 0 when it comes from no file."""
+    return Line(element.sourceline or 0, source_of(element))
 
 
 def local_name(element: Element | Taken) -> str:
@@ -67,22 +78,44 @@ def local_name(element: Element | Taken) -> str:
 
 def read_bytes(path: str) -> bytes:
     """
-    Read a file, or standard input where it is called ``-``.
+    Read a regular file, or standard input where it is called ``-``.
 
     :raises DescriptionError: it cannot be read, or is larger than any robot.
     """
     try:
         if path == '-':
-            data = sys.stdin.buffer.read(_MAX_BYTES + 1)
-        else:
+            data = sys.stdin.buffer.read(MAX_BYTES + 1)
+        elif _OPEN_ALREADY.fullmatch(path):
             with Path(path).open('rb') as file:
-                data = file.read(_MAX_BYTES + 1)
+                data = file.read(MAX_BYTES + 1)
+        else:
+            data = read_regular(Path(path), MAX_BYTES)
     except OSError as err:
-        raise DescriptionError(f'cannot be read: {err.strerror}', source=name_of(path)) from err
-    if len(data) > _MAX_BYTES:
-        raise DescriptionError(f'has more than {_MAX_BYTES} bytes; that is no robot description',
-                               source=name_of(path))
+        if err.errno == errno.EFBIG:
+            raise _too_large(path) from err
+        raise DescriptionError(_why_not_read(path, err), source=name_of(path)) from err
+    if len(data) > MAX_BYTES:
+        raise _too_large(path)
     return data
+
+
+def _too_large(path: str) -> DescriptionError:
+    return DescriptionError(f'has more than {MAX_BYTES} bytes; that is no robot description',
+                            source=name_of(path))
+
+
+def _why_not_read(path: str, err: OSError) -> str:
+    """Return why a file cannot be read, and what to name in its place."""
+    uri = _URI.fullmatch(path)
+    if not uri:
+        return f'cannot be read: {err.strerror}'
+    scheme, rest = uri.groups()
+    package, _, inside = rest.partition('/')
+    instead = {'file': f'name the file, /{rest}',
+               'package': f'name the file, $(ros2 pkg prefix --share {package})/{inside}',
+               'model': 'name the file or the folder of the model'}
+    return (f'cannot be read: only files are read, and this is a URI of {scheme}:; '
+            + instead.get(scheme.lower(), 'download the file and name it'))
 
 
 def name_of(path: str) -> str:
@@ -99,8 +132,11 @@ def parse(data: bytes, source: str, report: Report) -> Element:
 
     :param source: the name of the file, for messages.
     :returns: the root element.
-    :raises DescriptionError: it is not XML, or declares entities.
+    :raises DescriptionError: it is not XML, declares entities, or has more in it than any robot.
     """
+    if data.count(b'<') + data.count(b'=') > _MAX_MARKUP:
+        raise DescriptionError(f'has more than {_MAX_MARKUP} tags, comments and attributes; that '
+                               'is no robot description', source=source)
     entity = re.search(rb'<!ENTITY[^>]{0,80}', data)
     if entity:
         raise _entities(source, data.count(b'\n', 0, entity.start()) + 1)
@@ -115,7 +151,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
         root = _parsed(mended, source)
     except etree.XMLSyntaxError as err:
         raise DescriptionError(_sentence(err), source=source, line=err.lineno or 0) from err
-    report.warn(local_name(root), '', flaw.lineno or 0,
+    report.warn(local_name(root), '', Line(flaw.lineno or 0, source),
                 f'not well-formed XML, read all the same: {_sentence(flaw)}')
     return root
 
@@ -150,10 +186,8 @@ def _mended(data: bytes) -> bytes | None:
         return None
     # What stands before the declaration goes, its lines stay: they move into the root's tag.
     lines = data.count(b'\n', 0, start.start())
-    mended = data[start.start():]
-    mended = re.sub(rb'^(<\?xml\s+version\s*=\s*["\'])[\d.]*', rb'\g<1>1.0', mended)
-    mended = re.sub(rb'<!--(.*?)-->', lambda comment: b'<!--' + re.sub(
-        rb'-(?=-)|-$', b' ', comment[1]) + b'-->', mended, flags=re.DOTALL)
+    mended = _without_dashes(re.sub(rb'\A(<\?xml\s+version\s*=\s*["\'])[\d.]*', rb'\g<1>1.0',
+                                    data[start.start():], count=1))
     declared = set(re.findall(rb'xmlns:([\w.-]+)\s*=', mended))
     used = set(re.findall(rb'</?([A-Za-z_][\w.-]*):[\w.-]+', mended)) | set(
         re.findall(rb'\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*["\']', mended))
@@ -165,6 +199,20 @@ def _mended(data: bytes) -> bytes | None:
     mended = re.sub(rb'<(sdf|robot)(?=[\s>])', lambda tag: tag[0] + b'\n' * lines + declarations,
                     mended, count=1)
     return mended if mended != data else None
+
+
+def _without_dashes(data: bytes) -> bytes:
+    """Blank the comments that have ``--`` in them."""
+    blanked = bytearray(data)
+    start = data.find(b'<!--')
+    while start >= 0:
+        end = data.find(b'-->', start + 4)
+        if end < 0:
+            break
+        if data.find(b'--', start + 4, end + 1) >= 0:
+            blanked[start + 4:end] = data[start + 4:end].translate(_BLANKS)
+        start = data.find(b'<!--', end + 3)
+    return bytes(blanked)
 
 
 def named(element: Element | Taken) -> str:
