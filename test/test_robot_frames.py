@@ -20,7 +20,8 @@ import json
 import math
 from typing import Any
 
-from opencv_tools.robot.frames import frames, text
+from opencv_tools.robot.frames import frames
+from opencv_tools.robot.frames_text import text
 from opencv_tools.robot.model import (Axis, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic,
                                       MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose

@@ -30,6 +30,7 @@ import numpy as np
 from opencv_tools.robot import drawing
 from opencv_tools.robot.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
 from opencv_tools.robot.frames import frames
+from opencv_tools.robot.labels import Labels
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.plot import draw, plot
 from opencv_tools.robot.pose import Pose, Vector
@@ -170,7 +171,7 @@ def drawn(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
 @functools.cache
 def _drawn(robot: Robot, items: tuple[tuple[str, float], ...]) -> list[Any]:
     positions = dict(items)
-    return list(draw(robot, frames(robot, positions), positions).axes)
+    return list(draw(robot, frames(robot, positions)).axes)
 
 
 def near(one: Any, other: Any) -> bool:
@@ -414,7 +415,7 @@ def test_positions_are_in_the_file(tmp_path: Path) -> None:
 
 def test_names_do_not_lie_on_one_another() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid((0.0, 0.5), (1.0, 0.5))
     for index in range(12):
         labels.place(f'a_long_name_{index}', (0.5, 0.5))
@@ -451,7 +452,7 @@ def boxes_of(axes: Any) -> list[Any]:
 def test_a_name_is_next_to_its_point_and_in_the_picture(
         point: tuple[float, float], side: str, angle: float) -> None:
     axes = empty_axes()
-    drawing.Labels(axes).place('a_long_name', point)
+    Labels(axes).place('a_long_name', point)
     label, = axes.texts
     turn = math.radians(angle)
     assert label.get_position() == pytest.approx((8 * math.cos(turn), 8 * math.sin(turn)))
@@ -462,7 +463,7 @@ def test_a_name_is_next_to_its_point_and_in_the_picture(
 
 def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid((0.3, 0.4), (0.7, 0.6))
     for _ in range(9):
         labels.place('a_long_name', (0.5, 0.5))
@@ -481,7 +482,7 @@ def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
 
 def test_names_keep_off_texts() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid_text(axes.text(0.51, 0.52, 'taken', fontsize=30))
     labels.place('a_name', (0.5, 0.5))
     taken, name = boxes_of(axes)
