@@ -48,7 +48,8 @@ SHIFTED = """<sdf version="1.9"><model name="shifted"><link name="base"/>
 <pose>0 0 -0.25 0 0 0</pose><axis><xyz>0 0 1</xyz></axis></joint></model></sdf>
 """
 LIMB = (('shoulder_pitch', 0.1, 0.24), ('shoulder_roll', 0.05, -0.01),
-        ('shoulder_yaw', 0.01, -0.1), ('elbow_pitch', 0.0, -0.08), ('wrist_roll', 0.0, -0.1), ('palm', 0.0, -0.05))
+        ('shoulder_yaw', 0.01, -0.1), ('elbow_pitch', 0.0, -0.08),
+        ('wrist_roll', 0.0, -0.1), ('palm', 0.0, -0.05))
 
 
 def limb(side: str, body: str, at: float) -> list[tuple[str, str, Vector]]:
