@@ -87,8 +87,8 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
 
 def robot_frames(argv: Sequence[str] | None = None) -> int:
     """List where the frames of a robot are; exit as Unix commands do."""
-    parser = _parser('robot_frames', 'List the pose of every frame of a robot in the frame of its '
-                     'root link.')
+    parser = _parser('robot_frames', 'List where a robot has its joints, each in its parent link, '
+                     'and its links, in the root link.')
     _add_input(parser, 'FILE', 'URDF, xacro or SDF')
     _add_xacro_option(parser)
     _add_sdf_options(parser)

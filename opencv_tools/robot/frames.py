@@ -23,7 +23,7 @@ from typing import Any
 from opencv_tools.robot.kinematics import AXES, FREEDOM, Kinematics, with_mimics
 from opencv_tools.robot.model import (Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, MODEL,
                                       Placement, Robot, Shape, UNLIMITED)
-from opencv_tools.robot.pose import normalised, rotation_of_quaternion, Transform
+from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.trees import listed
 from opencv_tools.robot.xml import DescriptionError
@@ -218,6 +218,17 @@ def joints_above(listing: Mapping[str, Any]) -> dict[str, str]:
         if listing['links'][joint['child']]['parent'] == joint['parent']:
             above.setdefault(joint['child'], name)
     return above
+
+
+def joint_places(listing: Mapping[str, Any]) -> dict[str, Transform]:
+    """Return where the joints of the tree are, each at its origin in its parent link."""
+    joints, links = listing['joints'], listing['links']
+    places = {}
+    for name in joints_above(listing).values():
+        xyz, rpy = joints[name]['in_parent'].values()
+        origin = Pose((xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])).transform()
+        places[name] = transform_of(links[joints[name]['parent']]['pose']) @ origin
+    return places
 
 
 def in_depth(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:

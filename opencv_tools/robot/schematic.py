@@ -24,11 +24,11 @@ from typing import Any
 from opencv_tools.robot.drawing import (
     AXIS_COLORS, bent, DARK, GREY, hull, moved, numbers, outline, PALE, plain, Point, SHAPE_COLORS,
     UNITS)
-from opencv_tools.robot.frames import joints_above, transform_of
+from opencv_tools.robot.frames import joint_places, transform_of
 from opencv_tools.robot.frames_text import joint_text, link_text
 from opencv_tools.robot.labels import Labels
 from opencv_tools.robot.model import Robot, Shape
-from opencv_tools.robot.pose import Pose, Transform
+from opencv_tools.robot.pose import Transform
 from opencv_tools.robot.shapes import Mesh
 
 _MOST_SIZES = 10
@@ -91,7 +91,7 @@ def label(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> None:
         points = [(float(x), float(y)) for x, y in zip(*line.get_data())]
         for start, end in pairwise(points):
             labels.avoid(start, end)
-    places, joints = _places(listing), _joints(listing)
+    places, joints = _places(listing), joint_places(listing)
     left, right, low, high = _box(listing, list(_shapes(robot, listing)))
     length = _triad_length(listing, max(right - left, high - low) or 1.0)
     for place in places.values():
@@ -113,17 +113,6 @@ def _places(listing: Mapping[str, Any]) -> dict[str, Transform]:
     return {name: transform_of(link['pose']) for name, link in listing['links'].items()}
 
 
-def _joints(listing: Mapping[str, Any]) -> dict[str, Transform]:
-    """Return where the joints of the tree are: each in its parent link, wherever that is."""
-    places, joints = _places(listing), listing['joints']
-    return {name: places[joints[name]['parent']] @ _transform(joints[name]['in_parent'])
-            for name in joints_above(listing).values()}
-
-
-def _transform(placed: Mapping[str, Any]) -> Transform:
-    return Pose(tuple(placed['xyz']), tuple(placed['rpy'])).transform()
-
-
 def _shapes(robot: Robot, listing: Mapping[str, Any]) -> Iterator[_Placed]:
     for link in robot.links:
         listed = listing['links'][link.name]
@@ -135,7 +124,7 @@ def _shapes(robot: Robot, listing: Mapping[str, Any]) -> Iterator[_Placed]:
 def _box(listing: Mapping[str, Any], shapes: list[_Placed]
          ) -> tuple[float, float, float, float]:
     """Return from where to where all reaches: left, right, low, high."""
-    points = [_seen(place) for places in (_places(listing), _joints(listing))
+    points = [_seen(place) for places in (_places(listing), joint_places(listing))
               for place in places.values()]
     points += [point for one in shapes for point in (one.center, *one.corners)]
     return (min(x for x, _ in points), max(x for x, _ in points),
@@ -200,7 +189,7 @@ def _name_axes(labels: Labels, place: Transform, length: float) -> None:
 
 def _draw_joints(axes: Any, listing: Mapping[str, Any], places: Mapping[str, Transform]) -> None:
     """Draw a mark where each joint is, an arrow to it, and a line to a link that is elsewhere."""
-    for name, place in _joints(listing).items():
+    for name, place in joint_places(listing).items():
         joint = listing['joints'][name]
         start, end, link = (_seen(places[joint['parent']]), _seen(place),
                             _seen(places[joint['child']]))
@@ -225,7 +214,7 @@ def _draw_sizes(axes: Any, listing: Mapping[str, Any], shapes: list[_Placed],
     """Draw how far links are from those above, and shapes from their links, with numbers."""
     places = _places(listing)
     joints, pairs = listing['joints'], []
-    for name, place in _joints(listing).items():
+    for name, place in joint_places(listing).items():
         pairs += [(_seen(places[joints[name]['parent']]), _seen(place), DARK),
                   (_seen(place), _seen(places[joints[name]['child']]), DARK)]
     pairs += [(_seen(places[one.link]), one.center, SHAPE_COLORS[one.kind]) for one in shapes]

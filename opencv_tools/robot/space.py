@@ -24,7 +24,7 @@ from typing import Any
 from opencv_tools.robot.drawing import (
     AXIS_COLORS, DARK, GREY, matplotlib_module, moved, outline, reach, SHAPE_COLORS,
     toolkit_module, UNITS)
-from opencv_tools.robot.frames import transform_of
+from opencv_tools.robot.frames import joint_places, transform_of
 from opencv_tools.robot.frames_text import link_text
 from opencv_tools.robot.labels import Labels, Rectangle
 from opencv_tools.robot.model import Robot
@@ -47,7 +47,8 @@ def draw(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> list[float]:
     """
     places = {name: transform_of(link['pose']) for name, link in listing['links'].items()}
     shapes = list(_outlines(robot, listing))
-    points = [place.translation for place in places.values()] + [
+    points = [place.translation for some in (places, joint_places(listing))
+              for place in some.values()] + [
         point for _, lines in shapes for line in lines for point in line]
     widest = max(reach(points, 0.0)[1]) or 0.5
     length = _triad_length(listing, places, widest)
@@ -57,9 +58,7 @@ def draw(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> list[float]:
     halves_shown = [1.05 * max(half, 0.4 * max(halves)) for half in halves]
     for kind, lines in shapes:
         _add_lines(axes, lines, SHAPE_COLORS[kind], 0.7)
-    below = [(places[link['parent']].translation, places[name].translation)
-             for name, link in listing['links'].items() if link['parent'] is not None]
-    _add_lines(axes, below, GREY, 1.2)
+    _add_lines(axes, list(_ways(listing, places)), GREY, 1.2)
     for lines, color in zip(triads, AXIS_COLORS):
         _add_lines(axes, lines, color, 2.0)
     for setter, center, half, name, color in zip(
@@ -154,6 +153,16 @@ def _tick_labels(axes: Any) -> list[Any]:
 def _ticks_overlap(figure: Any, axes: Any) -> bool:
     boxes = [text.get_window_extent(figure.canvas.get_renderer()) for text in _tick_labels(axes)]
     return any(one.overlaps(other) for one, other in combinations(boxes, 2))
+
+
+def _ways(listing: Mapping[str, Any], places: Mapping[str, Transform]
+          ) -> Iterator[list[Vector]]:
+    """Return the way from each link, by the joint, to the link below it."""
+    for name, joint in joint_places(listing).items():
+        parent, child = (listing['joints'][name][end] for end in ('parent', 'child'))
+        start, end = places[parent].translation, places[child].translation
+        apart = math.dist(joint.translation, end) > 1e-9
+        yield [start, joint.translation, end] if apart else [start, end]
 
 
 def _add_lines(axes: Any, lines: Sequence[Sequence[Vector]], color: str, width: float) -> None:
