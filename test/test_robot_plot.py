@@ -374,6 +374,11 @@ def test_axes_that_point_away_or_at_who_looks(turn: float, marker: str) -> None:
     assert (1.0, 0.0) in marks(drawn(robot)[2], marker)
 
 
+def test_frames_in_one_place_have_their_letters_once() -> None:
+    side = drawn(chain(4, Pose()))[2]
+    assert [one.get_text() for one in side.texts if len(one.get_text()) == 1] == ['x', 'z']
+
+
 def row(*steps: float) -> Robot:
     """Build links in a row along x."""
     names = [f'link_{index}' for index in range(len(steps) + 1)]

@@ -35,6 +35,7 @@ from opencv_tools.robot.report import Report
 
 _FEW = 8  # links up to which all numbers stand on the right, and names on the left
 _MOST = 60  # links with numbers
+_MOST_ARROWS = 300  # with heads, which take their time
 _WIDTH, _HEIGHT = 3.2, 4.2  # inches of the drawing: the most, and the least
 _GAP, _MARGIN, _HEAD, _TITLE = 0.3, 0.25, 0.65, 0.3  # inches
 _BEND = 0.25
@@ -73,8 +74,9 @@ def draw(robot: Robot, listing: Mapping[str, Any], positions: Mapping[str, float
     """
     kinematics = Kinematics(robot)
     poses = kinematics.at(with_mimics(robot, {name: (at,) for name, at in positions.items()}))
-    shapes = [(kind, _hull(moved(lines, poses[FrameId('link', link.name)] @ kinematics.within(
-                  FrameId('link', link.name), shape.placement).transform())))
+    shapes = [(kind, [[_seen(point) for point in line] for line in moved(
+                  lines, poses[FrameId('link', link.name)] @ kinematics.within(
+                      FrameId('link', link.name), shape.placement).transform())])
               for link in robot.links
               for kind, some in (('visual', link.visuals), ('collision', link.collisions))
               for shape in some if (lines := outline(shape.geometry))]
@@ -83,10 +85,12 @@ def draw(robot: Robot, listing: Mapping[str, Any], positions: Mapping[str, float
     views = [_View(figure.add_axes((0, 0, 1, 1)), panel, shapes) for panel in panels]
     title = figure.text(0.5, 0.5, plain(heading(listing), 150), fontsize=13, fontweight='bold',
                         color=DARK, ha='center', va='center')
-    height = max(view.least_height for view in views)
-    bounds = [[end(values) for values in zip(*(view.bounds[index] for view in views))]
-              for index, end in enumerate((min, max))]
-    widths = [view.lay_out(height, *bounds) for view in views]
+    low, high = ([end(values) for values in zip(*(view.bounds[index] for view in views))]
+                 for index, end in enumerate((min, max)))
+    size = [max(end - start, 1e-9) for start, end in zip(low, high)]
+    height = max(min(_HEIGHT, _WIDTH * size[1] / size[0]), *(view.text_height for view in views))
+    scale = min(_WIDTH / size[0], height / size[1])
+    widths = [view.lay_out(height, low, size, scale) for view in views]
     whole = max(sum(widths) + 3 * _MARGIN, size_of(title)[0] + 2 * _MARGIN)
     figure.set_size_inches(whole, height + _HEAD + _TITLE + 2 * _MARGIN)
     left = (whole - sum(widths) - _MARGIN) / 2
@@ -152,7 +156,7 @@ def _sdf(listing: Mapping[str, Any], kinematics: Kinematics, poses: Mapping[Fram
 class _View:
     """A panel as it is drawn: all of it in inches, on axes that are as large as it is."""
 
-    def __init__(self, axes: Any, panel: _Panel, shapes: Sequence[tuple[str, list[Point]]]
+    def __init__(self, axes: Any, panel: _Panel, shapes: Sequence[tuple[str, list[list[Point]]]]
                  ) -> None:
         self.axes, self._panel, self._shapes = axes, panel, shapes
         axes.set_axis_off()
@@ -175,7 +179,7 @@ class _View:
                         for start, end in panel.arrows if math.dist(start, end) > 1e-6]
         curves = [[start, *bent(start, end, bend), end] for start, end, bend in self._arrows]
         points = [point for line in (*curves, *panel.offsets, *(
-            corners for _, corners in shapes)) for point in line]
+            line for _, lines in shapes for line in lines)) for point in line]
         points += [_seen(place.translation) for place in panel.frames]
         points.append((0.0, 0.0))
         size = max(max(column) - min(column) for column in zip(*points)) or 1.0
@@ -189,19 +193,20 @@ class _View:
         self._at: Callable[[Point], Point] = lambda point: point
 
     @property
-    def least_height(self) -> float:
-        """Height in inches that has room for all texts."""
-        return max(_HEIGHT, *(column.height for column in self._columns))
+    def text_height(self) -> float:
+        """Height of the columns of texts in inches."""
+        return max(column.height for column in self._columns)
 
-    def lay_out(self, height: float, low: Sequence[float], high: Sequence[float]) -> float:
+    def lay_out(self, height: float, low: Sequence[float], size: Sequence[float], scale: float
+                ) -> float:
         """
-        Draw all at a height in inches, and return the width.
+        Draw all, and return the width.
 
-        :param low: the least of both coordinates of all that is drawn, ``high`` the greatest.
+        :param height: in inches.
+        :param low: the least of both coordinates of what is drawn, ``size`` how far it reaches.
+        :param scale: inches for a metre.
         """
         left, right = self._columns
-        size = [max(end - start, 1e-9) for start, end in zip(low, high)]
-        scale = min(_WIDTH / size[0], height / size[1])
         drawn = scale * size[0]
         begin = left.width + _GAP if left.width else 0.0
         width = begin + drawn + _GAP + right.width
@@ -222,16 +227,17 @@ class _View:
         return width
 
     def _draw(self) -> None:
-        for kind, corners in self._shapes:
-            xs, ys = zip(*map(self._at, corners))
-            self.axes.fill(xs, ys, facecolor=SHAPE_COLORS[kind], alpha=0.1, zorder=1)
-            self.axes.plot([*xs, xs[0]], [*ys, ys[0]], color=SHAPE_COLORS[kind], lw=0.6, zorder=1,
-                           clip_on=False)
-        for lines, color in zip(self._triads, AXIS_COLORS):
-            self._add_lines(lines, color, 1.8, 5, '-')
+        for kind, lines in self._shapes:
+            self.axes.fill(*zip(*map(self._at, hull(point for line in lines for point in line))),
+                           facecolor=SHAPE_COLORS[kind], alpha=0.1, zorder=1, clip_on=False)
+            self._add_lines(lines, SHAPE_COLORS[kind], 0.5, 1, '-')
+        for axis, color in zip(self._triads, AXIS_COLORS):
+            self._add_lines(axis, color, 1.8, 5, '-')
         self._add_lines(self._panel.offsets, GREY, 1.2, 4, ':')
         width = 1.3 if len(self._arrows) <= _FEW else 0.8
-        for start, end, bend in self._arrows:
+        self._add_lines([bent(*arrow) for arrow in self._arrows[_MOST_ARROWS:]],
+                        DARK, width, 6, '-')
+        for start, end, bend in self._arrows[:_MOST_ARROWS]:
             self.axes.annotate('', self._at(end), xytext=self._at(start), zorder=6, arrowprops={
                 'arrowstyle': '-|>', 'color': DARK, 'lw': width, 'shrinkA': 4, 'shrinkB': 5,
                 'connectionstyle': f'arc3,rad={-bend}'})
@@ -256,7 +262,3 @@ def _seen(point: Vector) -> Point:
     sine, cosine = math.sin(_AZIMUTH), math.cos(_AZIMUTH)
     return (cosine * y - sine * x,
             math.cos(_ELEVATION) * z - math.sin(_ELEVATION) * (cosine * x + sine * y))
-
-
-def _hull(lines: Iterable[Sequence[Vector]]) -> list[Point]:
-    return hull(_seen(point) for line in lines for point in line)
