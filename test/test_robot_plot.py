@@ -528,6 +528,17 @@ def test_names_keep_off_texts() -> None:
     assert not name.overlaps(taken)
 
 
+def test_a_name_is_drawn_though_its_point_is_beyond_the_axes() -> None:
+    axes = empty_axes()
+    bounds = axes.figure.bbox
+    Labels(axes, (0.0, 0.0, bounds.width, bounds.height)).place('a_name', (1.02, 0.5))
+    box, = boxes_of(axes)
+    assert axes.bbox.x1 < box.x0 < box.x1 < bounds.width
+    pixels = np.asarray(axes.figure.canvas.buffer_rgba())[::-1]
+    inside = pixels[int(box.y0):int(box.y1), int(box.x0):int(box.x1), :3]
+    assert (inside.max(axis=2) < 100).sum() > 20
+
+
 @pytest.mark.parametrize(('geometry', 'distance', 'lines'), [
     (Sphere(0.5), lambda x, y, z: math.hypot(x, y, z), 3),
     (Cylinder(0.5, 1.0), lambda x, y, z: math.hypot(x, y), 6),
