@@ -140,7 +140,7 @@ def _sdf(listing: Mapping[str, Any], kinematics: Kinematics, poses: Mapping[Fram
         panel.frames.append(place)
         panel.arrows.append((start, _seen(place.translation)))
         panel.entries.append(Entry(link_text(name, link), numbers(pose.xyz, pose.rpy, '  '),
-                                    _seen(place.translation)))
+                                   _seen(place.translation)))
     for name, joint in listing['joints'].items():
         offset = joint['in_child']
         if any(abs(value) > 1e-9 for value in (*offset['xyz'], *offset['rpy'])):
