@@ -75,6 +75,13 @@ def thirty() -> Robot:
             for name, parent, xyz in parts))
 
 
+def short() -> Robot:
+    """Build a robot with names that are shorter than the headings of the picture."""
+    return Robot('r', (Link('a', Placement(Pose(), MODEL)), Link(
+        'b', Placement(Pose(), FrameId('joint', 'j')))), (Joint('j', 'fixed', 'a', 'b', Placement(
+            Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
+
+
 def read(path: Path) -> Robot:
     return read_robot(str(path), Report())[0]
 
@@ -88,13 +95,14 @@ def shifted(tmp_path: Path) -> Robot:
 
 ROBOTS = {'my_robot': read(ROOT / 'urdf' / 'my_robot.urdf'),
           'my_arm': read(ROOT / 'urdf' / 'my_arm.urdf'),
-          'my_arm.sdf': read(ROOT / 'sdf' / 'my_arm' / 'model.sdf'), 'thirty': thirty()}
+          'my_arm.sdf': read(ROOT / 'sdf' / 'my_arm' / 'model.sdf'), 'thirty': thirty(),
+          'short': short()}
 MOVED = {'my_arm': {'elbow': 0.5, 'slide': 0.1}, 'my_arm.sdf': {'shoulder': 0.5},
          'thirty': {'left_torso_shoulder_pitch_link_joint': -1.2,
                     'right_pelvis_elbow_pitch_link_joint': 1.0}}
 PICTURES = pytest.mark.parametrize(('name', 'positions'), [
-    ('my_robot', {}), ('my_arm', {}), ('thirty', {}), *MOVED.items()],
-    ids=['my_robot', 'my_arm', 'thirty', *(f'{name} moved' for name in MOVED)])
+    *((name, {}) for name in ('my_robot', 'my_arm', 'thirty', 'short')), *MOVED.items()],
+    ids=['my_robot', 'my_arm', 'thirty', 'short', *(f'{name} moved' for name in MOVED)])
 
 
 def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
