@@ -24,6 +24,8 @@ from typing import Any
 
 from lxml import etree
 from matplotlib.text import Text
+from mpl_toolkits.mplot3d.proj3d import proj_transform
+import numpy as np
 from opencv_tools.robot import conventions, plot
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
@@ -143,6 +145,28 @@ def test_texts_are_in_the_picture_and_apart(
             assert min(wide, high) < 3, (one, other)
         for wanted in names:
             assert any(wanted in text for text, _ in texts)
+
+
+@pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
+def test_the_view_in_space_fills_its_part_of_the_picture(name: str) -> None:
+    figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
+    view, renderer = figure.axes[0], figure.canvas.get_renderer()
+    assert not any(one.get_clip_on() for one in view.collections)
+    boxes = [axis.get_tightbbox(renderer) for axis in (view.xaxis, view.yaxis, view.zaxis)]
+    corners = view.transData.transform([
+        proj_transform(x, y, z, view.get_proj())[:2] for x in view.get_xlim()
+        for y in view.get_ylim() for z in view.get_zlim()])
+    low = np.min([*corners, *((box.x0, box.y0) for box in boxes)], axis=0)
+    high = np.max([*corners, *((box.x1, box.y1) for box in boxes)], axis=0)
+    head = next(text for text in figure.texts if text.get_text().startswith('Frames of'))
+    start, end = 0.3 * DPI, 7.8 * DPI
+    top = head.get_window_extent(renderer).y0
+    assert low[0] > start - 2 and high[0] < end + 2
+    assert high[1] < top
+    assert abs(low[0] + high[0] - start - end) / 2 < 15
+    bottom = min(0.3 * DPI if len(figure.axes) < 3 else figure.axes[2].bbox.y1, top)
+    assert low[1] > bottom
+    assert max((high[0] - low[0]) / (end - start), (high[1] - low[1]) / (top - bottom)) > 0.85
 
 
 def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
