@@ -152,6 +152,7 @@ def test_the_view_in_space_fills_its_part_of_the_picture(name: str) -> None:
     figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
     view, renderer = figure.axes[0], figure.canvas.get_renderer()
     assert not any(one.get_clip_on() for one in view.collections)
+    assert [axis.label.get_rotation() for axis in (view.xaxis, view.yaxis, view.zaxis)] == [0] * 3
     boxes = [axis.get_tightbbox(renderer) for axis in (view.xaxis, view.yaxis, view.zaxis)]
     corners = view.transData.transform([
         proj_transform(x, y, z, view.get_proj())[:2] for x in view.get_xlim()
@@ -261,6 +262,7 @@ def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Rob
         (0.0, 0.0, 0.0), (0.2, 0.0, 0.3), (0.5, 0.0, 0.45), (0.5, 0.0, 0.3), (0.5, 0.0, 0.7))
     for axes, wanted in ((urdf, [(base, hinge), (hinge, wrist)]),
                          (sdf, [(base, arm), (base, hand)])):
+        assert not any(one.get_clip_on() for one in axes.collections)
         found = arrows(axes)
         (x, y), (a, b) = found[0]
         scale = math.dist((x, y), (a, b)) / math.dist(*wanted[0])
