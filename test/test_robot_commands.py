@@ -100,7 +100,7 @@ def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
     assert done.stderr == ''
     assert done.stdout.splitlines() == [line for line in lines if not line.startswith('$ ')]
     written = sorted(path.name for path in (tmp_path / 'demo').iterdir())
-    assert written == ['frames.png', 'my_arm.sdf', 'my_arm.urdf']
+    assert written == ['conventions.png', 'frames.png', 'my_arm.sdf', 'my_arm.urdf']
 
 
 def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: Text) -> None:

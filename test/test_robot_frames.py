@@ -18,9 +18,11 @@ from dataclasses import replace
 from itertools import pairwise
 import json
 import math
+import re
 from typing import Any
 
-from opencv_tools.robot.frames import frames, text
+from opencv_tools.robot.frames import frames
+from opencv_tools.robot.frames_text import text
 from opencv_tools.robot.model import (Axis, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic,
                                       MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
@@ -70,9 +72,11 @@ def test_the_listing_has_exactly_these_keys() -> None:
     assert listing['root'] == 'base_footprint'
     assert set(listing['links']) == {'base_footprint', 'base_link', 'wheel', 'pusher'}
     for link in listing['links'].values():
-        assert list(link) == ['parent', 'pose', 'visuals', 'collisions', 'inertial']
+        assert list(link) == [
+            'parent', 'pose', 'moved', 'in_model', 'visuals', 'collisions', 'inertial']
     for joint in listing['joints'].values():
-        assert list(joint) == ['type', 'parent', 'child', 'axis', 'pose', 'lower', 'upper']
+        assert list(joint) == ['type', 'parent', 'child', 'axis', 'pose', 'position', 'in_parent',
+                               'in_child', 'lower', 'upper']
     assert json.loads(json.dumps(listing, allow_nan=False)) == listing
 
 
@@ -207,40 +211,122 @@ def test_a_robot_without_links_and_one_beyond_numbers_are_errors() -> None:
         frames(robot, {})
 
 
+def shifted() -> Robot:
+    """Build a robot whose joint is not where its link is, on a root away from the model."""
+    return Robot('shifted', (
+        Link('base', Placement(Pose((0.0, 1.0, 0.0)), MODEL)),
+        Link('arm', Placement(Pose((0.5, 1.0, 0.3)), MODEL))), (
+        Joint('hinge', 'revolute', 'base', 'arm', on('arm', Pose((-0.3, 0.0, 0.0))),
+              (Axis((0.0, 1.0, 0.0)),)),))
+
+
+def test_joints_and_links_have_their_own_numbers() -> None:
+    for positions in ({}, {'hinge': 0.5}):
+        listing = frames(shifted(), positions)
+        arm, hinge = listing['links']['arm'], listing['joints']['hinge']
+        # As they are written, wherever the joint is.
+        assert arm['in_model'] == {'xyz': [0.5, 1.0, 0.3], 'rpy': [0.0, 0.0, 0.0]}
+        assert hinge['in_child'] == {'xyz': [-0.3, 0.0, 0.0], 'rpy': [0.0, 0.0, 0.0]}
+        assert hinge['in_parent']['xyz'] == pytest.approx([0.2, 0.0, 0.3])
+        assert hinge['in_parent']['rpy'] == [0.0, 0.0, 0.0]
+        assert hinge['pose'][:3] == pytest.approx([0.2, 0.0, 0.3])
+        assert hinge['position'] == [positions.get('hinge', 0.0)]
+    assert frames(shifted(), {})['links']['arm']['pose'][:3] == pytest.approx([0.5, 0.0, 0.3])
+    assert arm['pose'][:3] == pytest.approx(
+        [0.2 + 0.3 * math.cos(0.5), 0.0, 0.3 - 0.3 * math.sin(0.5)])
+
+
+def test_links_below_a_joint_that_is_not_at_zero_have_moved() -> None:
+    def moved(robot: Robot, positions: dict[str, float]) -> list[str]:
+        return [name for name, link in frames(robot, positions)['links'].items() if link['moved']]
+
+    tip = Link('tip', Placement(Pose(), FrameId('joint', 'end')))
+    robot = replace(tutorial(), links=(*tutorial().links, tip), joints=(
+        *tutorial().joints, Joint('end', 'fixed', 'wheel', 'tip', on('wheel'))))
+    assert moved(robot, {}) == ['pusher']  # it mimics, with an offset
+    assert moved(robot, {'turn': -0.5}) == ['wheel', 'tip']
+    assert moved(robot, {'turn': 0.5}) == ['wheel', 'pusher', 'tip']
+    assert frames(robot, {'turn': 0.5})['joints']['push']['position'] == [0.5]
+    assert frames(movable(type='floating'), {})['joints']['turn']['position'] == [0.0] * 6
+
+
+def cells(listing: dict[str, Any]) -> list[list[str]]:
+    """Split the lines of the text at its columns."""
+    return [re.split(r'  +', line.strip()) for line in text(listing).splitlines()]
+
+
+@pytest.mark.parametrize(('positions', 'wanted'), [
+    ({}, [['robot shifted', 'in', 'xyz in metres', 'rpy in radians'],
+          ['link base', 'base', '0 0 0', '0 0 0'],
+          ['- <pose> in SDF', '__model__', '0 1 0', '0 0 0'],
+          ['joint hinge (revolute)', 'base', '0.2 0 0.3', '0 0 0'],
+          ['- <pose> in SDF', 'arm', '-0.3 0 0', '0 0 0'],
+          ['link arm', 'base', '0.5 0 0.3', '0 0 0'],
+          ['- <pose> in SDF', '__model__', '0.5 1 0.3', '0 0 0']]),
+    ({'hinge': 0.5}, [['robot shifted at hinge=0.5', 'in', 'xyz in metres', 'rpy in radians'],
+                      ['link base', 'base', '0 0 0', '0 0 0'],
+                      ['- <pose> in SDF', '__model__', '0 1 0', '0 0 0'],
+                      ['joint hinge (revolute) at 0.5', 'base', '0.2 0 0.3', '0 0 0'],
+                      ['- <pose> in SDF', 'arm', '-0.3 0 0', '0 0 0'],
+                      ['link arm, moved', 'base', '0.46327 0 0.15617', '0 0.5 0'],
+                      ['- <pose> in SDF', '__model__', '0.5 1 0.3', '0 0 0']])],
+    ids=['at zero', 'moved'])
+def test_text_of_joints_and_links(positions: dict[str, float], wanted: list[list[str]]) -> None:
+    assert cells(frames(shifted(), positions)) == wanted
+
+
 def test_text_is_a_tree_with_aligned_columns() -> None:
-    lines = text(frames(tutorial(), {})).splitlines()
-    assert [line.split('  by ')[0].rstrip() for line in lines if '  by ' in line] == [
-        '  base_link', '    wheel', '    pusher']
-    assert lines[0].startswith('robot my_robot')
-    assert lines[1].split() == ['base_footprint', *'000000']
-    wheel = next(line for line in lines if 'wheel' in line)
-    assert wheel.split('  by ')[1].split() == [
-        'continuous', 'turn', '0', '1', '0.2', '-1.5708', '0', '0']
-    visual = next(line for line in lines if 'visual' in line)
-    assert visual.split('visual')[1].split() == ['-0.1', '0', '0.2', '1.5708', '0', '1.5708']
-    assert len({line.index('0 0 0') for line in lines if line.strip().startswith('base_footprint')}
-               | {lines[0].index('xyz')}) == 1
+    listing = frames(tutorial(), {})
+    lines = text(listing).splitlines()
+    assert [line.split('  ')[0] for line in lines if line.startswith('link')] == [
+        'link base_footprint']
+    starts = [re.match(r' *[a-z]+ [a-z_]+', line) for line in lines]
+    assert [start.group() for start in starts if start and 'robot' not in start.group()] == [
+        'link base_footprint', '  joint base_joint', '  link base_link', '    joint turn',
+        '    link wheel', '    joint push', '    link pusher']
+    rows = cells(listing)
+    assert ['joint turn (continuous)', 'base_link', '0 1 0', '-1.5708 0 0'] in rows
+    assert ['link wheel', 'base_footprint', '0 1 0.2', '-1.5708 0 0'] in rows
+    assert ['- visual', 'base_footprint', '-0.1 0 0.2', '1.5708 0 1.5708'] in rows
+    assert ['- inertial 2.5 kg', 'base_footprint', '0 0.5 0.2', '0 0 0'] in rows
+    for column in (' in  ', 'xyz', 'rpy'):
+        at = lines[0].index(column) + (column[0] == ' ')
+        assert all(line[at - 1] == ' ' != line[at] for line in lines)
 
 
 def test_text_says_what_closes_a_loop() -> None:
-    loop = Joint('loop', 'revolute', 'wheel', 'pusher', on('wheel'), (Axis((0.0, 0.0, 1.0)),),
-                 is_loop=True)
+    loop = Joint('loop', 'revolute', 'wheel', 'pusher', on('wheel', Pose((0.0, 0.0, 0.1))),
+                 (Axis((0.0, 0.0, 1.0)),), is_loop=True)
     robot = tutorial()
-    assert 'loop wheel to pusher  by revolute loop' in text(
-        frames(replace(robot, joints=(*robot.joints, loop)), {}))
+    rows = cells(frames(replace(robot, joints=(*robot.joints, loop)), {}))
+    assert ['loop to pusher by loop (revolute)', 'wheel', '0 0 0.1', '0 0 0'] in rows
+    assert ['- <pose> in SDF', 'pusher', '0 1.1 0', '-1.5708 0 0'] in rows
+
+
+@pytest.mark.parametrize(('count', 'wanted'), [
+    (0, 'robot chain'), (1, 'robot chain at jl1=0.5'),
+    (4, 'robot chain at jl1=0.5, jl2=0.5, jl3=0.5, jl4=0.5'),
+    (5, 'robot chain at jl1=0.5, jl2=0.5, jl3=0.5, jl4=0.5, ...')])
+def test_the_heading_says_the_positions(count: int, wanted: str) -> None:
+    positions = {f'jl{index + 1}': 0.5 for index in range(count)}
+    assert cells(frames(chain(6), positions))[0][0] == wanted
+
+
+def chain(count: int) -> Robot:
+    names = [f'l{index}' for index in range(count)]
+    return Robot('chain', (Link('l0', Placement(Pose(), MODEL)), *(
+        Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
+        tuple(Joint(f'j{child}', 'continuous', parent, child,
+                    on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
+                    (Axis((0.0, 0.0, 1.0)),)) for parent, child in pairwise(names)))
 
 
 def test_a_chain_of_5000_links_is_listed_in_linear_time_and_no_wide_lines() -> None:
     def listed(count: int) -> str:
-        names = [f'l{index}' for index in range(count)]
-        return text(frames(Robot('chain', (Link('l0', Placement(Pose(), MODEL)), *(
-            Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
-            tuple(Joint(f'j{child}', 'continuous', parent, child,
-                        on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
-                        (Axis((0.0, 0.0, 1.0)),)) for parent, child in pairwise(names))), {}))
+        return text(frames(chain(count), {}))
 
     assert robots.is_linear(listed)
     lines = listed(5000).splitlines()
-    assert len(lines) == 5001
+    assert len(lines) == 10000
     assert max(map(len, lines)) < 160
-    assert '(4999) l4999' in lines[-1]
+    assert '(4999) link l4999' in lines[-1]

@@ -30,6 +30,7 @@ import numpy as np
 from opencv_tools.robot import drawing
 from opencv_tools.robot.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
 from opencv_tools.robot.frames import frames
+from opencv_tools.robot.labels import Labels
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.plot import draw, plot
 from opencv_tools.robot.pose import Pose, Vector
@@ -88,7 +89,7 @@ def test_the_tutorials_schematic_has_names_and_sizes(tmp_path: Path) -> None:
     # In the view in space, in the tree and in the schematic.
     assert found.count('base_footprint') == 3
     assert found.count('base_link') == 3
-    assert {'0.2', '0.15', '0.1', 'base_joint (fixed)', 'xyz 0 0 0.2', 'rpy 0 0 0',
+    assert {'0.2', '0.15', '0.1', 'base_joint (fixed)', 'xyz 0 0 0.2', 'xyz 0 0 0', 'rpy 0 0 0',
             'visual of base_link (robot_base.stl)', 'collision of base_link (box)'} <= set(found)
 
 
@@ -140,25 +141,27 @@ class Layout:
 
     @property
     def places(self) -> dict[str, tuple[Vector, Sequence[Vector]]]:
-        return {'base': ((0.0, 0.0, 0.0), UPRIGHT), 'arm': ((0.0, 0.0, 0.4), self.axes),
-                'tool': (self.tool, self.axes)}
+        moved = ', moved' if self.positions else ''
+        return {'base': ((0.0, 0.0, 0.0), UPRIGHT), f'arm{moved}': ((0.0, 0.0, 0.4), self.axes),
+                f'tool{moved}': (self.tool, self.axes)}
 
 
 VISUAL, COLLISION = SHAPE_COLORS['visual'], SHAPE_COLORS['collision']
 LAYOUTS = pytest.mark.parametrize('layout', [
-    Layout({}, (0.0, 0.0, 0.9), (0.1, 0.0, 0.9), UPRIGHT, (0.025, 0.0, 0.475),
-           (0.2128, 0.2128, 0.532), (0.1425, 0.152), (
-               ((-0.252, 0.0, -0.252, 0.4), DARK, '0.4', (-0.2615, 0.2)),
-               ((-0.347, 0.4, -0.347, 0.9), DARK, '0.5', (-0.3565, 0.65)),
-               ((-0.442, 0.0, -0.442, 0.05), VISUAL, '0.05', (-0.4515, 0.025)),
-               ((0.0, 1.14, 0.1, 1.14), COLLISION, '0.1', (0.05, 1.1495))),
+    Layout({}, (0.0, 0.0, 0.9), (0.1, 0.0, 0.9), UPRIGHT, (0.025, 0.02125, 0.52125),
+           (0.2189250, 0.2189250, 0.5473125), (0.1425, 0.152), (
+               ((-0.29, 0.0, -0.29, 0.4), DARK, '0.4', (-0.2995, 0.2)),
+               ((-0.385, 0.4, -0.385, 0.9), DARK, '0.5', (-0.3945, 0.65)),
+               ((-0.48, 0.0, -0.48, 0.05), VISUAL, '0.05', (-0.4895, 0.025)),
+               ((0.0, 1.178, 0.1, 1.178), COLLISION, '0.1', (0.05, 1.1875))),
            (-0.1, 0.15, 0.0, 0.95), 0.95),
     Layout({'elbow': math.pi / 2, 'slide': 0.1}, (0.6, 0.0, 0.4), (0.6, 0.0, 0.3), BENT,
-           (0.275, 0.0, 0.2), (0.42, 0.168, 0.224), (0.1125, 0.12), (
-               ((-0.22, 0.0, -0.22, 0.4), DARK, '0.4', (-0.2275, 0.2)),
-               ((0.0, 0.55, 0.6, 0.55), DARK, '0.6', (0.3, 0.5575)),
-               ((-0.295, 0.0, -0.295, 0.05), VISUAL, '0.05', (-0.3025, 0.025)),
-               ((-0.37, 0.4, -0.37, 0.3), COLLISION, '0.1', (-0.3775, 0.35))),
+           (0.30625, 0.00625, 0.2), (0.4265625, 0.170625, 0.21), (0.1125, 0.12), (
+               ((-0.25, 0.0, -0.25, 0.4), DARK, '0.4', (-0.2575, 0.2)),
+               ((0.0, 0.58, 0.5, 0.58), DARK, '0.5', (0.25, 0.5875)),
+               ((0.5, 0.64, 0.6, 0.64), DARK, '0.1', (0.55, 0.6475)),
+               ((-0.325, 0.0, -0.325, 0.05), VISUAL, '0.05', (-0.3325, 0.025)),
+               ((-0.4, 0.4, -0.4, 0.3), COLLISION, '0.1', (-0.4075, 0.35))),
            (-0.1, 0.65, 0.0, 0.4), 0.75)], ids=['at zero', 'moved'])
 
 
@@ -170,7 +173,7 @@ def drawn(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
 @functools.cache
 def _drawn(robot: Robot, items: tuple[tuple[str, float], ...]) -> list[Any]:
     positions = dict(items)
-    return list(draw(robot, frames(robot, positions), positions).axes)
+    return list(draw(robot, frames(robot, positions)).axes)
 
 
 def near(one: Any, other: Any) -> bool:
@@ -205,9 +208,9 @@ def arrows(axes: Any, style: str, color: str) -> list[tuple[float, ...]]:
 
 
 def named(axes: Any) -> dict[str, tuple[float, float]]:
-    """Give the points that texts are about."""
-    return {one.get_text(): getattr(one, 'xy', one.get_position()) for one in axes.texts
-            if one.get_text()}
+    """Return the points that texts are about, by the first line of each."""
+    return {one.get_text().split('\n')[0]: getattr(one, 'xy', one.get_position())
+            for one in axes.texts if one.get_text()}
 
 
 def tip(place: Vector, axis: Vector, length: float) -> Vector:
@@ -219,9 +222,11 @@ def tip(place: Vector, axis: Vector, length: float) -> Vector:
 def test_frames_in_space_are_where_kinematics_puts_them(layout: Layout) -> None:
     space = drawn(ARM, layout.positions)[0]
     places = layout.places
-    assert near(segments(space, GREY), [
-        in_view(space, places[above][0], places[below][0])
-        for above, below in (('base', 'arm'), ('arm', 'tool'))])
+    # By the joints: the second one's link has moved on from there.
+    stops = [place for place, _ in places.values()]
+    if layout.positions:
+        stops.insert(2, (0.5, 0.0, 0.4))
+    assert near(segments(space, GREY), [in_view(space, *ends) for ends in pairwise(stops)])
     for index, color in enumerate(AXIS_COLORS):
         assert near(segments(space, color), [
             in_view(space, place, tip(place, axes[index], layout.lengths[0]))
@@ -234,7 +239,8 @@ def test_frames_in_space_are_where_kinematics_puts_them(layout: Layout) -> None:
     assert [space.get_xlabel(), space.get_ylabel(), space.get_zlabel()] == [
         'x [m]', 'y [m]', 'z [m]']
     assert (space.elev, space.azim) == (22, -55)
-    assert space.get_title() == 'Frames of the links (collision, visual in thin lines)'
+    assert 'Frames of the links (collision, visual in thin lines)' in [
+        text.get_text() for text in space.figure.texts]
 
 
 @LAYOUTS
@@ -272,7 +278,9 @@ def test_side_view_is_where_kinematics_puts_it(layout: Layout) -> None:
         assert near(arrows(side, '-|>', AXIS_COLORS[index]),
                     [(*place, *end) for (place, _), end in zip(places, tips)])
         assert near([one.xy for one in side.texts if one.get_text() == letter], tips)
-    assert side.get_title() == 'Side view: x to the right, z up, y away; metres'
+    assert side.get_title() == (
+        'Side view: x to the right, z up, y away; metres. Links are in base, '
+        'joints in the link above')
     outlines = [patch.get_xy() for patch in side.patches]
     assert near(outlines[0], [(-0.1, 0), (0.1, 0), (0.1, 0.1), (-0.1, 0.1), (-0.1, 0)])
     assert np.abs(np.hypot(*(outlines[1] - (x, z)).T) - 0.05).max() < 1e-9
@@ -304,7 +312,7 @@ def test_side_view_says_how_far_things_are_apart(layout: Layout) -> None:
     thin = [line.get_xydata() for line in side.lines if line.get_color() == drawing.PALE]
     assert near([line[1] for line in thin], ends)
     known = [place[::2] for place, _ in layout.places.values()]
-    known += [layout.center[::2], (0.0, 0.05)]
+    known += [layout.center[::2], (0.0, 0.05), *marks(side, 'h')]
     assert all(any(near(line[0], place) for place in known) for line in thin)
 
 
@@ -325,13 +333,38 @@ def test_joints_in_the_side_view_are_bent_arrows_with_their_poses() -> None:
     side = drawn(ARM, {'elbow': math.pi / 2, 'slide': 0.1})[2]
     curves = [line.get_xydata() for line in side.lines if line.get_linestyle() == '--']
     assert len(curves) == 2 and len(curves[1]) == 19
-    # A parabola from (0, 0.4) to (0.6, 0.4) that begins towards (0.3, 0.61).
-    assert near(curves[1][[0, 9, 18]], [(0.03, 0.41995), (0.3, 0.505), (0.57, 0.41995)])
+    # A parabola from (0, 0.4) to (0.5, 0.4) that begins towards (0.25, 0.575).
+    assert near(curves[1][[0, 9, 18]], [(0.025, 0.416625), (0.25, 0.4875), (0.475, 0.416625)])
     assert near(curves[0][9], (-0.07, 0.2))
     assert near(arrows(side, '-|>', GREY), [(*curve[-2], *curve[-1]) for curve in curves])
-    texts = named(side)
-    assert near(texts['elbow (continuous)\nxyz 0 0 0.4\nrpy 0 1.571 0'], (0.0, 0.2))
-    assert near(texts['slide (prismatic)\nxyz 0 0 0.6\nrpy 0 0 0'], (0.3, 0.4))
+    # The joint stays at its origin. The link has moved on from there.
+    assert near(marks(side, 'h'), [(0.0, 0.4), (0.5, 0.4)])
+    dotted = [line.get_xydata() for line in side.lines if line.get_linestyle() == ':']
+    assert near(dotted, [[(0.5, 0.4), (0.6, 0.4)]])
+    texts = texts_at(side)
+    assert near(texts['elbow (continuous) at 1.5708\nxyz 0 0 0.4\nrpy 0 0 0'], (0.0, 0.4))
+    assert near(texts['slide (prismatic) at 0.1\nxyz 0 0 0.5\nrpy 0 0 0'], (0.5, 0.4))
+    assert near(texts['tool, moved\nxyz 0.6 0 0.4\nrpy 0 1.571 0'], (0.6, 0.4))
+    assert near(texts['base\nxyz 0 0 0\nrpy 0 0 0'], (0.0, 0.0))
+
+
+def test_joints_that_are_not_at_their_links() -> None:
+    robot = Robot('shifted', (Link('base', Placement(Pose(), MODEL)),
+                              Link('arm', Placement(Pose((0.5, 0.0, 0.3)), MODEL))), (
+        Joint('hinge', 'revolute', 'base', 'arm', on('arm', Pose((-0.3, 0.0, 0.0))),
+              (Axis((0.0, 1.0, 0.0)),)),))
+    side = drawn(robot)[2]
+    assert near(marks(side, 'h'), [(0.2, 0.3)])
+    arrow, = arrows(side, '-|>', GREY)
+    assert math.dist(arrow[2:], (0.2, 0.3)) < 0.05
+    texts = texts_at(side)
+    assert near(texts['hinge (revolute)\nxyz 0.2 0 0.3\nrpy 0 0 0'], (0.2, 0.3))
+    assert near(texts['arm\nxyz 0.5 0 0.3\nrpy 0 0 0'], (0.5, 0.3))
+    assert {'0.2', '0.3'} <= set(texts)
+
+
+def texts_at(axes: Any) -> dict[str, tuple[float, float]]:
+    return {one.get_text(): getattr(one, 'xy', one.get_position()) for one in axes.texts}
 
 
 @pytest.mark.parametrize(('turn', 'marker'), [(0.0, 'x'), (math.pi, '.')])
@@ -339,6 +372,11 @@ def test_axes_that_point_away_or_at_who_looks(turn: float, marker: str) -> None:
     robot = Robot('one', (Link('only', Placement(Pose(), MODEL)),
                           Link('other', on('only', Pose((1.0, 0.0, 0.0), (turn, 0.0, 0.0))))))
     assert (1.0, 0.0) in marks(drawn(robot)[2], marker)
+
+
+def test_frames_in_one_place_have_their_letters_once() -> None:
+    side = drawn(chain(4, Pose()))[2]
+    assert [one.get_text() for one in side.texts if len(one.get_text()) == 1] == ['x', 'z']
 
 
 def row(*steps: float) -> Robot:
@@ -377,7 +415,7 @@ def test_tree_has_a_row_for_each_link_below_what_it_hangs_on() -> None:
 
 
 @pytest.mark.parametrize(('count', 'bottom', 'height'), [
-    (5, 10, 7.5), (40, 40, 10.6), (62, 61, 15.4)])
+    (5, 10, 7.65), (40, 40, 10.75), (62, 61, 15.55)])
 def test_long_trees_and_names_that_are_left_out(count: int, bottom: float, height: float) -> None:
     space, tree = drawn(chain(count))
     rows = min(count, 60)
@@ -387,34 +425,36 @@ def test_long_trees_and_names_that_are_left_out(count: int, bottom: float, heigh
     assert space.figure.get_size_inches() == pytest.approx((13.0, height))
     named_links = sum(name.startswith('link_') for name in named(space))
     assert named_links == min(count, 40)
-    assert (f'names of 40 of {count} links' in named(space)) == (count > 40)
+    assert (f'names of 40 of {count} links' in [text.get_text() for text in space.figure.texts]
+            ) == (count > 40)
     if count > 60:
         assert named(tree)['and 2 more links'] == (0.02, 60)
 
 
 def test_only_small_robots_have_a_side_view() -> None:
     assert [len(drawn(chain(count))) for count in (1, 4, 5)] == [3, 3, 2]
-    assert drawn(chain(4))[0].figure.get_size_inches() == pytest.approx((13.0, 10.0))
+    assert drawn(chain(4))[0].figure.get_size_inches() == pytest.approx((13.0, 10.45))
 
 
-@pytest.mark.parametrize(('count', 'title'), [
-    (0, 'chain'), (1, 'chain   to_link_1 = 0.5'),
-    (4, 'chain   to_link_1 = 0.5, to_link_2 = 0.5, to_link_3 = 0.5, to_link_4 = 0.5'),
-    (5, 'chain   to_link_1 = 0.5, to_link_2 = 0.5, to_link_3 = 0.5, to_link_4 = 0.5, ...')])
-def test_the_title_says_the_positions(count: int, title: str) -> None:
-    positions = {f'to_link_{index + 1}': 0.5 for index in range(count)}
-    assert drawn(chain(6), positions)[0].figure.texts[0].get_text() == title
+def test_the_title_says_the_positions() -> None:
+    figure = drawn(chain(6), {'to_link_2': 0.5})[0].figure
+    assert figure.texts[0].get_text() == 'robot chain at to_link_2=0.5'
+    assert figure.texts[0].get_fontsize() == 14
+    long = Robot('n' * 200, chain(6).links, chain(6).joints)
+    title = drawn(long)[0].figure.texts[0]
+    assert title.get_text() == f'robot {"n" * 141}...' and title.get_fontsize() < 14
 
 
 def test_positions_are_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / 'arm.svg'
     plot(ARM, {'elbow': math.pi / 2, 'slide': 0.1}, str(path))
-    assert {'arm   elbow = 1.571, slide = 0.1', '0.6', 'rpy 0 1.571 0'} <= set(words(path))
+    assert {'robot arm at elbow=1.5708, slide=0.1', '0.5', 'rpy 0 1.571 0', 'tool, moved'} <= set(
+        words(path))
 
 
 def test_names_do_not_lie_on_one_another() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid((0.0, 0.5), (1.0, 0.5))
     for index in range(12):
         labels.place(f'a_long_name_{index}', (0.5, 0.5))
@@ -451,7 +491,7 @@ def boxes_of(axes: Any) -> list[Any]:
 def test_a_name_is_next_to_its_point_and_in_the_picture(
         point: tuple[float, float], side: str, angle: float) -> None:
     axes = empty_axes()
-    drawing.Labels(axes).place('a_long_name', point)
+    Labels(axes).place('a_long_name', point)
     label, = axes.texts
     turn = math.radians(angle)
     assert label.get_position() == pytest.approx((8 * math.cos(turn), 8 * math.sin(turn)))
@@ -462,7 +502,7 @@ def test_a_name_is_next_to_its_point_and_in_the_picture(
 
 def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid((0.3, 0.4), (0.7, 0.6))
     for _ in range(9):
         labels.place('a_long_name', (0.5, 0.5))
@@ -481,11 +521,22 @@ def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
 
 def test_names_keep_off_texts() -> None:
     axes = empty_axes()
-    labels = drawing.Labels(axes)
+    labels = Labels(axes)
     labels.avoid_text(axes.text(0.51, 0.52, 'taken', fontsize=30))
     labels.place('a_name', (0.5, 0.5))
     taken, name = boxes_of(axes)
     assert not name.overlaps(taken)
+
+
+def test_a_name_is_drawn_though_its_point_is_beyond_the_axes() -> None:
+    axes = empty_axes()
+    bounds = axes.figure.bbox
+    Labels(axes, (0.0, 0.0, bounds.width, bounds.height)).place('a_name', (1.02, 0.5))
+    box, = boxes_of(axes)
+    assert axes.bbox.x1 < box.x0 < box.x1 < bounds.width
+    pixels = np.asarray(axes.figure.canvas.buffer_rgba())[::-1]
+    inside = pixels[int(box.y0):int(box.y1), int(box.x0):int(box.x1), :3]
+    assert (inside.max(axis=2) < 100).sum() > 20
 
 
 @pytest.mark.parametrize(('geometry', 'distance', 'lines'), [

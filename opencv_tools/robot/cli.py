@@ -90,8 +90,8 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
 
 def robot_frames(argv: Sequence[str] | None = None) -> int:
     """List where the frames of a robot are; exit as Unix commands do."""
-    parser = _parser('robot_frames', 'List the pose of every frame of a robot in the frame of its '
-                     'root link.')
+    parser = _parser('robot_frames', 'List where a robot has its joints, each in its parent link, '
+                     'and its links, in the root link.')
     _add_input(parser, 'FILE', 'URDF, xacro or SDF')
     _add_xacro_option(parser)
     _add_sdf_options(parser)
@@ -100,6 +100,8 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
                         'NAME:=VALUE is the same; may be given often')
     parser.add_argument('--format', default='text', choices=['text', 'json'], help='[%(default)s]')
     parser.add_argument('--plot', metavar='FILE', help='also draw the frames, .png or .svg')
+    parser.add_argument('--conventions', metavar='FILE', help='also draw the joints that URDF '
+                        'places beside the links that SDF places, .png or .svg')
     return _run(parser, argv, _robot_frames)
 
 
@@ -232,7 +234,8 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
 
 
 def _robot_frames(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.frames import frames, text
+    from opencv_tools.robot.frames import frames
+    from opencv_tools.robot.frames_text import text
     from opencv_tools.robot.names import with_own_names
     from opencv_tools.robot.output import print_text
     from opencv_tools.robot.read import read_robot
@@ -242,6 +245,9 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     if options.plot:
         from opencv_tools.robot.plot import plot
         plot(robot, positions, options.plot)
+    if options.conventions:
+        from opencv_tools.robot.conventions import plot_conventions
+        plot_conventions(robot, positions, options.conventions)
     print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the pictures of a robot are made of: outlines of shapes, and labels that do not collide."""
+"""Parts of the pictures of a robot: colours, outlines of shapes, and texts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Sphere
 from opencv_tools.robot.xml import DescriptionError
 
 Point = tuple[float, float]
-_Rectangle = tuple[float, float, float, float]  # left, bottom, right, top
 
 AXIS_COLORS = ('#d62728', '#2ca02c', '#1f5fd6')  # x, y, z
 UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -34,9 +33,6 @@ DARK, GREY, PALE = '#222222', '#777777', '#bbbbbb'
 SHAPE_COLORS = {'visual': '#7a5fb5', 'collision': '#e08a1e'}
 
 _TURN = [2 * math.pi * step / 24 for step in range(25)]
-# Where a label may stand, nearest first: how far from its point, in points, and at which angle.
-_PLACES = [(distance, math.radians(angle)) for distance in (8, 14, 22, 34, 50, 72, 100, 140)
-           for angle in (25, -25, 155, 205, 60, -60, 120, 240, 90, 270)]
 
 
 def matplotlib_module(name: str = '') -> Any:
@@ -61,9 +57,32 @@ def _module(name: str) -> Any:
                                'install python3-matplotlib`') from err
 
 
-def plain(text: str) -> str:
-    """Write a text so that matplotlib reads no formula in it."""
-    return text.replace('$', r'\$')
+def plain(text: str, longest: int = 60) -> str:
+    """Write a text so that matplotlib reads no formula in it, with longer lines cut off."""
+    lines = [line if len(line) <= longest else f'{line[:longest - 3]}...'
+             for line in text.split('\n')]
+    return '\n'.join(lines).replace('$', r'\$')
+
+
+def numbers(xyz: Sequence[float], rpy: Sequence[float], between: str = '\n') -> str:
+    """Write a pose in two parts, with what stands between them."""
+    parts = (' '.join(f'{round(value, 9) + 0.0:.4g}' for value in part) for part in (xyz, rpy))
+    return between.join(f'{name} {part}' for name, part in zip(('xyz', 'rpy'), parts))
+
+
+def bent(start: Point, end: Point, bend: float) -> list[Point]:
+    """
+    Return points of a parabola (a Bezier curve), without its ends.
+
+    :param bend: how far to the left of the middle its control point is, as a part of the
+        distance.
+    """
+    (a, b), (c, d) = start, end
+    x, y = 0.5 * (a + c) - bend * (d - b), 0.5 * (b + d) + bend * (c - a)
+    parts = [step / 20 for step in range(1, 20)]
+    return [(((1 - part) ** 2 * a + 2 * part * (1 - part) * x + part ** 2 * c),
+             ((1 - part) ** 2 * b + 2 * part * (1 - part) * y + part ** 2 * d))
+            for part in parts]
 
 
 def outline(geometry: Geometry | None) -> list[list[Vector]]:
@@ -125,76 +144,3 @@ def reach(points: Sequence[Vector], least: float) -> tuple[Vector, Vector]:
     x, y, z = ((min(column) + max(column)) / 2 for column in columns)
     a, b, c = (max((max(column) - min(column)) / 2, least) for column in columns)
     return (x, y, z), (a, b, c)
-
-
-class Labels:
-    """Texts beside points of a picture, each where nothing else is."""
-
-    def __init__(self, axes: Any) -> None:
-        """
-        Begin with nothing in the way.
-
-        :param axes: with its limits set, in a figure that has been laid out once.
-        """
-        self._axes = axes
-        self._renderer = axes.figure.canvas.get_renderer()
-        self._scale = axes.figure.dpi / 72
-        self._taken: list[_Rectangle] = []
-
-    def avoid(self, start: Point, end: Point) -> None:
-        """Keep labels off a line."""
-        (a, b), (c, d) = self._axes.transData.transform([start, end])
-        steps = max(1, int(math.hypot(c - a, d - b) / (8 * self._scale)))
-        margin = 1.5 * self._scale
-        for step in range(steps + 1):
-            x, y = a + (c - a) * step / steps, b + (d - b) * step / steps
-            self._taken.append((x - margin, y - margin, x + margin, y + margin))
-
-    def avoid_text(self, text: Any) -> None:
-        """Keep labels off another text."""
-        box = text.get_window_extent(self._renderer)
-        self._taken.append((box.x0, box.y0, box.x1, box.y1))
-
-    def place(self, text: str, point: Point, **style: Any) -> None:
-        """Write a text as near to a point as there is room, with a line to it if it is far."""
-        label = self._axes.annotate(
-            plain(text), point, xytext=(0, 0), textcoords='offset points', va='center',
-            annotation_clip=False, zorder=20, bbox={
-                'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.6, 'pad': 0.5}, **style)
-        # Without the line to its point, which is what an annotation itself would add.
-        box = matplotlib_module('text').Text.get_window_extent(label, self._renderer)
-        x, y = self._axes.transData.transform(point)
-        choices = [self._rectangle(x, y, distance, angle, box.width, box.height)
-                   for distance, angle in _PLACES]
-        costs = [sum(_common(choice, other) for other in self._taken) + self._outside(choice)
-                 for choice in choices]
-        best = min(range(len(choices)), key=costs.__getitem__)
-        distance, angle = _PLACES[best]
-        label.set_position((distance * math.cos(angle), distance * math.sin(angle)))
-        label.set_horizontalalignment('left' if math.cos(angle) > -1e-9 else 'right')
-        self._taken.append(choices[best])
-        if distance > 14:
-            self._axes.annotate(
-                '', point, xytext=label.get_position(), textcoords='offset points',
-                annotation_clip=False, zorder=19,
-                arrowprops={'arrowstyle': '-', 'color': PALE, 'lw': 0.7, 'shrinkA': 0})
-
-    def _rectangle(self, x: float, y: float, distance: float, angle: float, width: float,
-                   height: float) -> _Rectangle:
-        left = x + distance * self._scale * math.cos(angle)
-        middle = y + distance * self._scale * math.sin(angle)
-        if math.cos(angle) <= -1e-9:
-            left -= width
-        return left, middle - height / 2, left + width, middle + height / 2
-
-    def _outside(self, box: _Rectangle) -> float:
-        """Tell how much of a label is out of the picture; that is worse than over a line."""
-        view = self._axes.bbox
-        area = (box[2] - box[0]) * (box[3] - box[1])
-        return 3 * (area - _common(box, (view.x0, view.y0, view.x1, view.y1)))
-
-
-def _common(one: _Rectangle, other: _Rectangle) -> float:
-    width = min(one[2], other[2]) - max(one[0], other[0])
-    height = min(one[3], other[3]) - max(one[1], other[1])
-    return width * height if width > 0 and height > 0 else 0.0

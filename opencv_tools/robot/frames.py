@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A listing of all frames of a robot in the frame of its root link: as JSON has it, and text."""
+"""A listing of all frames of a robot in the frame of its root link, as JSON has it."""
 
 from __future__ import annotations
 
@@ -21,15 +21,12 @@ import math
 from typing import Any
 
 from opencv_tools.robot.kinematics import AXES, FREEDOM, Kinematics, with_mimics
-from opencv_tools.robot.model import (Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, Placement,
-                                      Robot, Shape, UNLIMITED)
-from opencv_tools.robot.pose import normalised, rotation_of_quaternion, Transform, Vector
+from opencv_tools.robot.model import (Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, MODEL,
+                                      Placement, Robot, Shape, UNLIMITED)
+from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.trees import listed
 from opencv_tools.robot.xml import DescriptionError
-
-_INDENT = 2
-_DEEPEST = 20  # levels that are indented; what hangs deeper stands below each other
 
 
 def frames(robot: Robot, positions: Mapping[str, float], report: Report | None = None
@@ -40,8 +37,12 @@ def frames(robot: Robot, positions: Mapping[str, float], report: Report | None =
     :param positions: of joints by name, in radians or metres; the others are at zero, or where
         the joints are that they mimic.
     :param report: where to note a position outside the limits.
-    :returns: what is valid JSON. A pose is x, y, z, qw, qx, qy, qz. Of several roots the first
-        one counts. ``frames`` is there only if the robot has any beside links and joints.
+    :returns: what is valid JSON. A pose is x, y, z, qw, qx, qy, qz in the frame of the root link;
+        with several roots the first one counts. ``in_model``, ``in_parent`` and ``in_child`` are
+        xyz and rpy at zero, in the model's frame and in those of the two links of a joint; what
+        is written so in the file has the numbers of the file. ``moved`` says whether a joint
+        above the link is not at zero. ``frames`` is there only if the robot has any beside links
+        and joints.
     :raises DescriptionError: a joint is not there, or cannot be put by one number; or frames or
         mimics go round in a circle.
     """
@@ -77,6 +78,8 @@ class _Listing:
         home = poses[FrameId('link', self.root)].inverse()
         self._poses = {frame: home @ pose for frame, pose in poses.items()}
         self._source = robot.source
+        self._positions = moved
+        self._moved = self._moved_links()
 
     def _first_root(self, robot: Robot) -> str:
         """Name the first root, but not a world that nothing is fastened to."""
@@ -84,12 +87,23 @@ class _Listing:
         return next((name for name in roots if self.kinematics.joints_below[name]
                      or not self._links[name].is_world), roots[0])
 
+    def _moved_links(self) -> set[str]:
+        """Name the links below a joint that is not at zero."""
+        names: set[str] = set()
+        for name in self.kinematics.links_below(self.kinematics.roots):
+            above = self.kinematics.joint_above.get(name)
+            if above and (above.parent in names or any(self._positions.get(above.name, ()))):
+                names.add(name)
+        return names
+
     def link(self, name: str) -> dict[str, Any]:
         link, above = self._links[name], self.kinematics.joint_above.get(name)
         inertial = link.inertial
         return {
             'parent': above.parent if above else None,
             'pose': self.pose(FrameId('link', name)),
+            'moved': name in self._moved,
+            'in_model': self._written(MODEL, FrameId('link', name)),
             'visuals': [self._shape(link, shape) for shape in link.visuals],
             'collisions': [self._shape(link, shape) for shape in link.collisions],
             'inertial': inertial and {
@@ -106,16 +120,28 @@ class _Listing:
         lower, upper = limit.lower, limit.upper
         if kind not in ('turn', 'shift', 'two turns') or joint.type == 'continuous':
             lower, upper = -math.inf, math.inf
+        frame = FrameId('joint', joint.name)
+        position = (*self._positions.get(joint.name, ()), *([0.0] * FREEDOM[kind]))
         return {
             'type': joint.type, 'parent': joint.parent, 'child': joint.child,
             'axis': self._axis(joint, axes[0]) if axes else None,
-            'pose': self.pose(FrameId('joint', joint.name)),
+            'pose': self.pose(frame),
+            'position': list(position[:FREEDOM[kind]]),
+            'in_parent': self._written(FrameId('link', joint.parent), frame),
+            'in_child': self._written(FrameId('link', joint.child), frame),
             'lower': lower if lower > -UNLIMITED else None,
             'upper': upper if upper < UNLIMITED else None,
         }
 
     def pose(self, frame: FrameId) -> list[float]:
         return self._numbers(self._poses[frame])
+
+    def _written(self, base: FrameId, frame: FrameId) -> dict[str, list[float]]:
+        """Return where a frame is in another one at zero, in the words of both formats."""
+        pose = self.kinematics.between(base, frame)
+        self._check_finite(pose.xyz)
+        return {'xyz': [value + 0.0 for value in pose.xyz],
+                'rpy': [value + 0.0 for value in pose.rpy]}
 
     def _shape(self, link: Link, shape: Shape) -> dict[str, Any]:
         return {'name': shape.name, 'pose': self._placed(link, shape.placement)}
@@ -135,10 +161,13 @@ class _Listing:
 
     def _numbers(self, transform: Transform) -> list[float]:
         numbers = [value + 0.0 for value in (*transform.translation, *transform.quaternion())]
+        self._check_finite(numbers)
+        return numbers
+
+    def _check_finite(self, numbers: Sequence[float]) -> None:
         if not all(map(math.isfinite, numbers)):
             raise DescriptionError('something is further away than a number can tell',
                                    source=self._source, tag='robot')
-        return numbers
 
 
 def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None:
@@ -182,20 +211,8 @@ def _choice(joints: Mapping[str, Joint], movable: Iterable[str]) -> str:
     return f'{none}; its joints are {listed([*joints])}' if joints else none
 
 
-def text(listing: Mapping[str, Any]) -> str:
-    """
-    Write what `frames` lists as an indented tree, a line each: what it is, xyz and rpy.
-
-    :param listing: as `frames` gives it.
-    """
-    rows = [(f'robot {listing["robot"]}', 'xyz in metres', 'rpy in radians'), *_rows(listing)]
-    widths = [max(len(row[column]) for row in rows) for column in range(2)]
-    return '\n'.join(f'{what:{widths[0]}}  {xyz:{widths[1]}}  {rpy}'.rstrip()
-                     for what, xyz, rpy in rows)
-
-
 def joints_above(listing: Mapping[str, Any]) -> dict[str, str]:
-    """Give the joint by which each link hangs; joints that are not there close loops."""
+    """Return the joint above each link, by the link's name; the other joints close loops."""
     above: dict[str, str] = {}
     for name, joint in listing['joints'].items():
         if listing['links'][joint['child']]['parent'] == joint['parent']:
@@ -203,8 +220,19 @@ def joints_above(listing: Mapping[str, Any]) -> dict[str, str]:
     return above
 
 
+def joint_places(listing: Mapping[str, Any]) -> dict[str, Transform]:
+    """Return where the joints of the tree are, each at its origin in its parent link."""
+    joints, links = listing['joints'], listing['links']
+    places = {}
+    for name in joints_above(listing).values():
+        xyz, rpy = joints[name]['in_parent'].values()
+        origin = Pose((xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])).transform()
+        places[name] = transform_of(links[joints[name]['parent']]['pose']) @ origin
+    return places
+
+
 def in_depth(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
-    """Name all links, each right below the one that it hangs on, and how many are above it."""
+    """Return all links in the order of a tree, each with the number of links above it."""
     below: dict[str | None, list[str]] = {}
     for name, link in listing['links'].items():
         below.setdefault(link['parent'], []).append(name)
@@ -215,41 +243,8 @@ def in_depth(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
         stack.extend((child, depth + 1) for child in reversed(below.get(name, ())))
 
 
-def _rows(listing: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    joints, above = listing['joints'], joints_above(listing)
-    for name, depth in in_depth(listing):
-        indent = ' ' * (_INDENT * min(depth, _DEEPEST))
-        deep = f'({depth}) ' if depth > _DEEPEST else ''
-        by = f'  by {joints[above[name]]["type"]} {above[name]}' if name in above else ''
-        link = listing['links'][name]
-        yield (f'{indent}{deep}{name}{by}', *_texts(link['pose']))
-        inner = f'{indent}{" " * _INDENT}- '
-        if link['inertial']:
-            yield (f'{inner}inertial {link["inertial"]["mass"]:.5g} kg',
-                   *_texts(link['inertial']['pose']))
-        for kind in ('visual', 'collision'):
-            for shape in link[f'{kind}s']:
-                yield (f'{inner}{kind} {shape["name"]}'.rstrip(), *_texts(shape['pose']))
-    for name, joint in joints.items():
-        if above.get(joint['child']) != name:
-            yield (f'loop {joint["parent"]} to {joint["child"]}  by {joint["type"]} {name}',
-                   *_texts(joint['pose']))
-    for name, frame in listing.get('frames', {}).items():
-        yield (f'frame {name}  on {frame["attached_to"] or "the model"}', *_texts(frame['pose']))
-
-
-def _texts(pose: Sequence[float]) -> tuple[str, str]:
-    transform = transform_of(pose)
-    return _text(transform.translation), _text(transform.pose().rpy)
-
-
 def transform_of(pose: Sequence[float]) -> Transform:
-    """Give what a pose of the listing says."""
+    """Return a pose of the listing as a transform."""
     x, y, z, *quaternion = pose
     w, i, j, k = quaternion
     return Transform(rotation_of_quaternion((w, i, j, k)), (x, y, z))
-
-
-def _text(values: Vector) -> str:
-    # What is below a nanometre is what rounding leaves of a zero.
-    return ' '.join(f'{round(value, 9) + 0.0:.5g}' for value in values)

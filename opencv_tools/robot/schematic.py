@@ -22,8 +22,11 @@ from itertools import pairwise
 from typing import Any
 
 from opencv_tools.robot.drawing import (
-    AXIS_COLORS, DARK, GREY, hull, Labels, moved, outline, PALE, Point, SHAPE_COLORS, UNITS)
-from opencv_tools.robot.frames import joints_above, transform_of
+    AXIS_COLORS, bent, DARK, GREY, hull, moved, numbers, outline, PALE, plain, Point, SHAPE_COLORS,
+    UNITS)
+from opencv_tools.robot.frames import joint_places, transform_of
+from opencv_tools.robot.frames_text import joint_text, link_text
+from opencv_tools.robot.labels import Labels
 from opencv_tools.robot.model import Robot, Shape
 from opencv_tools.robot.pose import Transform
 from opencv_tools.robot.shapes import Mesh
@@ -60,16 +63,14 @@ class _Placed:
 
 
 def draw(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> None:
-    """Draw all but the names: they are placed by `label` where nothing else is."""
+    """Draw all but the texts: `label` places them where nothing else is."""
     shapes = list(_shapes(robot, listing))
     places = _places(listing)
-    points = [_seen(place) for place in places.values()] + [
-        point for one in shapes for point in (one.center, *one.corners)]
-    left, right = min(x for x, _ in points), max(x for x, _ in points)
-    low, high = min(0.0, *(z for _, z in points)), max(z for _, z in points)
+    box = left, right, low, high = _box(listing, shapes)
     unit = max(right - left, high - low) or 1.0
     axes.set_aspect('equal', adjustable='datalim')
-    axes.set_title('Side view: x to the right, z up, y away; metres', fontsize=10, color=GREY)
+    axes.set_title(f'Side view: x to the right, z up, y away; metres. Links are in '
+                   f'{plain(listing["root"])}, joints in the link above', fontsize=10, color=GREY)
     axes.set_axis_off()
     _draw_ground(axes, left - 0.5 * unit, right + 0.5 * unit, 0.03 * unit)
     for one in shapes:
@@ -77,7 +78,7 @@ def draw(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> None:
     for place in places.values():
         _draw_triad(axes, place, _triad_length(listing, unit))
     _draw_joints(axes, listing, places)
-    _draw_sizes(axes, listing, shapes, (left, right, low, high), unit)
+    _draw_sizes(axes, listing, shapes, box, unit)
 
 
 def label(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> None:
@@ -90,16 +91,20 @@ def label(axes: Any, robot: Robot, listing: Mapping[str, Any]) -> None:
         points = [(float(x), float(y)) for x, y in zip(*line.get_data())]
         for start, end in pairwise(points):
             labels.avoid(start, end)
-    places = _places(listing)
+    places, joints = _places(listing), joint_places(listing)
+    left, right, low, high = _box(listing, list(_shapes(robot, listing)))
+    length = _triad_length(listing, max(right - left, high - low) or 1.0)
+    for place in places.values():
+        _name_axes(labels, place, length)
     for name, place in places.items():
-        labels.place(name, _seen(place), fontsize=10, fontweight='bold', color=DARK)
-    for child, name in joints_above(listing).items():
+        link = listing['links'][name]
+        pose = place.pose()
+        labels.place(f'{link_text(name, link)}\n{numbers(pose.xyz, pose.rpy)}', _seen(place),
+                     fontsize=8, fontweight='bold', color=DARK)
+    for name, place in joints.items():
         joint = listing['joints'][name]
-        parent = places[joint['parent']]
-        pose = (parent.inverse() @ places[child]).pose()
-        (a, b), (c, d) = _seen(parent), _seen(places[child])
-        labels.place(f'{name} ({joint["type"]})\nxyz {_text(pose.xyz)}\nrpy {_text(pose.rpy)}',
-                     ((a + c) / 2, (b + d) / 2), fontsize=8, color=GREY)
+        labels.place(f'{joint_text(name, joint)}\n{numbers(**joint["in_parent"])}', _seen(place),
+                     fontsize=8, color=GREY)
     for one in _shapes(robot, listing):
         labels.place(one.text, one.center, fontsize=8, color=SHAPE_COLORS[one.kind])
 
@@ -114,6 +119,16 @@ def _shapes(robot: Robot, listing: Mapping[str, Any]) -> Iterator[_Placed]:
         for kind, shapes in (('visual', link.visuals), ('collision', link.collisions)):
             for shape, entry in zip(shapes, listed[f'{kind}s']):
                 yield _Placed(kind, link.name, shape, transform_of(entry['pose']))
+
+
+def _box(listing: Mapping[str, Any], shapes: list[_Placed]
+         ) -> tuple[float, float, float, float]:
+    """Return from where to where all reaches: left, right, low, high."""
+    points = [_seen(place) for places in (_places(listing), joint_places(listing))
+              for place in places.values()]
+    points += [point for one in shapes for point in (one.center, *one.corners)]
+    return (min(x for x, _ in points), max(x for x, _ in points),
+            min(0.0, *(z for _, z in points)), max(z for _, z in points))
 
 
 def _seen(place: Transform) -> Point:
@@ -160,49 +175,62 @@ def _draw_triad(axes: Any, place: Transform, length: float) -> None:
         axes.plot(*zip(start, end), color=color, lw=0.1, zorder=6)
         axes.annotate('', end, xytext=start, zorder=7, arrowprops={
             'arrowstyle': '-|>', 'color': color, 'lw': 2.0, 'shrinkA': 0, 'shrinkB': 0})
-        axes.annotate('xyz'[UNITS.index(unit)], end, xytext=(5 * x, 5 * z), zorder=9,
-                      textcoords='offset points', color=color, fontsize=8, ha='center',
-                      va='center')
+
+
+def _name_axes(labels: Labels, place: Transform, length: float) -> None:
+    for unit, color in zip(UNITS, AXIS_COLORS):
+        x, y, z = place.rotate(unit)
+        if abs(y) <= 0.99:
+            start = _seen(place)
+            labels.place_if_free(
+                'xyz'[UNITS.index(unit)], (start[0] + length * x, start[1] + length * z),
+                (5 * x, 5 * z), color=color, fontsize=8, zorder=9)
 
 
 def _draw_joints(axes: Any, listing: Mapping[str, Any], places: Mapping[str, Transform]) -> None:
-    for child, name in joints_above(listing).items():
-        start, end = _seen(places[listing['joints'][name]['parent']]), _seen(places[child])
-        if max(abs(start[0] - end[0]), abs(start[1] - end[1])) > _LEAST:
+    """Draw a mark where each joint is, an arrow to it, and a line to a link that is elsewhere."""
+    for name, place in joint_places(listing).items():
+        joint = listing['joints'][name]
+        start, end, link = (_seen(places[joint['parent']]), _seen(place),
+                            _seen(places[joint['child']]))
+        axes.plot(*([value] for value in end), 'h', markersize=14, markerfacecolor='none',
+                  markeredgecolor=GREY, markeredgewidth=1.5, zorder=5)
+        if _apart(end, link):
+            axes.plot(*zip(end, link), color=GREY, lw=1.2, linestyle=':', zorder=5)
+        if _apart(start, end):
             # Bent, because the axes of frames often lie right on the straight line.
-            bend = (0.5 * (start[0] + end[0]) - 0.35 * (end[1] - start[1]),
-                    0.5 * (start[1] + end[1]) + 0.35 * (end[0] - start[0]))
-            curve = [_between(start, bend, end, step / 20) for step in range(1, 20)]
+            curve = bent(start, end, 0.35)
             axes.plot(*zip(*curve), color=GREY, lw=1.5, linestyle='--', zorder=5)
             axes.annotate('', curve[-1], xytext=curve[-2], zorder=5, arrowprops={
                 'arrowstyle': '-|>', 'color': GREY, 'lw': 1.5, 'shrinkA': 0, 'shrinkB': 0})
 
 
-def _between(start: Point, bend: Point, end: Point, part: float) -> Point:
-    """Give a point of the parabola (a Bezier curve) from start to end, drawn towards a bend."""
-    a, b, c = (1 - part) ** 2, 2 * part * (1 - part), part ** 2
-    return (a * start[0] + b * bend[0] + c * end[0], a * start[1] + b * bend[1] + c * end[1])
+def _apart(one: Point, other: Point) -> bool:
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) > _LEAST
 
 
 def _draw_sizes(axes: Any, listing: Mapping[str, Any], shapes: list[_Placed],
                 box: tuple[float, float, float, float], unit: float) -> None:
     """Draw how far links are from those above, and shapes from their links, with numbers."""
     places = _places(listing)
-    pairs = [(_seen(places[listing['joints'][name]['parent']]), _seen(places[child]), DARK)
-             for child, name in joints_above(listing).items()]
+    joints, pairs = listing['joints'], []
+    for name, place in joint_places(listing).items():
+        pairs += [(_seen(places[joints[name]['parent']]), _seen(place), DARK),
+                  (_seen(place), _seen(places[joints[name]['child']]), DARK)]
     pairs += [(_seen(places[one.link]), one.center, SHAPE_COLORS[one.kind]) for one in shapes]
+    pairs = [pair for pair in dict.fromkeys(pairs) if _apart(*pair[:2])]
     left, _, _, high = box
     columns = rows = 0
-    for (a, b), (c, d), color in dict.fromkeys(pairs[:_MOST_SIZES]):
+    for (a, b), (c, d), color in pairs[:_MOST_SIZES]:
         if abs(d - b) > _LEAST:
             columns += 1
-            x = left - (0.06 + 0.1 * columns) * unit
+            x = left - (0.1 + 0.1 * columns) * unit
             _draw_size(axes, ((a, b), (x, b)), ((c, d), (x, d)), color)
             axes.text(x - 0.01 * unit, (b + d) / 2, f'{abs(d - b):.4g}', rotation=90, ha='right',
                       va='center', fontsize=9, color=color)
         if abs(c - a) > _LEAST:
             rows += 1
-            z = high + (0.12 + 0.08 * rows) * unit
+            z = high + (0.16 + 0.08 * rows) * unit
             _draw_size(axes, ((a, b), (a, z)), ((c, d), (c, z)), color)
             axes.text((a + c) / 2, z + 0.01 * unit, f'{abs(c - a):.4g}', ha='center', va='bottom',
                       fontsize=9, color=color)
@@ -215,7 +243,3 @@ def _draw_size(axes: Any, one: tuple[Point, Point], other: tuple[Point, Point], 
     axes.plot(*zip(one[1], other[1]), color=color, lw=0.1, zorder=1)
     axes.annotate('', other[1], xytext=one[1], zorder=6, arrowprops={
         'arrowstyle': '<|-|>', 'color': color, 'lw': 1.0, 'shrinkA': 0, 'shrinkB': 0})
-
-
-def _text(values: tuple[float, ...]) -> str:
-    return ' '.join(f'{round(value, 9) + 0.0:.4g}' for value in values)
