@@ -47,7 +47,7 @@ class Taken:
         self.element = element
         self._names: set[str] = set()  # of attributes that were taken; '' for the text
         self._parts: dict[_Element, Taken] = {}
-        self._is_whole = False  # whether its rest is its own, not the parent's
+        self._is_whole = True  # whether its rest is its own, not its parent's
 
     @property
     def tag(self) -> str:
@@ -121,23 +121,26 @@ class Taken:
             if part is None:
                 parts.append(detached(child))
             elif not part._is_whole and (left := part.rest()) is not None:
-                if PART in child.attrib or part._is_taken():
-                    left.set(PART, TEXT if '' in part._names else child.get(PART, 'true'))
                 parts.append(left)
         untaken = [str(name) for name in element.attrib if name not in names and name != PART]
         text = '' if '' in names else (element.text or '').strip()
-        if not (parts or untaken or text):
-            return None
-        attributes = {name: element.get(name, '') for name in untaken}
-        rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
-        rest.text = text or None
-        rest.extend(parts)
+        rest = None
+        if parts or untaken or text:
+            attributes = {name: element.get(name, '') for name in untaken}
+            if not self._is_whole and (PART in element.attrib or self._is_taken()):
+                attributes[PART] = TEXT if '' in names else element.get(PART, 'true')
+            rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+            rest.text = text or None
+            rest.extend(parts)
+        if self._is_whole:  # nothing more is read of its other parts, and a robot has many
+            self._parts = {child: part for child, part in self._parts.items() if part._is_whole}
         return rest
 
     def _part(self, child: _Element, *, whole: bool = False) -> Taken:
         part = self._parts.get(child)
         if part is None:
             part = self._parts[child] = Taken(child)
+            part._is_whole = False
         if whole:
             part._is_whole = True
         return part
