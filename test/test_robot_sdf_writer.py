@@ -507,3 +507,17 @@ def test_axis_of_a_revolute_joint_without_limits_keeps_what_others_added() -> No
     read = read_sdf(root, Report()).joints[0]
     assert read.type == 'revolute' and read.carried.sdf is not None
     assert read.carried.sdf.findtext('axis/odd') == '1'
+
+
+def test_many_parts_of_one_name_take_linear_time() -> None:
+    def convert(count: int) -> None:
+        text = ''.join('<sensor name="s" type="imu"/>' for _ in range(count))
+        text = f'<robot name="r"><link name="a"/><gazebo reference="a">{text}</gazebo></robot>'
+        robot = read_urdf(parse(text.encode(), '', Report()), Report())
+        visuals = tuple(Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+                        for _ in range(count))
+        links = (replace(robot.links[0], visuals=visuals),)
+        root = convert_to_sdf(replace(robot, links=links), Report(), inertial='zero')
+        assert len(set(root.xpath('//@name'))) == 2 * count + 2
+
+    assert robots.is_linear(convert)

@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import replace
+import itertools
 from typing import TypeVar
 
 from lxml import etree
@@ -164,16 +165,21 @@ def allowed_name(name: str) -> str:
     return name
 
 
-def free_name(name: str, taken: Iterable[str], suffix: str) -> str:
+def free_name(name: str, taken: Container[str], suffix: str) -> str:
     """Give a name that is not taken: as it is, with a suffix, or with a number too."""
-    if name not in taken:
-        return name
-    name, number = name + suffix, 0
-    candidate = name
-    while candidate in taken:
-        number += 1
-        candidate = f'{name}_{number}'
-    return candidate
+    return name if name not in taken else next_free(numbered(name + suffix), taken)
+
+
+def numbered(name: str) -> Iterator[str]:
+    """Return a name as it is, and then with the numbers from 1."""
+    yield name
+    for number in itertools.count(1):
+        yield f'{name}_{number}'
+
+
+def next_free(names: Iterator[str], taken: Container[str]) -> str:
+    """Return the next name that is not taken."""
+    return next(name for name in names if name not in taken)
 
 
 def _with_shape_names(link: Link, report: Report) -> Link:
@@ -191,11 +197,11 @@ def _with_shape_names(link: Link, report: Report) -> Link:
     result: dict[str, tuple[Shape, ...]] = {}
     collisions: dict[str, str] = {}  # new names by those of before
     for tag, things in shapes.items():
-        named = []
+        named, made_up = [], numbered(f'{link.name}_{tag}')
         for shape in things:
             name = allowed_name(shape.name)
             if not name or name == WORLD or name in seen:
-                name = _numbered(f'{link.name}_{tag}', taken)
+                name = next_free(made_up, taken)
             if tag == 'collision' and shape.name:
                 collisions.setdefault(shape.name, name)
             if shape.name and name != shape.name:
@@ -219,14 +225,6 @@ def _with_contacts(carried: Carried, names: Mapping[str, str]) -> Carried:
         name = (collision.text or '').strip()
         collision.text = names.get(name, collision.text)
     return replace(carried, sdf=rest)
-
-
-def _numbered(name: str, taken: Iterable[str]) -> str:
-    candidate, number = name, 0
-    while candidate in taken:
-        number += 1
-        candidate = f'{name}_{number}'
-    return candidate
 
 
 def _keeping_name(tag: str, name: str, carried: Carried) -> Carried:

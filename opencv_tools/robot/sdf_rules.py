@@ -22,11 +22,11 @@ A name is changed and a colour is cut where they break a rule. What was there is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.model import Inertial, Robot, WORLD
-from opencv_tools.robot.names import allowed_name, flat_name, free_name
+from opencv_tools.robot.names import allowed_name, flat_name, next_free, numbered
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_texts import CUT
 from opencv_tools.robot.sdf_values import COLORS, flaw_of, is_passed_over, looked_at, read_number
@@ -62,6 +62,7 @@ def _change_names(element: Element, _: str, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     taken = {child.get('name', '') for child in named if _keeps_name(child)}
+    more: dict[tuple[str, str], Iterator[str]] = {}
     for child in named:
         if _keeps_name(child):
             continue
@@ -70,12 +71,14 @@ def _change_names(element: Element, _: str, report: Report) -> None:
             wanted = f'{WORLD}_{child.tag}' if name == WORLD else allowed_name(name)
         elif not is_passed_over(child):
             wanted = flat_name(name)
-        new = free_name(wanted, taken, f'_{local_name(child)}')
+        tag, new = local_name(child), wanted
+        if wanted in taken:
+            new = next_free(more.setdefault((wanted, tag), numbered(f'{wanted}_{tag}')), taken)
         taken.add(new)
         if new != name:
             child.set(NAME, child.get(NAME, name))
             child.set('name', new)
-            report.warn(local_name(child), name, line_of(child), 'SDF wants each name once and '
+            report.warn(tag, name, line_of(child), 'SDF wants each name once and '
                         f'has some for itself; it is called {new!r} there')
 
 

@@ -22,12 +22,12 @@ cannot be mended is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import math
 import re
 
 from opencv_tools.robot.model import UNLIMITED
-from opencv_tools.robot.names import free_name
+from opencv_tools.robot.names import next_free, numbered
 from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_rules import NAME
 from opencv_tools.robot.sdf_texts import CUT as CUT_SDF
@@ -115,11 +115,12 @@ def _name_materials(root: Element, _: str, report: Report) -> None:
     """Name each material of the robot once: visuals of that name mean the first one."""
     materials = root.findall('material')
     taken = {material.get('name', '') for material in materials}
-    seen = set()
+    seen: set[str] = set()
+    more: dict[str, Iterator[str]] = {}
     for material in materials:
         name = material.get('name', '')
         if name in seen:
-            new = free_name(name, taken, '_again')
+            new = next_free(more.setdefault(name, numbered(f'{name}_again')), taken)
             taken.add(new)
             material.set('name', new)
             report.warn('material', name, line_of(material), 'URDF wants each name once; it is '
