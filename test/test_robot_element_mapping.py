@@ -113,6 +113,7 @@ FILLED = {
         'gazebo': '<gazebo reference="arm"><mu1>0.5</mu1></gazebo>',
         'safety_controller': '<safety_controller k_velocity="1"/>',
         'gazebo/sensor': '<sensor name="eye" type="imu"/>',
+        'gazebo/plugin': '<plugin name="drive" filename="libdrive.so"/>',
         'gazebo/light': '<light name="lamp" type="point"/>',
     },
     'sdf': {
@@ -137,6 +138,7 @@ FILLED = {
         'light': '<light name="lamp" type="point"/>',
         'particle_emitter': '<particle_emitter name="smoke" type="point"/>',
         'battery': '<battery name="cell"/>',
+        'plugin': '<plugin name="drive" filename="libdrive.so"/>',
         'projector': '<projector name="beam"/>',
         'gripper': '<gripper name="grip"/>',
         'pose': '<pose>1 2 3 0.1 0.2 0.3</pose>',

@@ -198,6 +198,7 @@ def _mended(data: bytes) -> bytes | None:
                             for prefix in missing)
     mended = re.sub(rb'<(sdf|robot)(?=[\s>])', lambda tag: tag[0] + b'\n' * lines + declarations,
                     mended, count=1)
+    mended = re.sub(rb'\A<\?xml\s+(?!version)', b'<?xml version="1.0" ', mended, count=1)
     return mended if mended != data else None
 
 

@@ -12,8 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// What libsdformat makes of files: poses FILE..., as JSON by file. Without files it reads their
-// names from its standard input, and answers each line with one.
+// What libsdformat makes of files: poses FILE..., as JSON by file. With - for the files it reads
+// their names from its standard input, and answers each line with one.
 //
 // Of each file: whether it is loaded without an error, whether it is valid by the checks of
 // `ign sdf -k`, too, and what it complains of; and of every model in it where it is in the world,
@@ -219,15 +219,16 @@ std::string judged(const std::string & path)
 int main(int count, char ** arguments)
 {
   std::string path;
-  while (count == 1 && std::getline(std::cin, path)) {
-    std::cout << json(Group{{path, judged(path)}}) << std::endl;
+  if (count == 2 && std::string(arguments[1]) == "-") {
+    while (std::getline(std::cin, path)) {
+      std::cout << json(Group{{path, judged(path)}}) << std::endl;
+    }
+    return 0;
   }
   Group files;
   for (int i = 1; i < count; ++i) {
     files[arguments[i]] = judged(arguments[i]);
   }
-  if (count > 1) {
-    std::cout << json(files) << std::endl;
-  }
+  std::cout << json(files) << std::endl;
   return 0;
 }

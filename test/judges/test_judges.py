@@ -70,6 +70,11 @@ WITHOUT_AXIS: Mapping[str, str] = {
 }
 # What urdfdom says of some files, because they are so.
 SAID_BY_URDFDOM: Mapping[str, str] = {
+    'warning_geometry_empty.urdf': 'Geometry tag contains no child element',
+    'warning_geometry_unknown.urdf': "Unknown geometry type 'ellipsoid'",
+    'warning_mesh_without_filename.urdf': 'Mesh must contain a filename attribute',
+    'warning_texture_without_filename_or_color.urdf': r"material 'wood' undefined",
+    'warning_visual_without_geometry.urdf': 'Could not parse visual element',
     'warning_undefined_material.urdf': r"material 'red' undefined",
 }
 # URDF has capsules since urdfdom 5. To have all else in such a file judged, they become cylinders.

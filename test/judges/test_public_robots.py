@@ -64,7 +64,7 @@ class LibSdformat:
         self._process = self._started()
 
     def _started(self) -> subprocess.Popen[str]:
-        return subprocess.Popen([os.environ['OPENCV_TOOLS_JUDGES']], stdin=subprocess.PIPE,
+        return subprocess.Popen([os.environ['OPENCV_TOOLS_JUDGES'], '-'], stdin=subprocess.PIPE,
                                 stdout=subprocess.PIPE, text=True)
 
     def __call__(self, path: Path) -> dict[str, Any]:
