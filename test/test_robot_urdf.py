@@ -400,7 +400,7 @@ def test_what_is_not_understood_comes_out_again(content: str) -> None:
 
 def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     model = robot(joint(LIMIT) + """
-        <gazebo><plugin name="p"/><odd/></gazebo>
+        <gazebo><plugin name="p" filename="f"/><odd/></gazebo>
         <gazebo reference="a"><sensor name="s" type="imu"><pose>1 0 0 0 0 0</pose></sensor>
         <mu1>1</mu1><gravity>false</gravity></gazebo>
         <gazebo reference="j"><sensor name="f" type="imu"/>

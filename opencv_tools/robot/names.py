@@ -103,12 +103,16 @@ def with_own_names(robot: Robot) -> Robot:
     robot, = _without_own_names((renamed(robot, names),))
     return replace(
         robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
-        links=tuple(replace(
-            link, visuals=_without_own_names(link.visuals),
-            collisions=_without_own_names(link.collisions), carried=_with_contacts(
-                link.carried, {shape.name: own for shape in link.collisions
-                               if (own := _own_name(shape.carried))}))
-            for link in _without_own_names(robot.links)))
+        links=tuple(map(_with_own_shape_names, _without_own_names(robot.links))))
+
+
+def _with_own_shape_names(link: Link) -> Link:
+    """Return a link whose shapes have the names of before, in its contact sensors too."""
+    own_names = {shape.name: own for shape in link.collisions
+                 if (own := _own_name(shape.carried))}
+    return replace(link, visuals=_without_own_names(link.visuals),
+                   collisions=_without_own_names(link.collisions),
+                   carried=_with_contacts(link.carried, own_names))
 
 
 def flat_name(name: str) -> str:
