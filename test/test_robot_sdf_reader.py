@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 
+from opencv_tools.robot.convert import convert_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (Dynamics, FrameId, Joint, Limit, Mimic, MODEL, Placement,
                                       Robot)
@@ -446,6 +447,25 @@ NESTED = (
     '<frame name="f"><pose>0 5 0 0 0 0</pose></frame>'
     '<joint name="j" type="fixed"><parent>base</parent><child>arm::g</child></joint>'
     '<joint name="i" type="fixed"><parent>arm</parent><child>base</child></joint>')
+
+
+def test_the_axis_of_a_fixed_joint_names_frames_of_the_whole_model() -> None:
+    model = read('<link name="a"/><model name="n"><link name="a"/><link name="b"/>' + joint(
+        '<axis><xyz expressed_in="a">1 0 0</xyz></axis>') + '</model>' + joint(
+        name='k', child='n::a'))
+    (rest,) = (one.carried.sdf for one in model.joints if one.name == 'n::j')
+    assert rest is not None
+    xyz = rest.find('axis/xyz')
+    assert xyz is not None
+    assert xyz.get('expressed_in') == 'n::a'
+
+
+def test_what_has_no_text_any_more_has_no_attributes() -> None:
+    # No limit is written as none, and an attribute of it has nothing to stand on.
+    model = read(TWO + joint('<axis><limit><lower odd="1">-1e17</lower><upper>1</upper></limit>'
+                             '</axis>', 'revolute'))
+    there = convert_to_sdf(model, Report(), version='1.9')
+    assert [child.tag for child in there.iterfind('model/joint/axis/limit/*')] == ['upper']
 
 
 def test_nested_model_is_flattened() -> None:

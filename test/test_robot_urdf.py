@@ -400,7 +400,7 @@ def test_what_is_not_understood_comes_out_again(content: str) -> None:
 
 def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     model = robot(joint(LIMIT) + """
-        <gazebo><plugin name="p" filename="f"/><odd/></gazebo>
+        <gazebo><plugin name="p" filename="p.so"/><odd/></gazebo>
         <gazebo reference="a"><sensor name="s" type="imu"><pose>1 0 0 0 0 0</pose></sensor>
         <mu1>1</mu1><gravity>false</gravity></gazebo>
         <gazebo reference="j"><sensor name="f" type="imu"/>
@@ -419,6 +419,25 @@ def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     assert [(block.get('reference'), tags(block)) for block in blocks] == [
         (None, ['plugin']), ('a', ['sensor', 'gravity']), ('j', ['sensor']), (None, ['odd']),
         ('a', ['mu1']), ('j', ['provideFeedback'])]
+
+
+@pytest.mark.parametrize('part', [
+    '<plugin name="p"/>', '<plugin name=" " filename="p.so"/>',
+    '<sensor name="s" type="imu"><plugin filename="p.so"/></sensor>'])
+def test_a_plugin_that_sdf_refuses_stays_in_its_block(part: str) -> None:
+    report = Report()
+    model = robot(f'<link name="a"/><gazebo reference="a">{part}</gazebo>', report)
+    assert 'which SDF demands; it is kept as it is' in report.warnings[0].message
+    assert model.links[0].carried.sdf is None
+    assert model.carried.urdf is not None
+    assert len(model.carried.urdf.findall('gazebo/*')) == 1
+
+
+def test_numbers_that_c_cannot_read_are_0() -> None:
+    model = robot(joint('<origin xyz="1e-320 0 2.3e-308"/>', 'fixed'))
+    origin = written(model).find('joint/origin')
+    assert origin is not None
+    assert origin.get('xyz') == '0 0 2.3e-308'
 
 
 def baked() -> Robot:
@@ -494,8 +513,7 @@ def test_what_hangs_on_a_joint_away_from_its_link_is_where_it_was_and_goes_back(
     reported = {(note.element, note.name) for note in report.warnings}
     assert reported == {('visual', 's'), ('joint', 'k'), ('joint', 'l'), ('joint', 'm')}
     assert {note.element for note in report.notes if note.level == 'carried'} == {
-        '@canonical_link', 'geometry', 'pose', 'odd', 'axis', 'axis2', 'frame', 'sensor',
-        'static'}
+        '@canonical_link', 'geometry', 'pose', 'odd', 'axis', 'axis2', 'frame'}
 
 
 def test_writing_again_writes_the_same_tags() -> None:
