@@ -46,7 +46,7 @@ import public_sdf
 import public_urdf
 import pytest
 
-EXAMPLES = int(os.environ.get('OPENCV_TOOLS_EXAMPLES', '50'))
+EXAMPLES = int(os.environ.get('OPENCV_TOOLS_EXAMPLES', '100'))
 PROPERTY = settings(max_examples=EXAMPLES, deadline=None, derandomize=True,
                     database=None, report_multiple_bugs=False,
                     suppress_health_check=list(HealthCheck))
