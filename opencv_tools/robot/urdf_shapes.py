@@ -30,7 +30,7 @@ from opencv_tools.robot.shapes import (Box, Capsule, Color, Cylinder, DARK, Geom
 from opencv_tools.robot.taken import Taken
 from opencv_tools.robot.texts import number, numbers, uncut, vector
 from opencv_tools.robot.xml import (child_of, DescriptionError, Element, line_of, local_name,
-                                     named)
+                                    named)
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 # The attribute that keeps a colour of which URDF took only a part.
