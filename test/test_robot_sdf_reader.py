@@ -457,7 +457,7 @@ def test_the_axis_of_a_fixed_joint_names_frames_of_the_whole_model() -> None:
     assert rest is not None
     xyz = rest.find('axis/xyz')
     assert xyz is not None
-    assert xyz.get('expressed_in') == 'n::a'
+    assert xyz.get('expressed_in') == 'n__a'
 
 
 def test_what_has_no_text_any_more_has_no_attributes() -> None:

@@ -83,7 +83,8 @@ class Place:
                 _modernise(axis)
             xyz = axis.find('xyz')
             if xyz is not None and (name := xyz.get('expressed_in')):
-                xyz.set('expressed_in', self._in_robot(name))
+                # Nothing follows it when names of nested models become flat ones.
+                xyz.set('expressed_in', self._in_robot(name).replace('::', '__'))
         for pose in poses_in(rest):
             if self.scope.version < FRAMES and 'frame' in pose.attrib:
                 pose.set('relative_to', pose.attrib.pop('frame'))
