@@ -22,7 +22,7 @@ A name is changed and a colour is cut where they break a rule. What was there is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from opencv_tools.robot.carrying import URDF_NAMESPACE
 from opencv_tools.robot.model import Inertial, Robot, WORLD
@@ -53,11 +53,17 @@ def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
     :raises DescriptionError: there is something that cannot be mended.
     """
     for element in looked_at(root):
-        for rule in _RULES:
-            rule(element, source, report)
+        if len(element):
+            _change_names(element, report)
+        if element.tag in COLORS:
+            _cut_color(element, report)
+        flaw = flaw_of(element)
+        if flaw:
+            raise DescriptionError(flaw, source=source, line=line_of(element),
+                                   tag=local_name(element))
 
 
-def _change_names(element: Element, _: str, report: Report) -> None:
+def _change_names(element: Element, report: Report) -> None:
     """Change names of the children that have ``::``, are reserved, or are there twice."""
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
@@ -86,10 +92,8 @@ def _keeps_name(child: Element) -> bool:
     return child.tag in _NAMED or str(child.tag).startswith(_URDF)
 
 
-def _cut_color(element: Element, _: str, report: Report) -> None:
+def _cut_color(element: Element, report: Report) -> None:
     """Cut the parts of a colour to 0 and 1."""
-    if local_name(element) not in COLORS:
-        return
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := read_number(word)) is not None)
     if len(values) == len(words) and cut(values) != values:
@@ -101,17 +105,6 @@ def _cut_color(element: Element, _: str, report: Report) -> None:
             return  # the same colour, which URDF has once
         report.warn(local_name(element), _owner(element), line_of(element), f'{text!r} is beyond '
                     f'0 to 1, which SDF demands; {element.text!r} stands there')
-
-
-def _refuse_values(element: Element, source: str, report: Report) -> None:
-    flaw = flaw_of(element)
-    if flaw:
-        raise DescriptionError(flaw, source=source, line=line_of(element),
-                               tag=local_name(element))
-
-
-_RULES: tuple[Callable[[Element, str, Report], None], ...] = (
-    _change_names, _cut_color, _refuse_values)
 
 
 def _owner(element: Element) -> str:
