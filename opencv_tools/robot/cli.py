@@ -47,14 +47,13 @@ def urdf_to_sdf(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--sdf-version', default='1.11', metavar='VERSION',
                         help='of the SDF, 1.4 to 1.12 [%(default)s]')
     parser.add_argument('--poses', default='model', choices=['model', 'relative'],
-                        help='place links in the frame of the model, or each in the link that it '
-                        'hangs on, with all numbers as they are [%(default)s]')
+                        help='place each link in the model frame, or in its parent link with the '
+                        'numbers of the input [%(default)s]')
     parser.add_argument('--fixed', default='keep', choices=['keep', 'lump'],
                         help='keep fixed joints, or make one link of what they hold together '
                         '[%(default)s]')
     parser.add_argument('--mesh-uri', default='model', choices=['model', 'package', 'keep'],
-                        help='write places in packages as model:// or package:// '
-                        '[%(default)s]')
+                        help='scheme of the URIs of files in packages [%(default)s]')
     return _run(parser, argv, _urdf_to_sdf)
 
 

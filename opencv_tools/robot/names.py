@@ -65,7 +65,7 @@ def _note(report: Report, kind: str, name: str, line: int, new: str) -> None:
 
 
 def urdf_named(robot: Robot, report: Report) -> Robot:
-    """Give all that has a name one without ``::``, which tf and others do not read."""
+    """Return a robot without ``::`` in its names, because tf and other tools do not read it."""
     if '::' in robot.name:
         name = flat_name(robot.name)
         report.warn('model', robot.name, 0, f'URDF has no nested models; it is called {name!r} '

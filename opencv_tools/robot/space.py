@@ -177,7 +177,7 @@ def _add_lines(axes: Any, lines: Sequence[Sequence[Vector]], color: str, width: 
 
 def _outlines(robot: Robot, listing: Mapping[str, Any]
               ) -> Iterator[tuple[str, list[list[Vector]]]]:
-    """Give the lines of all shapes whose size is known, placed, and what each is."""
+    """Return the lines of each shape of known size, in place, and its kind."""
     for link in robot.links:
         listed = listing['links'][link.name]
         for kind, shapes in (('visual', link.visuals), ('collision', link.collisions)):
