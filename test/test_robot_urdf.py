@@ -513,7 +513,8 @@ def test_what_hangs_on_a_joint_away_from_its_link_is_where_it_was_and_goes_back(
     reported = {(note.element, note.name) for note in report.warnings}
     assert reported == {('visual', 's'), ('joint', 'k'), ('joint', 'l'), ('joint', 'm')}
     assert {note.element for note in report.notes if note.level == 'carried'} == {
-        '@canonical_link', 'geometry', 'pose', 'odd', 'axis', 'axis2', 'frame'}
+        '@canonical_link', 'geometry', 'pose', 'odd', 'axis', 'axis2', 'frame', 'sensor',
+        'static'}
 
 
 def test_writing_again_writes_the_same_tags() -> None:

@@ -25,6 +25,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -142,6 +143,10 @@ def _restrict(what: int, soft: int, hard: int | None = None) -> None:
 def main() -> None:
     """Expand what standard input has, and write that, or what is wrong, to standard output."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent says what there is to say
+    # Text that others print goes before the reply, or to standard error.
+    sys.stdout.flush()
+    output = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.loads(sys.stdin.buffer.readline())
     report = Report(request['source'])
     expanded, error = b'', ''
@@ -157,5 +162,5 @@ def main() -> None:
         error = str(DescriptionError(str(err) or TOO_LARGE, source=name_of(request['path'])))
     signal.setitimer(signal.ITIMER_REAL, 0)
     reply = {'error': error, 'notes': [asdict(note) for note in report.notes]}
-    sys.stdout.buffer.write(_REPLY + json.dumps(reply).encode() + b'\n' + expanded)
-    sys.stdout.buffer.flush()
+    with os.fdopen(output, 'wb') as stream:
+        stream.write(_REPLY + json.dumps(reply).encode() + b'\n' + expanded)
