@@ -51,9 +51,9 @@ ALLOWED = {
         'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs',
         'tqdm', 'yaml'},
     'opencv_tools.standard_streams': set(),
-    'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.regular_files',
-                           'opencv_tools.standard_streams', 'ament_index_python', 'lxml',
-                           'matplotlib', 'xacro'},
+    'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
+                           'opencv_tools.regular_files', 'opencv_tools.standard_streams',
+                           'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')

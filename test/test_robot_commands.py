@@ -326,6 +326,18 @@ def test_frames_as_json(capsys: Text) -> None:
     assert listing['links']['base_link']['collisions'][0]['pose'][2] == pytest.approx(0.05)
 
 
+def test_control_characters_of_names_are_escaped(tmp_path: Path, capsys: Text) -> None:
+    path = tmp_path / 'red.urdf'
+    link = '<link name="a&#x9b;31m"/>'  # what some terminals take for the beginning of a command
+    for links, status in ((link, 0), (2 * link, 2)):
+        path.write_text(f'<robot name="r">{links}</robot>')
+        assert robot_frames([str(path)]) == status
+    shown = capsys.readouterr()
+    for text in shown:
+        assert '\x9b' not in text
+        assert r'a\x9b31m' in text
+
+
 def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
     path = tmp_path / 'lift.urdf'
     path.write_text('<robot name="lift"><link name="a"/><link name="b"/><joint name="up" '

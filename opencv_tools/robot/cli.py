@@ -264,7 +264,7 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
     """Run a command, say on standard error what it reports, and give its exit status."""
     open_standard_streams()
     options = parser.parse_args(argv)
-    from opencv_tools.robot.output import NotWrittenError
+    from opencv_tools.robot.output import NotWrittenError, print_message
     from opencv_tools.robot.report import Report
     from opencv_tools.robot.xml import DescriptionError
     report = Report()
@@ -279,9 +279,9 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
         return 128 + signal.SIGINT
     if error is None or isinstance(error, NotWrittenError):
         for note in report.warnings:
-            print(f'{parser.prog}: warning: {note.text()}', file=sys.stderr)
+            print_message(f'{parser.prog}: warning: {note.text()}')
     if error is not None:
-        print(f'{parser.prog}: error: {error}', file=sys.stderr)
+        print_message(f'{parser.prog}: error: {error}')
     return status
 
 

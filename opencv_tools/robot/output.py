@@ -23,7 +23,10 @@ from pathlib import Path
 import sys
 import tempfile
 
+from opencv_tools.image.text import printable
 from opencv_tools.robot.xml import DescriptionError
+
+_LONGEST_MESSAGE = 10_000  # characters
 
 
 class NotWrittenError(DescriptionError):
@@ -109,9 +112,15 @@ def _beside(path: str, target: Path, data: bytes) -> Path:
 
 
 def print_text(text: str) -> None:
-    """Write a text and the end of its last line to standard output."""
+    """Write a text to standard output, with control characters in its lines escaped."""
     encoding = sys.stdout.encoding or 'utf-8'
-    print_bytes(f'{text.rstrip()}\n'.encode(encoding, 'backslashreplace'))
+    lines = (printable(line, sys.maxsize) for line in text.rstrip().split('\n'))
+    print_bytes('\n'.join((*lines, '')).encode(encoding, 'backslashreplace'))
+
+
+def print_message(text: str) -> None:
+    """Write a message to standard error, with control characters escaped and of bounded length."""
+    print(printable(text, _LONGEST_MESSAGE), file=sys.stderr)
 
 
 def print_bytes(data: bytes) -> None:
