@@ -254,6 +254,14 @@ def test_what_is_no_robot(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture
     assert sorted(tmp_path.iterdir()) == sorted([path, output])
 
 
+def test_names_of_files_are_shown_as_they_are(tmp_path: Path,
+                                              capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'a b%20ü.urdf'
+    path.write_text('<robot name="r"><link/></robot>')
+    assert urdf_to_sdf([str(path)]) == 2
+    assert f'{path}:1: <link>' in capfd.readouterr().err
+
+
 @pytest.mark.parametrize('command', [urdf_to_sdf, sdf_to_urdf, robot_frames])
 def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path,
                              capfd: pytest.CaptureFixture[str]) -> None:

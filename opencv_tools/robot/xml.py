@@ -159,7 +159,8 @@ def parse(data: bytes, source: str, report: Report) -> Element:
 def _parsed(data: bytes, source: str) -> Element:
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False,
                              remove_comments=True, remove_pis=True)
-    root = etree.fromstring(data, parser, base_url=source)
+    root = etree.fromstring(data, parser)
+    root.getroottree().docinfo.URL = source  # older lxml escapes what base_url= gives
     # In an encoding other than ASCII's the declarations do not show before they are parsed.
     dtd = root.getroottree().docinfo.internalDTD
     if dtd is not None and any(True for _ in dtd.iterentities()):
