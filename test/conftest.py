@@ -44,6 +44,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+#: Python that prints the peak memory of its process in KB. ru_maxrss begins with the parent's.
+PRINT_PEAK_MEMORY = ('import pathlib; print(pathlib.Path("/proc/self/status").read_text()'
+                     '.partition("VmHWM:")[2].split()[0])')
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
 DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine

@@ -23,6 +23,7 @@ import sys
 from types import SimpleNamespace
 import zlib
 
+from conftest import PRINT_PEAK_MEMORY
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
@@ -167,8 +168,7 @@ def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None
               'except CodecError as err: print(err)\n'
               'try: PictureSequence([path], "").read()\n'
               'except BrokenFrameError as err: print(err)\n'
-              'status = pathlib.Path("/proc/self/status").read_text()\n'
-              'print(status.partition("VmHWM:")[2].split()[0])')
+              f'{PRINT_PEAK_MEMORY}')
     finished = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,
                               text=True, timeout=60, check=True)
     *sentences, peak = finished.stdout.splitlines()
