@@ -31,6 +31,9 @@ from opencv_tools.robot.xml import DescriptionError, Element, parse
 import pytest
 import xacro
 
+# xacro is expanded in a process of its own.
+pytestmark = pytest.mark.process
+
 HEAD = '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">'
 MESH = '<link name="a"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
 
