@@ -38,14 +38,14 @@ from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
-from opencv_tools.pictures import encode_picture
-from opencv_tools.recording.files import open_sink
+from opencv_tools.image_codecs import encode_picture
+from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import EncoderSettings
-from opencv_tools.ros.messages import read_compressed_image, read_image
-from opencv_tools.ros.received_frames import message_to_frame
-from opencv_tools.ros.recording_parameters import limits, open_recorder, PARAMETERS
+from opencv_tools.ros.subscriber.conversion import message_to_frame
+from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
+from opencv_tools.ros.subscriber.parameters import limits, open_recorder, PARAMETERS
 from std_msgs.msg import Header
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'

@@ -29,9 +29,9 @@ import time
 
 from figures import add_json_option, Figure, write_figures
 from opencv_tools.robot.convert import convert_to_sdf
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import to_bytes
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.xml.document import to_bytes
+from opencv_tools.robot.xml.report import Report
 
 LINKS = 100
 CHAIN = 5000

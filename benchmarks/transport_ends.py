@@ -44,8 +44,9 @@ from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
-from opencv_tools.ros import capture_parameters, reception, recording_parameters
-from opencv_tools.ros.runtime import Executable, run
+from opencv_tools.ros.publisher import parameters as publisher_parameters
+from opencv_tools.ros.run_node import Executable, run
+from opencv_tools.ros.subscriber import parameters as subscriber_parameters, raw_subscription
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
@@ -186,8 +187,8 @@ class Stages:
         """Watch how messages are taken."""
         self.times: list[list[int]] = []
         self._taken: tuple[int, ...] = ()
-        self._take = reception.take_serialized
-        reception.take_serialized = self._watch
+        self._take = raw_subscription.take_serialized
+        raw_subscription.take_serialized = self._watch
 
     def note(self, stamp_ns: int) -> None:
         """Take note of the frame that was taken last."""
@@ -277,8 +278,8 @@ class TutorialSubscriber(Node):
 def publish_ours(load: Load) -> int:
     """Run the package's publisher."""
     camera = OurPublisher.camera = Camera(load)
-    executable = Executable('img_publisher', 'image_publisher', '', capture_parameters.PARAMETERS,
-                            '', lambda _: load.frame_bytes)
+    executable = Executable('img_publisher', 'image_publisher', '',
+                            publisher_parameters.PARAMETERS, '', lambda _: load.frame_bytes)
     topic = f'{load.namespace}/{TOPIC}'
     status = run(executable, OurPublisher, [
         'img_publisher', *load.arguments, '-p', 'publish_rate:=0.0',
@@ -292,7 +293,7 @@ def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
     executable = Executable('img_subscriber', 'image_subscriber', '',
-                            recording_parameters.PARAMETERS, '')
+                            subscriber_parameters.PARAMETERS, '')
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(executable, lambda _: OurSubscriber(), [

@@ -24,30 +24,28 @@ import time
 from typing import Any
 
 from opencv_tools.capture.frame import (
-    BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
-)
+    BrokenFrameError, CaptureError, Frame, Source, UnavailableError)
 from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.rendition import OutputImage
+from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import is_camera, open_source
-from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import MAX_PATH, printable, without_password
-from opencv_tools.ros.calibration_file import CameraInfoError
-from opencv_tools.ros.camera_info import Calibration
-from opencv_tools.ros.capture_parameters import (
-    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, reconnect_policy,
-    REOPEN_ON_CHANGE,
-)
-from opencv_tools.ros.controls import CameraControls
-from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
-from opencv_tools.ros.frame_size import expected_frame_bytes
-from opencv_tools.ros.frame_topics import FrameTopics
+from opencv_tools.ros.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.stamps import Stamper
+from opencv_tools.ros.publisher.calibration_file import CameraInfoError
+from opencv_tools.ros.publisher.camera_controls import CameraControls
+from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
+from opencv_tools.ros.publisher.frame_size import expected_frame_bytes
+from opencv_tools.ros.publisher.image_topics import FrameTopics
+from opencv_tools.ros.publisher.parameters import (
+    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, reconnect_policy,
+    REOPEN_ON_CHANGE)
+from opencv_tools.ros.publisher.stamps import Stamper
+from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.timers import Delay
-from opencv_tools.ros.transport import FastDdsSetup, NOT_CONFIGURED
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.srv import SetCameraInfo

@@ -25,22 +25,19 @@ import time
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
+from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.selection import Selection
-from opencv_tools.recording.trouble import FailureLog
-from opencv_tools.ros.frame_subscription import FrameSubscription
-from opencv_tools.ros.messages import FrameMessage
-from opencv_tools.ros.parameters import (
-    declare_parameters, describe_unknown, unknown_parameters,
-)
+from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.progress import open_progress
-from opencv_tools.ros.received_frames import describe_message, message_to_frame
-from opencv_tools.ros.recording_parameters import (
-    limits, open_recorder, PARAMETERS, subscription_depth,
-)
-from opencv_tools.ros.runtime import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.save_requests import SaveRequests
+from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.ros.subscriber.conversion import describe_message, message_to_frame
+from opencv_tools.ros.subscriber.messages import FrameMessage
+from opencv_tools.ros.subscriber.parameters import (
+    limits, open_recorder, PARAMETERS, subscription_depth)
+from opencv_tools.ros.subscriber.save_service import SaveRequests
+from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.task import Future

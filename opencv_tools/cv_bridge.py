@@ -347,7 +347,7 @@ def _pictures() -> ModuleType:
     :raises CvBridgeError: OpenCV cannot be imported.
     """
     try:
-        import opencv_tools.pictures as pictures
+        import opencv_tools.image_codecs as pictures
     except ImportError as err:
         raise CvBridgeError(f'compressed images and colormaps need OpenCV: {err}') from err
     return pictures

@@ -90,8 +90,8 @@ def plain(best_effort: bool) -> Iterator[Subscribe]:
 def ours(_: bool) -> Iterator[Subscribe]:
     """Subscribe as img_subscriber does."""
     # Not at the top, so that a plain process has nothing of the package.
-    from opencv_tools.ros.frame_subscription import FrameSubscription
-    from opencv_tools.ros.transport import configured_fastdds
+    from opencv_tools.ros.fastdds.profile import configured_fastdds
+    from opencv_tools.ros.subscriber.subscription import FrameSubscription
 
     def _refuse(err: Exception) -> None:
         raise err

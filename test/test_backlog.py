@@ -25,7 +25,7 @@ import signal
 from conftest import NodeProcess, read_pictures
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.ros.backlog import Backlog
+from opencv_tools.ros.publisher.backlog import Backlog
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile

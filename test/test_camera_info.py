@@ -26,10 +26,9 @@ from ament_index_python.packages import get_package_share_directory
 from conftest import DEADLINE
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
-from opencv_tools.ros.calibration_file import (
-    CameraInfoError, check_camera_name, read_camera_info, write_camera_info,
-)
-from opencv_tools.ros.camera_info import Calibration, resolve_url, scale_camera_info
+from opencv_tools.ros.publisher.calibration_file import (
+    CameraInfoError, check_camera_name, read_camera_info, write_camera_info)
+from opencv_tools.ros.publisher.camera_info import Calibration, resolve_url, scale_camera_info
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header

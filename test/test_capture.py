@@ -29,13 +29,13 @@ from conftest import CLIP, CLIP_FRAMES, decode_clip
 import cv2
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
-from opencv_tools.capture import camera_errors
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, Source
+from opencv_tools.capture.image_files import natural_order
 from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
 from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
-from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.source import check_source, expected_size, open_source
+from opencv_tools.capture.v4l2 import errors as camera_errors
 from opencv_tools.capture.video import VideoSource
 import pytest
 from stepped_clock import BEGAN, SteppedClock

@@ -24,10 +24,9 @@ from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, CdrError, compressed_image_to_cdr, EncapsulationError,
-    image_to_cdr, WireCompressedImage, WireImage,
-)
-from opencv_tools.ros.messages import read_image
+    cdr_to_compressed_image, cdr_to_image, CdrError, compressed_image_to_cdr,
+    EncapsulationError, image_to_cdr, WireCompressedImage, WireImage)
+from opencv_tools.ros.subscriber.messages import read_image
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image

@@ -27,11 +27,12 @@ from conftest import DEADLINE, recorded_files, spin_until
 import numpy as np
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage
-from opencv_tools.ros import frame_subscription, lost_frames, silence
-from opencv_tools.ros.frame_subscription import FrameSubscription
-from opencv_tools.ros.messages import FrameMessage, read_compressed_image
 from opencv_tools.ros.qos import following_qos, qos_mismatch
-from opencv_tools.ros.rcl import MessageInfo
+from opencv_tools.ros.subscriber import lost_frames, no_frames_warning
+from opencv_tools.ros.subscriber import subscription as subscription_module
+from opencv_tools.ros.subscriber.messages import FrameMessage, read_compressed_image
+from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.ros.zero_copy import MessageInfo
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -71,7 +72,7 @@ class Received:
 
 @pytest.fixture(autouse=True)
 def _look_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_subscription, '_GRAPH_POLL_SECONDS', 0.1)
+    monkeypatch.setattr(subscription_module, '_GRAPH_POLL_SECONDS', 0.1)
 
 
 @pytest.fixture
@@ -234,7 +235,7 @@ def test_nothing_is_lost_or_doubled_when_a_best_effort_publisher_joins_and_leave
         asked = requests(node)
         camera.destroy_publisher(joins)
         spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-        spin_for(node, 3 * frame_subscription._GRAPH_POLL_SECONDS)
+        spin_for(node, 3 * subscription_module._GRAPH_POLL_SECONDS)
     finally:
         stream.end()
     assert requests(node) == asked  # who leaves is no reason to subscribe again
@@ -250,7 +251,7 @@ def test_a_reliable_publisher_after_a_best_effort_one_is_received_reliable(
     publish_until(node, leaves, image, lambda: bool(received.frames))
     camera.destroy_publisher(leaves)
     spin_until(node, lambda: not node.count_publishers(TOPIC))
-    spin_for(node, frame_subscription._GRAPH_POLL_SECONDS)
+    spin_for(node, subscription_module._GRAPH_POLL_SECONDS)
     camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.RELIABLE])
 
@@ -270,7 +271,7 @@ def test_a_latched_image_arrives_though_it_was_published_before(
 def test_what_comes_before_and_again_after_subscribing_anew_is_passed_on_once(
         node: Node, camera: Node, received: Received, subscribe: Callable[..., FrameSubscription],
         monkeypatch: pytest.MonkeyPatch, remembered: int) -> None:
-    monkeypatch.setattr(frame_subscription, '_MAX_IDS', remembered)
+    monkeypatch.setattr(subscription_module, '_MAX_IDS', remembered)
     subscription = subscribe()
     publisher = camera.create_publisher(Image, TOPIC, LATCHED)
     wait_until(lambda: publisher.get_subscription_count() == 1)  # nothing is asked for anew yet
@@ -463,7 +464,7 @@ def test_another_publishers_numbers_are_not_taken_for_lost_frames(
     subscription = subscribe()
     spin_until(node, lambda: all(
         publisher.get_subscription_count() for publisher in (stays, leaves)))
-    spin_for(node, 2 * frame_subscription._GRAPH_POLL_SECONDS)
+    spin_for(node, 2 * subscription_module._GRAPH_POLL_SECONDS)
     for number in range(5):
         stays.publish(image(number))
         spin_until(node, lambda count=number: len(received.frames) > count)
@@ -574,7 +575,7 @@ def test_of_both_kinds_raw_images_are_received_unless_told_otherwise(
         return len(received.frames) > 3
 
     spin_until(node, publish)
-    spin_for(node, 3 * frame_subscription._GRAPH_POLL_SECONDS)
+    spin_for(node, 3 * subscription_module._GRAPH_POLL_SECONDS)
     assert {type(frame) for frame in received.frames} == {kind}
 
 
@@ -586,7 +587,7 @@ def test_auto_stays_with_what_arrives_and_changes_when_its_publisher_leaves(
     publish_until(node, first, compressed, lambda: bool(received.frames))
     second = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-    spin_for(node, 4 * frame_subscription._GRAPH_POLL_SECONDS)
+    spin_for(node, 4 * subscription_module._GRAPH_POLL_SECONDS)
     assert subscription.topic_name == f'{TOPIC}/compressed'
     camera.destroy_publisher(first)
     received.frames.clear()
@@ -674,7 +675,7 @@ def test_the_reason_is_said_once_and_again_when_it_changes(
         node: Node, camera: Node, domain: int, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(silence, '_MIN_SECONDS', 0.3)
+    monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
     console = ''
 
     def said(text: str) -> bool:
@@ -707,7 +708,7 @@ def test_a_single_latched_image_is_no_silence(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(silence, '_MIN_SECONDS', 0.3)
+    monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
     camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
     subscribe()
     spin_until(node, lambda: received.numbers() == [7])
@@ -725,8 +726,8 @@ def test_time_in_which_the_executor_is_busy_elsewhere_is_no_silence(
     subscription._polled_at = time.monotonic() - 60
     subscription._poll_graph()
     subscription._poll_graph()
-    assert waits[0] == 2 * frame_subscription._GRAPH_POLL_SECONDS
-    assert 0 <= waits[1] <= 2 * frame_subscription._GRAPH_POLL_SECONDS
+    assert waits[0] == 2 * subscription_module._GRAPH_POLL_SECONDS
+    assert 0 <= waits[1] <= 2 * subscription_module._GRAPH_POLL_SECONDS
 
 
 @pytest.mark.parametrize(('transport', 'published', 'sentence'), [

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from opencv_tools.ros.lost_frames import LostFrames
-from opencv_tools.ros.rcl import MessageInfo
+from opencv_tools.ros.subscriber.lost_frames import LostFrames
+from opencv_tools.ros.zero_copy import MessageInfo
 import pytest
 
 

@@ -21,13 +21,13 @@ import os
 from pathlib import Path
 
 import numpy as np
-from opencv_tools.recording.files import open_sink
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
 from opencv_tools.recording.naming import FileNames, NANO
+from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import EncoderSettings
 import pytest
 from test_regular_files import KINDS
 

@@ -16,13 +16,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from opencv_tools.capture import videodev
 from opencv_tools.capture.frame import BrokenFrameError
-from opencv_tools.capture.modes import CameraRequest, choose_mode, describe_modes, Mode
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.capture.pixel_formats import (
-    check_fourcc, pack_fourcc, PIXEL_FORMATS, read_pixels, unpack_fourcc,
-)
+from opencv_tools.capture.v4l2 import videodev2
+from opencv_tools.capture.v4l2.modes import CameraRequest, choose_mode, describe_modes, Mode
+from opencv_tools.capture.v4l2.pixel_formats import (
+    check_fourcc, pack_fourcc, PIXEL_FORMATS, read_pixels, unpack_fourcc)
 from opencv_tools.image.encodings import find_encoding
 import pytest
 
@@ -150,7 +149,7 @@ def test_a_jpeg_is_left_as_it_is() -> None:
     ('ENUM_FRAMEINTERVALS', 0xc034564b), ('DQEVENT', 0x80885659),
     ('SUBSCRIBE_EVENT', 0x4020565a), ('QUERY_EXT_CTRL', 0xc0e85667)])
 def test_ioctl_numbers_of_64_bit_linux(name: str, number: int) -> None:
-    assert getattr(videodev, f'VIDIOC_{name}') == number
+    assert getattr(videodev2, f'VIDIOC_{name}') == number
 
 
 @pytest.mark.parametrize(('structure', 'field', 'offset'), [
@@ -163,4 +162,4 @@ def test_ioctl_numbers_of_64_bit_linux(name: str, number: int) -> None:
     ('v4l2_buffer', 'sequence', 56), ('v4l2_buffer', 'm', 64), ('v4l2_buffer', 'length', 72),
     ('v4l2_query_ext_ctrl', 'flags', 72), ('v4l2_event', 'id', 96)])
 def test_offsets_in_v4l2_structures(structure: str, field: str, offset: int) -> None:
-    assert getattr(getattr(videodev, structure), field).offset == offset
+    assert getattr(getattr(videodev2, structure), field).offset == offset

@@ -19,8 +19,8 @@ from __future__ import annotations
 import struct
 import zlib
 
-from opencv_tools.pictures import CodecError
-from opencv_tools.recording.payload import ImageHeader, read_image_header
+from opencv_tools.image_codecs import CodecError
+from opencv_tools.recording.image_header import ImageHeader, read_image_header
 import pytest
 
 BEGINS, ENDS = b'\xff\xd8', b'\xff\xd9'

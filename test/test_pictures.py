@@ -24,9 +24,9 @@ from opencv_tools.image.color import convert
 from opencv_tools.image.compressed import CompressedFormat, parse_format
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
 from opencv_tools.image.errors import ImageError
-from opencv_tools.pictures import convert_picture, decode_picture
+from opencv_tools.image_codecs import convert_picture, decode_picture
 from opencv_tools.recording.frames import CompressedFrame
-from opencv_tools.recording.writers import encode_frame, EncoderSettings
+from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 import pytest
 from sensor_msgs.msg import CompressedImage
 
@@ -297,7 +297,8 @@ def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: s
     image = random_image(source, 12, 14)
     targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
     expected = [convert(image, left, target) for target in targets]
-    monkeypatch.setattr('opencv_tools.pictures.convert', lambda *_: pytest.fail('not by OpenCV'))
+    monkeypatch.setattr('opencv_tools.image_codecs.convert',
+                        lambda *_: pytest.fail('not by OpenCV'))
     for target, settings in zip(targets, expected, strict=True):
         tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
         np.testing.assert_allclose(

@@ -24,12 +24,12 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.ros.calibration_file import read_camera_info
-from opencv_tools.ros.camera_info import Calibration
-from opencv_tools.ros.diagnostics import Diagnostics, SourceStatus
-from opencv_tools.ros.frame_topics import FrameTopics
-from opencv_tools.ros.stamps import Stamper
-from opencv_tools.ros.transport import NOT_CONFIGURED
+from opencv_tools.ros.fastdds.profile import NOT_CONFIGURED
+from opencv_tools.ros.publisher.calibration_file import read_camera_info
+from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
+from opencv_tools.ros.publisher.image_topics import FrameTopics
+from opencv_tools.ros.publisher.stamps import Stamper
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
@@ -204,7 +204,7 @@ def test_diagnostics(start: Start, node: Node) -> None:
 
 def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr('opencv_tools.ros.diagnostics.time',
+    monkeypatch.setattr('opencv_tools.ros.publisher.diagnostics.time',
                         SimpleNamespace(monotonic=lambda: now))
     messages = receive(node, DiagnosticArray, '/diagnostics')
     condition = SourceStatus('eye', 'bgr8 4x3', '', False, 0, 0, 0)
@@ -365,7 +365,7 @@ def test_stamps_are_the_time_of_ros_and_rise(
 def test_stamps_to_the_nanosecond(
         monkeypatch: pytest.MonkeyPatch, captured: float, stamp: str, offset: float,
         expected: float) -> None:
-    monkeypatch.setattr('opencv_tools.ros.stamps.time',
+    monkeypatch.setattr('opencv_tools.ros.publisher.stamps.time',
                         SimpleNamespace(monotonic_ns=lambda: 50 * 10**9))
     clock = ROSClock()
     clock._set_ros_time_is_active(True)
@@ -384,7 +384,7 @@ def test_the_subscribers_that_are_awaited_are_given_a_moment(
     assert not topics.may_publish()
     first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
     spin_until(node, lambda: topics.images.get_subscription_count() == 2)
-    monkeypatch.setattr('opencv_tools.ros.frame_topics.time', clock)
+    monkeypatch.setattr('opencv_tools.ros.publisher.image_topics.time', clock)
     assert [topics.may_publish() for _ in range(2)] == [False, False]
     now += 0.19
     assert not topics.may_publish()

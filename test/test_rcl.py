@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import cdr_to_image, CdrError, WireImage
-from opencv_tools.ros import rcl
-from opencv_tools.ros.rcl import MessageInfo, publish_image, take_serialized
+from opencv_tools.ros import zero_copy
+from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -131,13 +131,13 @@ def test_what_was_destroyed_neither_publishes_nor_takes(
 def destroy_meanwhile(
         monkeypatch: pytest.MonkeyPatch, name: str, destroy: Callable[[], object]) -> None:
     """Let something be destroyed when a function of rcl is about to be called."""
-    function = getattr(rcl._rcl, name)
+    function = getattr(zero_copy._rcl, name)
 
     def _call(*args: object) -> int:
         destroy()
         return function(*args)
 
-    monkeypatch.setattr(rcl._rcl, name, _call)
+    monkeypatch.setattr(zero_copy._rcl, name, _call)
 
 
 def test_a_publisher_lives_until_the_message_is_published(
@@ -232,25 +232,26 @@ def test_memory_does_not_grow_with_what_was_taken(
 class OtherImage(ctypes.Structure):
     """An image with one field more."""
 
-    _fields_ = (*rcl._Image._fields_[:4], ('depth', ctypes.c_uint64), *rcl._Image._fields_[4:])
+    _fields_ = (*zero_copy._Image._fields_[:4], ('depth', ctypes.c_uint64),
+                *zero_copy._Image._fields_[4:])
 
 
 class OtherArray(ctypes.Structure):
     """A serialized message whose numbers have changed places."""
 
-    _fields_ = tuple(rcl._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
+    _fields_ = tuple(zero_copy._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
 
 
 @pytest.fixture
 def use_rcl_again() -> Iterator[None]:
     """Use what there is after a test."""
     yield
-    assert rcl.use_rcl() == ''
+    assert zero_copy.use_rcl() == ''
 
 
 @pytest.mark.parametrize(('name', 'value', 'reason'), [
-    *(('_FUNCTIONS', {**rcl._FUNCTIONS, library: (f'{function}_gone',)}, f'{function}_gone')
-      for library, functions in rcl._FUNCTIONS.items() for function in functions),
+    *(('_FUNCTIONS', {**zero_copy._FUNCTIONS, library: (f'{function}_gone',)}, f'{function}_gone')
+      for library, functions in zero_copy._FUNCTIONS.items() for function in functions),
     ('_FUNCTIONS', {'librcl_gone.so': (), 'librcutils.so': ()}, 'librcl_gone.so'),
     ('_FUNCTIONS', {'librcl.so': (), 'librcutils_gone.so': ()}, 'librcutils_gone.so'),
     ('_Image', OtherImage, 'sensor_msgs__msg__Image has another layout'),
@@ -264,8 +265,8 @@ def test_messages_go_by_rclpy_where_rcl_is_another(
         if name.isupper() and not name.startswith('_'):
             patch.setenv(name, value)
         else:
-            patch.setattr(rcl, name, value)
-        assert reason in rcl.use_rcl()
+            patch.setattr(zero_copy, name, value)
+        assert reason in zero_copy.use_rcl()
         images = [large_image(3), replace(PIXEL, frame_id='Kamera für 深度', is_bigendian=True)]
         for image in images:
             publish_image(publisher.handle, image)

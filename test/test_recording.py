@@ -37,19 +37,18 @@ import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.pictures import encode_picture
-from opencv_tools.recording.files import open_sink
+from opencv_tools.image_codecs import encode_picture
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.image_encoder import (
+    encode_frame, EncodedImage, EncoderSettings, IMAGE_FORMATS, UnwritableError)
+from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.picture_files import ImageSink
+from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder, SinkCounts
 from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.writers import (
-    encode_frame, EncodedImage, EncoderSettings, IMAGE_FORMATS, UnwritableError,
-)
 import pytest
 from switching import switching_in
 
@@ -229,7 +228,7 @@ def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, 'no room')
 
-    monkeypatch.setattr('opencv_tools.recording.picture_files._write_all', refuse)
+    monkeypatch.setattr('opencv_tools.recording.image_sink._write_all', refuse)
     with pytest.raises(OSError, match='no room'):
         files.prepare(frame_of(random_image('bgr8'), 'bgr8'))
     assert not [*tmp_path.glob('.*.part')]
@@ -439,7 +438,7 @@ def test_an_error_that_nobody_expects_holds_nothing_up(
             raise ZeroDivisionError('oops')
         return encode_frame(frame, settings)
 
-    monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
+    monkeypatch.setattr('opencv_tools.recording.image_sink.encode_frame', stumble)
     recorder = record(tmp_path, 12)
     assert gray_numbers(tmp_path) == [1, 2, 4, 5, 7, 8, 10, 11]
     assert (recorder.counts.written, recorder.counts.failed) == (8, 4)
@@ -454,7 +453,7 @@ def test_every_error_has_a_reason(
     def stumble(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr('opencv_tools.recording.picture_files.encode_frame', stumble)
+    monkeypatch.setattr('opencv_tools.recording.image_sink.encode_frame', stumble)
     console, outcomes = Console(), []
     recorder = Recorder(picture_files(tmp_path, '{seq}.png'), console)
     recorder.put(gray_frame(0), outcomes.append)
@@ -630,12 +629,12 @@ def test_what_a_killed_recording_left_is_put_in_order(
 RECORD_UNTIL_KILLED = """
 import itertools, logging, pathlib, sys
 import numpy as np
-from opencv_tools.recording.files import open_sink
+from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import EncoderSettings
+from opencv_tools.recording.image_encoder import EncoderSettings
 files = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
                   'continue', Limits(), False)
 recorder = Recorder(files, logging, writers=2, block=True)

@@ -17,8 +17,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.capture.rendition import OutputImage, OutputSettings
 from opencv_tools.image.errors import ImageError
 import pytest
 
@@ -148,9 +148,9 @@ def test_a_jpeg_that_is_damaged_is_refused(data: bytes) -> None:
 def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
     for name in ('decode_picture', 'encode_picture', 'convert_picture'):
-        original = getattr(__import__('opencv_tools.capture.rendition', fromlist=['x']), name)
+        original = getattr(__import__('opencv_tools.capture.output_image', fromlist=['x']), name)
         monkeypatch.setattr(
-            f'opencv_tools.capture.rendition.{name}',
+            f'opencv_tools.capture.output_image.{name}',
             lambda *args, name=name, original=original: calls.append(name) or original(*args))
     output = OutputImage(frame_of(JPEG), OutputSettings('mono8'))
     assert not calls

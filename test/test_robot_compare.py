@@ -20,13 +20,14 @@ import math
 from typing import Any
 
 from lxml import etree
-from opencv_tools.robot.compare import Difference, differences
-from opencv_tools.robot.compare_table import table
-from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
-                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.compare.compare import Difference, differences
+from opencv_tools.robot.compare.table import table
+from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
+from opencv_tools.robot.model import (
+    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Vector
-from opencv_tools.robot.shapes import Box, Cylinder, Material, Mesh, Sphere
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
 

@@ -26,16 +26,16 @@ from lxml import etree
 from matplotlib.text import Text
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 import numpy as np
-from opencv_tools.robot import conventions, plot
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
-from opencv_tools.robot.drawing import numbers
-from opencv_tools.robot.figures import DPI
-from opencv_tools.robot.frames import frames
+from opencv_tools.robot.frames import conventions, plot
+from opencv_tools.robot.frames.drawing import numbers
+from opencv_tools.robot.frames.figures import DPI
+from opencv_tools.robot.frames.listing import frames
+from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import Pose, Vector
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
+from opencv_tools.robot.xml.report import Report
 import pytest
 
 ROOT = Path(__file__).parent.parent

@@ -30,16 +30,16 @@ from pathlib import Path
 import re
 
 from lxml import etree
-from opencv_tools.robot.carrying import PREFIXES
-from opencv_tools.robot.compare import differences
+from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
-from opencv_tools.robot.elements import GAZEBO
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.names import with_own_names
-from opencv_tools.robot.report import CARRIED, Report, REPORTED
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xml import parse, to_bytes
+from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.passthrough import PREFIXES
+from opencv_tools.robot.xml.report import CARRIED, Report, REPORTED
+from opencv_tools.robot.xml.schema import GAZEBO
 import pytest
 
 Element = etree._Element

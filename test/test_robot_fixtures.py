@@ -28,13 +28,13 @@ from typing import Any
 
 from lxml import etree
 from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
-from opencv_tools.robot.compare import differences
+from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Carried, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.taken import PART
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.taken import PART
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]

@@ -21,14 +21,14 @@ import math
 import re
 from typing import Any
 
-from opencv_tools.robot.frames import frames
-from opencv_tools.robot.frames_text import text
-from opencv_tools.robot.model import (Axis, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic,
-                                      MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.frames.listing import frames
+from opencv_tools.robot.frames.text import text
+from opencv_tools.robot.geometry import Box
+from opencv_tools.robot.model import (
+    Axis, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.shapes import Box
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 import math
 
 from opencv_tools.robot.kinematics import FREEDOM, Kinematics, motion, with_mimics
-from opencv_tools.robot.model import (Axis, Frame, FrameId, Joint, JOINT_TYPES, Link, Mimic, MODEL,
-                                      Placement, Robot)
+from opencv_tools.robot.model import (
+    Axis, Frame, FrameId, Joint, JOINT_TYPES, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import IDENTITY, Pose, Vector
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
 

@@ -24,11 +24,11 @@ from opencv_tools.robot.convert import convert_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
-from opencv_tools.robot.names import with_own_names
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xml import DescriptionError, parse, to_bytes
+from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

@@ -27,15 +27,15 @@ import sys
 from typing import Any
 
 import numpy as np
-from opencv_tools.robot import drawing
-from opencv_tools.robot.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
-from opencv_tools.robot.frames import frames
-from opencv_tools.robot.labels import Labels
+from opencv_tools.robot.frames import drawing
+from opencv_tools.robot.frames.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
+from opencv_tools.robot.frames.labels import Labels
+from opencv_tools.robot.frames.listing import frames
+from opencv_tools.robot.frames.plot import draw, plot
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
-from opencv_tools.robot.plot import draw, plot
 from opencv_tools.robot.pose import Pose, Vector
-from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 
 
@@ -614,7 +614,7 @@ def test_without_matplotlib_the_error_says_how_to_get_it(
 
 @pytest.mark.process
 def test_neither_matplotlib_nor_numpy_is_imported_before_it_is_needed() -> None:
-    script = ('import sys, opencv_tools.robot.plot; '
+    script = ('import sys, opencv_tools.robot.frames.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
     subprocess.run([sys.executable, '-c', script], check=True, timeout=30)
 

@@ -20,17 +20,16 @@ from collections import Counter
 from random import Random
 import xml.etree.ElementTree as ElementTree
 
-from hypothesis import given, HealthCheck, settings
-from hypothesis import strategies as st
+from hypothesis import given, HealthCheck, settings, strategies as st
 from lxml import etree
-from opencv_tools.robot.compare import differences
+from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.names import with_own_names
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xml import parse, to_bytes
+from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

@@ -17,16 +17,16 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
-from opencv_tools.robot import sdf_include
 from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Robot
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_include import file_of_model, MAX_INCLUDES, SEARCH_VARIABLES
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.shapes import Mesh
-from opencv_tools.robot.xml import DescriptionError, parse
+from opencv_tools.robot.sdf import includes
+from opencv_tools.robot.sdf.includes import file_of_model, MAX_INCLUDES, SEARCH_VARIABLES
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.xml.document import DescriptionError, parse
+from opencv_tools.robot.xml.report import Report
 import pytest
 
 ARM = ('<pose>0 0 1 0 0 0</pose><link name="base"/><link name="tip"><pose>0 0 2 0 0 0</pose>'
@@ -142,7 +142,7 @@ def test_folders_that_have_no_model(tmp_path: Path, config: str | None, message:
 
 def test_models_that_are_included_have_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                                               ) -> None:
-    monkeypatch.setattr(sdf_include, 'MAX_ELEMENTS', 1000)
+    monkeypatch.setattr(includes, 'MAX_ELEMENTS', 1000)
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="m"><link name="l"/>{"<a/>" * 97}</model>')
     content = ('<model name="m"><link name="a"/>' + ''.join(
         f'<include><uri>model://arm</uri><name>{n}</name></include>' for n in range(10)))

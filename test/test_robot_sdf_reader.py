@@ -17,15 +17,15 @@ from __future__ import annotations
 import math
 
 from opencv_tools.robot.convert import convert_to_sdf
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (Dynamics, FrameId, Joint, Limit, Mimic, MODEL, Placement,
-                                      Robot)
+from opencv_tools.robot.model import (
+    Dynamics, FrameId, Joint, Limit, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, Vector
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_joints import axis_from_element, marked_loops
-from opencv_tools.robot.sdf_reader import frame_from_element, read_sdf
-from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
-from opencv_tools.robot.xml import DescriptionError, parse
+from opencv_tools.robot.sdf.joint_reader import axis_from_element, marked_loops
+from opencv_tools.robot.sdf.reader import frame_from_element, read_sdf
+from opencv_tools.robot.xml.document import DescriptionError, parse
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

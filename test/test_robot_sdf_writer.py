@@ -20,19 +20,20 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
-                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.model import (
+    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Tensor
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_joint_writer import axis_to_element
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.sdf_writer import frame_to_element, write_sdf
-from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.texts import number_text
-from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
+from opencv_tools.robot.sdf.joint_writer import axis_to_element
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.sdf.writer import frame_to_element, write_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
+from opencv_tools.robot.xml.numbers import number_text
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

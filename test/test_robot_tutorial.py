@@ -23,14 +23,14 @@ import struct
 
 from lxml import etree
 from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
-from opencv_tools.robot.compare import differences
-from opencv_tools.robot.frames import frames
+from opencv_tools.robot.compare.compare import differences
+from opencv_tools.robot.frames.listing import frames
+from opencv_tools.robot.geometry import Box, Mesh
 from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.shapes import Box, Mesh
-from opencv_tools.robot.xacro import expand
+from opencv_tools.robot.xacro.expand import expand
+from opencv_tools.robot.xml.report import Report
 import pytest
 
 ROOT = Path(__file__).parent.parent

@@ -24,19 +24,20 @@ import re
 from typing import Any
 
 from lxml import etree
-from opencv_tools.robot.compare import differences
+from opencv_tools.robot.compare.compare import differences
+from opencv_tools.robot.compare.properties import is_continuous
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
-from opencv_tools.robot.facts import is_continuous
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint,
-                                      Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.model import (
+    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.shapes import Box, Capsule, Cylinder, Material, Mesh, Sphere
-from opencv_tools.robot.urdf_reader import read_urdf
-from opencv_tools.robot.urdf_writer import write_urdf
-from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.urdf.writer import write_urdf
+from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
+from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 

@@ -22,12 +22,12 @@ import os
 from pathlib import Path
 import sys
 
-from opencv_tools.robot import xacro_process
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.xacro import expand, is_xacro
-from opencv_tools.robot.xacro_errors import sentence
-from opencv_tools.robot.xacro_process import expand_apart, Limits
-from opencv_tools.robot.xml import DescriptionError, Element, parse
+from opencv_tools.robot.xacro import process as xacro_process
+from opencv_tools.robot.xacro.errors import sentence
+from opencv_tools.robot.xacro.expand import expand, is_xacro
+from opencv_tools.robot.xacro.process import expand_apart, Limits
+from opencv_tools.robot.xml.document import DescriptionError, Element, parse
+from opencv_tools.robot.xml.report import Report
 import pytest
 import xacro
 

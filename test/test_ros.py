@@ -20,11 +20,11 @@ from collections.abc import Iterator
 import math
 import re
 
-from opencv_tools.ros import capture_parameters, recording_parameters
 from opencv_tools.ros.parameters import (
-    declare_parameters, Parameter, ParameterError, UnknownParameterError, watch_parameters,
-)
+    declare_parameters, Parameter, ParameterError, UnknownParameterError, watch_parameters)
 from opencv_tools.ros.progress import Progress
+from opencv_tools.ros.publisher import parameters as publisher_parameters
+from opencv_tools.ros.subscriber import parameters as subscriber_parameters
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -41,8 +41,8 @@ TABLE = (
 )
 
 
-TABLES = {'img_publisher': capture_parameters.PARAMETERS,
-          'img_subscriber': recording_parameters.PARAMETERS}
+TABLES = {'img_publisher': publisher_parameters.PARAMETERS,
+          'img_subscriber': subscriber_parameters.PARAMETERS}
 BILLION = 10**9
 # What can be given: from the lowest number to the highest, one of a set, or any text.
 ALLOWED = {

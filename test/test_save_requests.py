@@ -22,7 +22,7 @@ import time
 
 from conftest import DEADLINE
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.ros.save_requests import SaveRequests
+from opencv_tools.ros.subscriber.save_service import SaveRequests
 import pytest
 import rclpy
 from rclpy.client import Client
@@ -68,7 +68,7 @@ def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequest
 
 def test_calls_at_once_are_all_answered(
         executor: SingleThreadedExecutor, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.ros.save_requests._TIMEOUT_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.ros.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
     requests = SaveRequests(node)
     futures = call(executor, create_client(node), requests)
     taken = requests.pop_all()
@@ -81,7 +81,7 @@ def test_calls_at_once_are_all_answered(
 
 def test_calls_that_wait_are_answered_at_the_end(
         tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.ros.save_requests._TIMEOUT_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.ros.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
     rclpy.init(args=['--ros-args', '-p', 'mode:=on_request', '-p', f'output_dir:={tmp_path}'],
                domain_id=domain)
     subscriber = ImageSubscriber()

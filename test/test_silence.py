@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from opencv_tools.ros import silence
-from opencv_tools.ros.silence import NoFramesWarning
+from opencv_tools.ros.subscriber import no_frames_warning
+from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 import pytest
 
 
@@ -28,7 +28,7 @@ class Desk:
         self.now = 0.0
         self.reason = 'nobody publishes'
         self.lines: list[tuple[float, str]] = []
-        monkeypatch.setattr(silence.time, 'monotonic', lambda: 100.0 + self.now)
+        monkeypatch.setattr(no_frames_warning.time, 'monotonic', lambda: 100.0 + self.now)
         self.silence = NoFramesWarning(self, lambda: self.reason)
 
     def info(self, message: str) -> None:

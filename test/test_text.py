@@ -21,8 +21,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from opencv_tools.capture.frame import BrokenFrameError, CaptureError
+from opencv_tools.capture.image_files import PictureSequence
 from opencv_tools.capture.reachability import describe_failure
-from opencv_tools.capture.sequence import PictureSequence
 from opencv_tools.capture.source import open_source
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.encodings import find_desired, find_encoding
@@ -31,11 +31,11 @@ from opencv_tools.image.text import printable, without_password
 from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.ros.capture_parameters import PARAMETERS
 from opencv_tools.ros.command_line import check_ros_arguments
-from opencv_tools.ros.frame_sources import _describe_node, _enumerate, _NAME
 from opencv_tools.ros.parameters import describe_unknown, ParameterError
-from opencv_tools.ros.received_frames import describe_message
+from opencv_tools.ros.publisher.parameters import PARAMETERS
+from opencv_tools.ros.subscriber.conversion import describe_message
+from opencv_tools.ros.subscriber.topic_discovery import _describe_node, _enumerate, _NAME
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 

@@ -29,10 +29,10 @@ import xml.etree.ElementTree as ElementTree
 from conftest import CLIP, NodeProcess
 import cv2
 import numpy as np
-from opencv_tools.ros import other_users, shared_memory, transport
-from opencv_tools.ros.frame_size import expected_frame_bytes
-from opencv_tools.ros.shared_memory import free_bytes, remove_dead_segments
-from opencv_tools.ros.transport import configured_fastdds, FastDdsSetup, NOT_CONFIGURED
+from opencv_tools.ros.fastdds import other_users, profile as transport, shared_memory
+from opencv_tools.ros.fastdds.profile import configured_fastdds, FastDdsSetup, NOT_CONFIGURED
+from opencv_tools.ros.fastdds.shared_memory import free_bytes, remove_dead_segments
+from opencv_tools.ros.publisher.frame_size import expected_frame_bytes
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -55,7 +55,7 @@ with open(sys.argv[1]) as file:
 COUNT_PAGE_FAULTS = """
 import resource
 import numpy as np
-from opencv_tools.ros.transport import configured_fastdds
+from opencv_tools.ros.fastdds.profile import configured_fastdds
 
 def use_two_frames():
     frames = [np.empty(6_000_000, np.uint8) for _ in range(2)]

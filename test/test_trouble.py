@@ -19,7 +19,7 @@ from __future__ import annotations
 from threading import Barrier, Thread
 import time
 
-from opencv_tools.recording.trouble import FailureLog, Throttle
+from opencv_tools.recording.failure_log import FailureLog, Throttle
 import pytest
 from switching import switching_in
 

@@ -24,9 +24,9 @@ from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS, orient, ROTATIONS, turned_axes
-from opencv_tools.ros.calibration_file import CameraInfoError, read_camera_info
-from opencv_tools.ros.camera_info import Calibration
-from opencv_tools.ros.turned_camera_info import turn_camera_info
+from opencv_tools.ros.publisher.calibration_file import CameraInfoError, read_camera_info
+from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.publisher.turned_camera_info import turn_camera_info
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header

@@ -31,9 +31,9 @@ from conftest import disk_of
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
-from opencv_tools.recording.killed_video import count_frames
-from opencv_tools.recording.video import check_video, VIDEO_FORMATS, VideoWriter
-from opencv_tools.recording.video_picture import to_video_frame, VideoError
+from opencv_tools.recording.video.frame import to_video_frame, VideoError
+from opencv_tools.recording.video.unfinished import count_frames
+from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS, VideoWriter
 import pytest
 
 START_NS = 1_700_000_000_123_456_789
@@ -491,8 +491,8 @@ WRITE_UNTIL_KILLED = """
 import itertools, pathlib, sys, time
 sys.path.insert(0, sys.argv[2])
 from test_video import draw
-from opencv_tools.recording.video import VideoWriter
-from opencv_tools.recording.video_picture import to_video_frame
+from opencv_tools.recording.video.writer import VideoWriter
+from opencv_tools.recording.video.frame import to_video_frame
 path = pathlib.Path(sys.argv[1])
 writer = None
 for number in itertools.count():
@@ -525,7 +525,7 @@ def test_a_writer_that_is_killed_leaves_a_video(
 
 @pytest.mark.process
 def test_pyav_is_not_imported_before_it_is_used() -> None:
-    code = 'import opencv_tools.recording.video, sys; sys.exit("av" in sys.modules)'
+    code = 'import opencv_tools.recording.video.writer, sys; sys.exit("av" in sys.modules)'
     assert subprocess.run([sys.executable, '-c', code]).returncode == 0
 
 

@@ -32,15 +32,15 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.files import check_format, open_sink
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.image_encoder import EncoderSettings, UnwritableError
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.video_picture import VideoError
-from opencv_tools.recording.writers import EncoderSettings, UnwritableError
+from opencv_tools.recording.video.frame import VideoError
 import pytest
 from stepped_clock import SteppedClock
 from test_recording import Console
@@ -170,11 +170,11 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
 RECORD_AND_DIE = """
 import os, pathlib, sys
 import numpy as np
-from opencv_tools.recording.files import open_sink
+from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.writers import EncoderSettings
+from opencv_tools.recording.image_encoder import EncoderSettings
 names = FileNames(sys.argv[2])
 videos = open_sink(pathlib.Path(sys.argv[1]), names, EncoderSettings(names.suffix), 'continue',
                    Limits(), False)
@@ -432,7 +432,7 @@ def test_without_pyav_videos_alone_are_refused(
     def find_nothing() -> None:
         raise VideoError('install it')
 
-    monkeypatch.setattr('opencv_tools.recording.files.check_video', find_nothing)
+    monkeypatch.setattr('opencv_tools.recording.open_sink.check_video', find_nothing)
     with pytest.raises(VideoError, match=r'^install it$'):
         check_format('.mkv')
     with pytest.raises(RecordingError, match=r'^install it$'):

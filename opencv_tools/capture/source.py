@@ -26,11 +26,11 @@ import stat
 
 import cv2
 from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
-from opencv_tools.capture.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
+from opencv_tools.capture.image_files import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
-from opencv_tools.capture.sequence import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.stream import StreamSource
-from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.capture.v4l2.camera import CameraSource
+from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import describe_kind

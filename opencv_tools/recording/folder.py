@@ -29,8 +29,8 @@ import secrets
 from threading import Lock
 from typing import Any
 
-from opencv_tools.recording.killed_video import count_frames
 from opencv_tools.recording.manifest import is_same_file, Manifest, ManifestEntry, parse_line
+from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.

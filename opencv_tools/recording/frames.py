@@ -24,7 +24,7 @@ from typing import Any
 from numpy.typing import NDArray
 from opencv_tools.image.compressed import stored_encoding
 from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.pictures import decode_picture
+from opencv_tools.image_codecs import decode_picture
 from opencv_tools.recording.naming import FrameMetadata
 
 

@@ -30,8 +30,8 @@ from typing import NoReturn, TYPE_CHECKING
 from opencv_tools.standard_streams import open_standard_streams
 
 if TYPE_CHECKING:
-    from opencv_tools.robot.read import Choices
-    from opencv_tools.robot.report import Report
+    from opencv_tools.robot.load import Choices
+    from opencv_tools.robot.xml.report import Report
 
 _MOST_DIFFERENCES = 50
 _XACRO = 'xacro is expanded, which runs the Python expressions in it.'
@@ -179,8 +179,8 @@ def _positive(text: str) -> float:
 
 def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_sdf
-    from opencv_tools.robot.read import read_robot, URDF
-    from opencv_tools.robot.xml import DescriptionError, to_bytes
+    from opencv_tools.robot.load import read_robot, URDF
+    from opencv_tools.robot.xml.document import DescriptionError, to_bytes
     robot, language = read_robot(options.input, report, _choices(options))
     if language != URDF:
         raise DescriptionError('is SDF already', source=robot.source)
@@ -192,8 +192,8 @@ def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
 
 def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_urdf
-    from opencv_tools.robot.read import read_robot, SDF
-    from opencv_tools.robot.xml import DescriptionError, to_bytes
+    from opencv_tools.robot.load import read_robot, SDF
+    from opencv_tools.robot.xml.document import DescriptionError, to_bytes
     robot, language = read_robot(options.input, report, _choices(options))
     if language != SDF:
         raise DescriptionError('is URDF already', source=robot.source)
@@ -203,7 +203,7 @@ def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
 
 def _converted(options: argparse.Namespace, report: Report, data: bytes) -> int:
     """Write what a conversion gave, and its report."""
-    from opencv_tools.robot.output import write_all
+    from opencv_tools.robot.xml.output import write_all
     files = [(options.output, data)]
     if options.report:
         text = json.dumps({'input': report.source, **report.as_json()}, indent=2)
@@ -213,12 +213,12 @@ def _converted(options: argparse.Namespace, report: Report, data: bytes) -> int:
 
 
 def _robot_compare(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.compare import differences
-    from opencv_tools.robot.compare_table import table
-    from opencv_tools.robot.names import with_own_names
-    from opencv_tools.robot.output import print_text
-    from opencv_tools.robot.read import read_robot
-    from opencv_tools.robot.xml import DescriptionError
+    from opencv_tools.robot.compare.compare import differences
+    from opencv_tools.robot.compare.table import table
+    from opencv_tools.robot.load import read_robot
+    from opencv_tools.robot.renaming import with_own_names
+    from opencv_tools.robot.xml.document import DescriptionError
+    from opencv_tools.robot.xml.output import print_text
     if options.a == options.b == '-':
         raise DescriptionError('standard input can be one of the two only')
     one, other = (with_own_names(read_robot(path, report, _choices(options))[0])
@@ -233,19 +233,19 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
 
 
 def _robot_frames(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.frames import frames
-    from opencv_tools.robot.frames_text import text
-    from opencv_tools.robot.names import with_own_names
-    from opencv_tools.robot.output import print_text
-    from opencv_tools.robot.read import read_robot
+    from opencv_tools.robot.frames.listing import frames
+    from opencv_tools.robot.frames.text import text
+    from opencv_tools.robot.load import read_robot
+    from opencv_tools.robot.renaming import with_own_names
+    from opencv_tools.robot.xml.output import print_text
     robot = with_own_names(read_robot(options.file, report, _choices(options))[0])
     positions = dict(options.joint)
     listing = frames(robot, positions, report)
     if options.plot:
-        from opencv_tools.robot.plot import plot
+        from opencv_tools.robot.frames.plot import plot
         plot(robot, positions, options.plot)
     if options.conventions:
-        from opencv_tools.robot.conventions import plot_conventions
+        from opencv_tools.robot.frames.conventions import plot_conventions
         plot_conventions(robot, positions, options.conventions)
     print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0
@@ -253,7 +253,7 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
 
 def _choices(options: argparse.Namespace) -> Choices:
     """Give what the options say of reading; each command has some of them."""
-    from opencv_tools.robot.read import Choices
+    from opencv_tools.robot.load import Choices
     given = vars(options)
     return Choices(arguments=dict(given.get('arg', ())), model=given.get('model', ''),
                    root=given.get('root', ''), search=tuple(given.get('path', ())))
@@ -264,9 +264,9 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
     """Run a command, say on standard error what it reports, and give its exit status."""
     open_standard_streams()
     options = parser.parse_args(argv)
-    from opencv_tools.robot.output import NotWrittenError, print_message
-    from opencv_tools.robot.report import Report
-    from opencv_tools.robot.xml import DescriptionError
+    from opencv_tools.robot.xml.document import DescriptionError
+    from opencv_tools.robot.xml.output import NotWrittenError, print_message
+    from opencv_tools.robot.xml.report import Report
     report = Report()
     error = None
     try:

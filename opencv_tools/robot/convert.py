@@ -18,19 +18,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
-from opencv_tools.robot.names import sdf_named, urdf_named, with_own_names
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_rules import keep_sdf_rules, note_inertials
-from opencv_tools.robot.sdf_texts import FRAMES, version_text, written_version
-from opencv_tools.robot.sdf_writer import write_sdf
-from opencv_tools.robot.shapes import Mesh
+from opencv_tools.robot.renaming import sdf_named, urdf_named, with_own_names
+from opencv_tools.robot.sdf.rules import keep_sdf_rules, note_inertials
+from opencv_tools.robot.sdf.values import FRAMES, version_text, written_version
+from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import listed, one_tree
-from opencv_tools.robot.urdf_rules import keep_urdf_rules
-from opencv_tools.robot.urdf_writer import write_urdf
-from opencv_tools.robot.xml import DescriptionError, Element
+from opencv_tools.robot.urdf.rules import keep_urdf_rules
+from opencv_tools.robot.urdf.writer import write_urdf
+from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.report import Report
 
 # What a link without <inertial> gets.
 INERTIALS = {

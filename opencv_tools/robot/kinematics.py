@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from opencv_tools.robot.model import FrameId, Joint, JOINT_TYPES, MODEL, Placement, Robot
-from opencv_tools.robot.pose import (IDENTITY, normalised, Pose, rotation_about, rotation_of_rpy,
-                                     Transform, Vector, ZERO)
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.pose import (
+    IDENTITY, normalised, Pose, rotation_about, rotation_of_rpy, Transform, Vector, ZERO)
+from opencv_tools.robot.xml.document import DescriptionError
 
 # How many numbers say where a joint of each kind is.
 FREEDOM = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 3, 'plane': 3, 'free': 6}

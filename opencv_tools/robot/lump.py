@@ -19,13 +19,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.elements import POSED
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose, turned_tensor, Vector
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.taken import detached
-from opencv_tools.robot.xml import Element
+from opencv_tools.robot.xml.document import Element
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.schema import POSED
+from opencv_tools.robot.xml.taken import detached
 
 # What a <gazebo reference> says of a joint that is to stay.
 _KEEPERS = ('preserveFixedJoint', 'disableFixedJointLumping')

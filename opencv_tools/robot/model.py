@@ -27,8 +27,8 @@ import math
 from typing import NamedTuple
 
 from lxml import etree
+from opencv_tools.robot.geometry import Geometry, Material
 from opencv_tools.robot.pose import Pose, Tensor, Vector
-from opencv_tools.robot.shapes import Geometry, Material
 
 WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
 # |limit| from here on means none, as older SDF has it and as URDF, which has no infinity, is told.

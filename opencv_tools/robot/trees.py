@@ -21,8 +21,8 @@ from dataclasses import replace
 
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Joint, MODEL, Placement, Robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.report import Report
 
 
 def one_tree(robot: Robot, root: str, report: Report) -> Robot:

@@ -31,12 +31,11 @@ import subprocess
 import time
 
 from conftest import (
-    call_service, DEADLINE, executable, NodeProcess, recorded_files, set_parameters, spin_until,
-)
+    call_service, DEADLINE, executable, NodeProcess, recorded_files, set_parameters, spin_until)
 import numpy as np
 from opencv_tools.capture.frame import CaptureError
-from opencv_tools.capture.modes import CameraRequest
-from opencv_tools.capture.v4l2 import CameraSource
+from opencv_tools.capture.v4l2.camera import CameraSource
+from opencv_tools.capture.v4l2.modes import CameraRequest
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters
 import rclpy

@@ -31,16 +31,15 @@ import subprocess
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from hypothesis import given, HealthCheck, settings
-from hypothesis import strategies as st
+from hypothesis import given, HealthCheck, settings, strategies as st
 from mutations import mutated
 import numpy as np
-from opencv_tools.robot.compare import differences
+from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
-from opencv_tools.robot.names import with_own_names
-from opencv_tools.robot.read import read_robot
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.xml import DescriptionError, to_bytes
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.xml.document import DescriptionError, to_bytes
+from opencv_tools.robot.xml.report import Report
 import places
 import public_sdf
 import public_urdf

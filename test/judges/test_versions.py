@@ -20,9 +20,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.robot.report import Report
-from opencv_tools.robot.sdf_reader import read_sdf
-from opencv_tools.robot.xml import parse
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.xml.document import parse
+from opencv_tools.robot.xml.report import Report
 import pytest
 from test_judges import ask_libsdformat, compare
 

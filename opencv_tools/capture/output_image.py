@@ -1,0 +1,147 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The forms in which a captured frame is published: converted pixels and a JPEG."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
+from opencv_tools.image.jpeg import jpeg_components, JpegError
+from opencv_tools.image.orientation import orient
+from opencv_tools.image_codecs import convert_picture, decode_picture, encode_picture
+
+# Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
+# the colour channels, so it can be decoded to each of them.
+_AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
+
+
+@dataclass(frozen=True)
+class OutputSettings:
+    """
+    How frames are converted before they are published.
+
+    :param encoding: sensor_msgs/Image encoding; '' for the encoding of the frame.
+    :param flip: mirroring, one of ``FLIPS`` of ``opencv_tools.image.orientation``.
+    :param rotate: clockwise rotation after the mirroring, in degrees: 0, 90, 180 or 270.
+    :param jpeg_quality: quality of JPEG, 1 to 100.
+    """
+
+    encoding: str = ''
+    flip: str = 'none'
+    rotate: int = 0
+    jpeg_quality: int = 95
+
+    @property
+    def is_transformed(self) -> bool:
+        """Whether frames are flipped or rotated."""
+        return self.flip != 'none' or self.rotate != 0
+
+
+class OutputImage:
+    """The forms of a frame that can be published, computed on first use and cached."""
+
+    def __init__(self, frame: Frame, settings: OutputSettings) -> None:
+        """
+        Keep a frame; nothing is converted yet.
+
+        :param frame: the captured frame.
+        :param settings: how the frame is converted.
+        """
+        self._frame = frame
+        #: How the frame is converted.
+        self.settings = settings
+
+    @property
+    def image(self) -> NDArray[Any]:
+        """
+        Pixels after the conversion, (h, w) or (h, w, c) array.
+
+        :raises ImageError: the frame cannot be decoded, or cannot be converted.
+        """
+        return self._pixels[0]
+
+    @property
+    def encoding(self) -> str:
+        """
+        Name of the sensor_msgs/Image encoding of ``image``.
+
+        :raises ImageError: as for ``image``.
+        """
+        return self._pixels[1].name
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """
+        Width and height of the image in pixels.
+
+        :raises ImageError: as for ``image``.
+        """
+        image, encoding = self._pixels
+        return image.shape[1], encoding.height(image.shape[0])
+
+    @cached_property
+    def jpeg(self) -> tuple[NDArray[Any], str]:
+        """
+        JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
+
+        The camera's own JPEG is used unchanged when the settings allow it.
+
+        :raises ImageError: the frame cannot be decoded, or cannot be converted.
+        """
+        if self._can_pass_jpeg_through():
+            if self._is_gray_jpeg:
+                return self._frame.image, 'mono8; jpeg compressed mono8'
+            return self._frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
+        image, actual = self._pixels
+        stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
+        if actual != stored:
+            image = convert_picture(image, actual, stored)
+        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
+        # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
+        # string contains the encoding that is stored.
+        declared = actual.name if actual.name in _AS_JPEG else stored.name
+        return data, f'{declared}; jpeg compressed {stored.name}'
+
+    def _can_pass_jpeg_through(self) -> bool:
+        """Return whether the camera's own JPEG can be published unchanged."""
+        return (self._frame.encoding == JPEG and not self.settings.is_transformed
+                and (self.settings.encoding in _AS_JPEG
+                     or (self.settings.encoding == 'mono8' and self._is_gray_jpeg)))
+
+    @cached_property
+    def _is_gray_jpeg(self) -> bool:
+        try:
+            return jpeg_components(self._frame.image.tobytes()) == 1
+        except JpegError:
+            return False  # decoding raises the error
+
+    @cached_property
+    def _pixels(self) -> tuple[NDArray[Any], Encoding]:
+        image = self._frame.image
+        if self._frame.encoding == JPEG:
+            image = decode_picture(image)
+            encoding = picture_encoding(image)
+        else:
+            encoding = find_encoding(self._frame.encoding)
+        target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
+        if not target.has_layout_of(encoding):
+            image = convert_picture(image, encoding, target)
+        return orient(image, target, self.settings.flip, self.settings.rotate)

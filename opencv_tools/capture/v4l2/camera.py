@@ -1,0 +1,223 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A V4L2 camera as a source."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+import time
+from typing import Literal
+
+from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
+from opencv_tools.capture.v4l2.controls import Control
+from opencv_tools.capture.v4l2.device import DequeuedBuffer, VideoDevice
+from opencv_tools.capture.v4l2.errors import capture_errors, check_device
+from opencv_tools.capture.v4l2.modes import (
+    CameraRequest, choose_mode, DEFAULT_RATE, DEFAULT_SIZE, describe_modes, Mode)
+from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS, read_pixels
+
+# Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
+# before the end of its period and stamp it with that end; vivid does so by most of a period.
+_AHEAD_NANOSECONDS = 100_000_000
+
+# Relative tolerance of a rate: a camera may use 30000/1001 Hz for 30 Hz.
+_RATE_TOLERANCE = 0.01
+
+
+class CameraSource:
+    """
+    A V4L2 camera. Each frame has the capture time of its driver.
+
+    ``warnings`` contains a warning for each requested setting that the camera has not applied.
+    """
+
+    live: Literal[True] = True
+
+    def __init__(self, device: Path, request: CameraRequest) -> None:
+        """
+        Open a camera and start streaming.
+
+        :param device: path such as ``/dev/video0``, or a link below ``/dev/v4l/by-id``.
+        :param request: requested settings.
+        :raises UnavailableError: the camera is disconnected, busy, or the user has no permission.
+        :raises CaptureError: the device is not a camera, or has no supported pixel format.
+        """
+        self.name = str(device)
+        self.missed = 0
+        self.warnings: list[str] = []
+        self._sequence = -1
+        self._held: DequeuedBuffer | None = None
+        check_device(device)
+        with capture_errors(self.name):
+            self._device = VideoDevice(device)
+        try:
+            with capture_errors(self.name):
+                self._start(request)
+        except CaptureError:
+            self.close()
+            raise
+
+    def wait(self, seconds: float) -> bool:
+        with capture_errors(self.name):
+            if self._device.wait(seconds):
+                self._keep_newest()
+        return self._held is not None
+
+    def skip(self) -> None:
+        with capture_errors(self.name):
+            self._requeue()
+
+    def read(self) -> Frame:
+        if self._held is None:
+            raise BrokenFrameError(f'camera {self.name} has no frame yet')
+        held = self._held
+        with capture_errors(self.name):
+            try:
+                return self._copy(held)
+            finally:
+                self._requeue()
+
+    def close(self) -> None:
+        self._device.close()
+
+    def controls(self, changed: bool = False) -> dict[Control, int]:
+        """
+        Return the controls of the camera with their values.
+
+        :param changed: whether to return only the controls that changed since the last call.
+        :raises UnavailableError: the camera is disconnected.
+        """
+        values = {}
+        with capture_errors(self.name):
+            for control in self._device.controls(changed):
+                with suppress(OSError):  # some cameras list controls that they do not have
+                    values[control] = self._device.control(control)
+        return values
+
+    def set_control(self, control: Control, value: int) -> None:
+        """
+        Write the value of a control.
+
+        :raises UnavailableError: the camera rejects the value, or is disconnected.
+        """
+        try:
+            self._device.set_control(control, value)
+        except OSError as err:
+            raise UnavailableError(f'camera {self.name} rejected {control.name} {value} '
+                                   f'({err.strerror or err}): {control.remedy}') from err
+
+    def _start(self, request: CameraRequest) -> None:
+        if not self._device.can_capture:
+            raise CaptureError(
+                f'{self.name} ({self._device.card}) cannot capture video; a camera can have '
+                'several device numbers, so try the next one')
+        modes = self._device.modes((request.width or DEFAULT_SIZE[0],
+                                    request.height or DEFAULT_SIZE[1]))
+        chosen = choose_mode(modes, request, self._device.rates)
+        if chosen is None:
+            raise CaptureError(
+                f'camera {self.name} offers none of the supported pixel formats '
+                f'{", ".join(PIXEL_FORMATS)}; it offers {describe_modes(modes) or "none"}')
+        self._format = self._device.set_format(chosen)
+        if self._format.fourcc not in PIXEL_FORMATS:
+            raise CaptureError(
+                f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
+                f'format {self._format.fourcc}; set fourcc to another format')
+        self._pixels = PIXEL_FORMATS[self._format.fourcc]
+        self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
+        self._warn_about_changes(request, modes)
+        self._set_controls(dict(request.controls))
+        self._device.start()
+        self.description = f'{self._format.fourcc} {self._mode.size} at {self.rate:g} Hz'
+
+    @property
+    def _mode(self) -> Mode:
+        return Mode(self._format.fourcc, self._format.width, self._format.height)
+
+    def _warn_about_changes(self, request: CameraRequest, modes: list[Mode]) -> None:
+        """Record a warning for each setting that the camera changed, with the supported values."""
+        given = self._mode
+        if ((request.width or given.width, request.height or given.height)
+                != (given.width, given.height)
+                or request.fourcc not in ('', given.fourcc)):
+            requested = Mode(request.fourcc or given.fourcc, request.width or given.width,
+                             request.height or given.height)
+            offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
+            self.warnings.append(
+                f'camera {self.name} cannot send {requested.fourcc} {requested.size} and sends '
+                f'{given.fourcc} {given.size} instead; it offers {describe_modes(offered)}')
+        if request.fps and abs(self.rate - request.fps) > _RATE_TOLERANCE * request.fps:
+            rates = ', '.join(f'{rate:g}' for rate in self._device.rates(given))
+            self.warnings.append(
+                f'camera {self.name} cannot send {request.fps:g} Hz and sends {self.rate:g} Hz '
+                f'instead; with {given.fourcc} {given.size} it offers '
+                f'{rates or "only this rate"}')
+
+    def _set_controls(self, requested: dict[str, int]) -> None:
+        for control in self._device.controls() if requested else ():
+            if control.name not in requested:
+                continue
+            try:
+                self.set_control(control, requested[control.name])
+            except UnavailableError as err:
+                self.warnings.append(str(err))
+
+    def _keep_newest(self) -> None:
+        """
+        Dequeue the newest filled buffer and requeue the older ones.
+
+        :raises OSError: the device is disconnected.
+        """
+        self._requeue()
+        filled = 0
+        while (buffer := self._device.dequeue()) is not None:
+            if self._held:
+                self._requeue()
+                self.missed += 1
+            if self._sequence >= 0:
+                self.missed += max(0, buffer.sequence - self._sequence - 1)
+            self._held, self._sequence = buffer, buffer.sequence
+            filled += 1
+        if filled == self._device.buffers:
+            # All buffers were full, so the driver has dropped newer frames than these. This frame
+            # is old; the next one will be the newest.
+            self._requeue()
+            self.missed += 1
+
+    def _copy(self, buffer: DequeuedBuffer) -> Frame:
+        """
+        Return a copy of the frame in a buffer.
+
+        :raises BrokenFrameError: the driver reports the frame as damaged, or it is incomplete.
+        """
+        if buffer.broken:
+            raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
+        stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
+        if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
+            stamp_ns = now_ns
+        image = read_pixels(self._pixels, self._device.content(buffer), self._format.height,
+                            self._format.width, self._format.step)
+        return Frame(image, self._pixels.encoding, stamp_ns)
+
+    def _requeue(self) -> None:
+        """
+        Requeue the held buffer.
+
+        :raises OSError: the device is disconnected.
+        """
+        if self._held:
+            held, self._held = self._held, None
+            self._device.requeue(held.index)

@@ -1,0 +1,167 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Choice of the format, size and rate that a camera is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from opencv_tools.capture.frame import JPEG
+from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS
+from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
+
+#: Default size in pixels (width, height) and rate in Hz. Most cameras support these defaults of
+#: OpenCV.
+DEFAULT_SIZE = (640, 480)
+DEFAULT_RATE = 30.0
+
+
+@dataclass(frozen=True)
+class CameraRequest:
+    """
+    Requested camera settings. Unset fields use the default or the closest supported value.
+
+    :param width: width in pixels; 0 for the default (640).
+    :param height: height in pixels; 0 for the default (480).
+    :param fps: frames per second; 0.0 for the default (30).
+    :param fourcc: pixel format, one of ``PIXEL_FORMATS``; '' to choose the best one.
+    :param encoding: encoding in which frames are published; a raw format that already has this
+        encoding is preferred. '' for no preference.
+    :param controls: name and value of each control to set; controls that the camera does not
+        have are ignored.
+    """
+
+    width: int = 0
+    height: int = 0
+    fps: float = 0.0
+    fourcc: str = ''
+    encoding: str = ''
+    controls: tuple[tuple[str, int], ...] = ()
+
+
+#: The request with all defaults.
+DEFAULT_REQUEST = CameraRequest()
+
+
+@dataclass(frozen=True)
+class Mode:
+    """
+    A pixel format and size that a camera supports.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    """
+
+    fourcc: str
+    width: int
+    height: int
+
+    @property
+    def size(self) -> str:
+        """Size as text, such as ``640x480``."""
+        return f'{self.width}x{self.height}'
+
+
+@dataclass(frozen=True)
+class StreamFormat:
+    """
+    The format that a camera sends.
+
+    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param step: bytes from the start of one line to the start of the next.
+    """
+
+    fourcc: str
+    width: int
+    height: int
+    step: int
+
+
+def choose_mode(
+    modes: Sequence[Mode], request: CameraRequest, rates: Callable[[Mode], Sequence[float]],
+) -> Mode | None:
+    """
+    Return the mode that is closest to a request.
+
+    Criteria in order: the requested pixel format; an encoding to which other formats cannot be
+    converted; the size; the rate; the requested encoding; the order of ``PIXEL_FORMATS``. The
+    rate matters because many cameras reach their full rate at full size in one format only.
+
+    :param modes: modes that the camera supports.
+    :param request: requested settings.
+    :param rates: function that returns the rates of a mode in Hz; empty when the camera does not
+        report them.
+    :returns: the mode, or None when the camera supports no known pixel format.
+    """
+    order = list(PIXEL_FORMATS)
+    known = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
+    named = [mode for mode in known if mode.fourcc == request.fourcc] or known
+    nearest = [min((mode for mode in named if mode.fourcc == fourcc),
+                   key=lambda mode: _size_distance(mode, request))
+               for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
+
+    def cost(mode: Mode) -> tuple[object, ...]:
+        same = _has_encoding(mode, request.encoding)
+        return (not same and not _can_convert_to(request.encoding), _size_distance(mode, request),
+                _rate_distance(rates(mode), request.fps), not same, order.index(mode.fourcc))
+
+    return min(nearest, key=cost, default=None)
+
+
+def _has_encoding(mode: Mode, encoding: str) -> bool:
+    """Return whether the frames of a mode have the layout of an encoding."""
+    sent = PIXEL_FORMATS[mode.fourcc].encoding
+    return (sent != JPEG and bool(encoding)
+            and find_encoding(sent).has_layout_of(find_encoding(encoding)))
+
+
+def _can_convert_to(encoding: str) -> bool:
+    """Return whether all pixel formats can be converted to an encoding without loss of depth."""
+    return not encoding or (encoding in COLOR_ENCODINGS and not encoding.endswith('16'))
+
+
+def _size_distance(mode: Mode, request: CameraRequest) -> tuple[int, int]:
+    default_width, default_height = DEFAULT_SIZE
+    distance = ((abs(mode.width - request.width) if request.width else 0)
+                + (abs(mode.height - request.height) if request.height else 0))
+    return distance, abs(mode.width - default_width) + abs(mode.height - default_height)
+
+
+def _rate_distance(rates: Sequence[float], requested: float) -> float:
+    if not rates:
+        return 0.0
+    if requested:
+        return min(abs(rate - requested) for rate in rates)
+    return max(0.0, DEFAULT_RATE - max(rates))
+
+
+def describe_modes(modes: Sequence[Mode]) -> str:
+    """
+    Return modes as text for a message.
+
+    :returns: for example ``YUYV MJPG in 640x480 320x240; GREY in 640x480``: formats with the same
+        sizes are grouped.
+    """
+    sizes: dict[str, list[str]] = {}
+    for mode in modes:
+        sizes.setdefault(mode.fourcc, []).append(mode.size)
+    formats: dict[str, list[str]] = {}
+    for fourcc, offered in sizes.items():
+        formats.setdefault(' '.join(offered), []).append(fourcc)
+    return '; '.join(f'{" ".join(fourccs)} in {offered}' for offered, fourccs in formats.items())

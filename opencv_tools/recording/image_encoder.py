@@ -1,0 +1,171 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Encoding of frames as image files, and the types that each file format can hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image_codecs import (
+    CodecError, convert_picture, encode_picture, FORMATS as PICTURE_FORMATS)
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.image_header import read_image_header
+
+
+class UnwritableError(ImageError):
+    """A file format cannot hold a frame; the message names one that can."""
+
+
+_NPY = '.npy'
+_PART_BYTES = 2**20
+
+#: OpenCV types that each format stores without loss (JPEG: apart from its compression).
+IMAGE_FORMATS = {
+    **{suffix: PICTURE_FORMATS[suffix]
+       for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
+    _NPY: frozenset[str](),
+}
+
+# Channel orders that OpenCV's encoders do not accept, and their replacements.
+_FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
+
+# Target encodings of Bayer and YUV frames, by dtype.
+_COLORS = {'uint8': 'bgr8', 'uint16': 'bgr16'}
+
+
+@dataclass(frozen=True)
+class EncoderSettings:
+    """
+    Format and encoder settings of recorded files.
+
+    :param suffix: file name extension, one of ``IMAGE_FORMATS`` or of a video format.
+    :param to_color: whether Bayer and YUV frames are converted to colour in images and videos;
+        otherwise they are stored unchanged or refused.
+    :param jpeg_quality: JPEG quality, from 1 to 100.
+    :param png_compression: PNG compression level, from 0 to 9.
+    :param crf: constant rate factor of videos, from 0 (best) to 51.
+    """
+
+    suffix: str
+    to_color: bool = True
+    jpeg_quality: int = 95
+    png_compression: int = 1
+    crf: int = 23
+
+
+@dataclass(frozen=True)
+class EncodedImage:
+    """
+    Content of an image file.
+
+    :param data: buffer with the file, or with the part before ``array``.
+    :param encoding: encoding of the image in the file, after conversion.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param array: pixels that follow ``data`` row by row; a view, because a copy is expensive.
+    """
+
+    data: Any
+    encoding: str
+    width: int
+    height: int
+    array: NDArray[Any] | None = None
+
+    def parts(self) -> Iterator[memoryview]:
+        """Yield buffers with all bytes; non-contiguous rows are copied in small groups."""
+        yield memoryview(self.data).cast('B')
+        if self.array is None or not self.array.size:
+            return
+        if self.array.flags.c_contiguous:
+            yield self.array.reshape(-1).view(np.uint8).data
+            return
+        rows = max(1, _PART_BYTES * len(self.array) // self.array.nbytes)
+        for begin in range(0, len(self.array), rows):
+            part = np.ascontiguousarray(self.array[begin:begin + rows])
+            yield part.reshape(-1).view(np.uint8).data
+
+
+def formats_for(type_name: str) -> str:
+    """Return the extensions of formats that can hold an OpenCV type such as ``16UC1``."""
+    suffixes = [suffix for suffix, types in IMAGE_FORMATS.items() if type_name in types]
+    return ' or '.join([*suffixes, _NPY])
+
+
+def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImage:
+    """
+    Encode a frame as an image file.
+
+    A compressed frame that already has the requested format is kept; others are decoded.
+
+    :param frame: frame to encode; not modified.
+    :param settings: format and encoder settings; ``.npy`` stores the array unchanged.
+    :returns: the content of the file; for a kept frame a view of its data.
+    :raises ImageError: the format cannot hold the frame without loss, or the frame is damaged.
+    """
+    if isinstance(frame, CompressedFrame):
+        payload = read_image_header(frame.data)
+        if settings.suffix in payload.suffixes:
+            return EncodedImage(frame.data, frame.encoding, payload.width, payload.height)
+    return _encode_image(frame.decode(), settings)
+
+
+def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
+    image, encoding = frame.image, find_encoding(frame.encoding)
+    height, width = encoding.height(image.shape[0]), image.shape[1]
+    if settings.suffix == _NPY:
+        layout: Any = np.lib.format  # numpy 1.26 has no types for these functions
+        header = layout.header_data_from_array_1_0(image)
+        head = io.BytesIO()
+        layout.write_array_header_1_0(head, header)
+        return EncodedImage(head.getbuffer(), encoding.name, width, height,
+                            image.T if header['fortran_order'] else image)
+    if settings.to_color and encoding.kind in ('bayer', 'yuv'):
+        target = find_encoding(_COLORS[encoding.dtype])
+        image, encoding = convert_picture(_native(image, encoding), encoding, target), target
+    # Planar luma and chroma look like a gray image, but are not one.
+    type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
+    if type_name not in IMAGE_FORMATS[settings.suffix]:
+        raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
+                              f'set the extension of file_name to {formats_for(type_name)}')
+    if not image.size:
+        raise UnwritableError(f'an empty frame ({width}x{height}) cannot be stored as '
+                              f'{settings.suffix}')
+    quality = settings.jpeg_quality if settings.suffix in ('.jpg', '.jpeg') else None
+    try:
+        data = encode_picture(
+            _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
+    except CodecError as err:
+        raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
+    return EncodedImage(data, encoding.name, width, height)
+
+
+def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
+    """Return an image with OpenCV's channel order and native byte order."""
+    order = _FILE_ORDER.get(encoding.order)
+    if order:
+        target = find_encoding(encoding.name.replace(encoding.order, order))
+        return convert_picture(_native(image, encoding), encoding, target)
+    return _native(image, encoding)
+
+
+def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
+    return np.ascontiguousarray(image, np.dtype(encoding.dtype))

@@ -1,0 +1,167 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recording of frames as image files."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+import hashlib
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.image_encoder import encode_frame, EncodedImage, EncoderSettings
+from opencv_tools.recording.manifest import file_entry, ManifestEntry
+from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.selection import Limits, Retention
+
+# The manifest is compacted when so many lines, and more than half of them, have no file.
+_MIN_STALE_LINES = 100
+
+
+@dataclass(frozen=True)
+class PreparedImage:
+    """
+    A temporary file that is ready to be renamed.
+
+    :param temporary: path of the temporary file.
+    :param content: content of the file, without its data.
+    :param size: size of the file in bytes.
+    :param sha256: SHA-256 digest of the file, in hexadecimal digits.
+    """
+
+    temporary: Path
+    content: EncodedImage
+    size: int
+    sha256: str
+
+    def discard(self) -> None:
+        """Remove the temporary file."""
+        with suppress(OSError):  # the next recording removes it
+            self.temporary.unlink(missing_ok=True)
+
+
+class ImageSink:
+    """Write each frame to an image file."""
+
+    def __init__(
+        self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
+        sync: bool = False,
+    ) -> None:
+        """
+        Read the manifest of the existing files.
+
+        :param folder: output folder, closed together with this sink.
+        :param numbering: source of the file names.
+        :param settings: format and encoder settings of the files.
+        :param limits: limits of the recording.
+        :param sync: whether each file is flushed to disk before it gets its final name.
+        :raises OSError: the manifest cannot be read.
+        """
+        self.counts = SinkCounts()
+        self._folder = folder
+        self._numbering = numbering
+        self._settings = settings
+        self._sync = sync
+        self._removes_files = limits.ring or numbering.replaces
+        self._stale_lines = 0
+        self._compact()
+        earlier = folder.manifest.entries() if limits.ring else []
+        self._retention = Retention(limits, [
+            entry for entry in earlier if numbering.matches(entry.name)])
+
+    def prepare(self, frame: ReceivedFrame) -> PreparedImage:
+        """
+        Encode a frame and write it to a temporary file; thread-safe.
+
+        :param frame: frame to write.
+        :returns: the temporary file.
+        :raises ImageError: the format cannot hold the frame.
+        :raises OSError: the file cannot be written.
+        """
+        content = encode_frame(frame, self._settings)
+        parts = content.parts()
+        data = next(parts)
+        digest, size = hashlib.sha256(data), data.nbytes
+        temporary = self._folder.write(data)
+        try:
+            if content.array is not None:
+                with temporary.open('ab', buffering=0) as file:
+                    for part in parts:
+                        digest.update(part)
+                        size += part.nbytes
+                        _write_all(file, part)
+                    if self._sync:
+                        os.fsync(file.fileno())
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+        return PreparedImage(
+            temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
+
+    def commit(self, frame: ReceivedFrame, image: PreparedImage) -> Path:
+        """
+        Rename a temporary file; one thread at a time, in the order of the frames.
+
+        :param frame: frame in the file.
+        :param image: temporary file of the frame.
+        :returns: final path.
+        :raises LimitReached: the recording has reached its limits.
+        :raises OSError: the file cannot be renamed or added to the manifest.
+        """
+        content = image.content
+        path = self._numbering.claim(frame, lambda seq, name: self._publish(
+            image.temporary, file_entry(
+                seq, name, frame, content.encoding, (content.width, content.height),
+                image.size, image.sha256, frames=1), frame.arrival_ns))
+        self.counts.kept += 1
+        if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
+            self._compact()
+        return path
+
+    def close(self) -> None:
+        """Remove the lines of deleted files from the manifest, and close the folder."""
+        try:
+            if self._stale_lines:
+                self._compact()
+        finally:
+            self._folder.close()
+
+    def _publish(self, temporary: Path, entry: ManifestEntry, arrival_ns: int) -> Path:
+        gone = self._retention.make_room(entry, arrival_ns)
+        for name in gone:
+            (self._folder.path / name).unlink(missing_ok=True)
+        path = self._folder.publish(temporary, entry, self._numbering.replaces)
+        self._stale_lines += len(gone) or self._numbering.replaces
+        self._retention.add(entry, gone, arrival_ns)
+        return path
+
+    def _compact(self) -> None:
+        """Remove the lines of deleted and replaced files from the manifest."""
+        self._stale_lines = 0
+        if self._removes_files:
+            self._folder.manifest.compact(
+                lambda entry: not self._numbering.matches(entry.name)
+                or (self._folder.path / entry.name).exists(), self._folder.write)
+
+
+def _write_all(file: BinaryIO, part: memoryview) -> None:
+    rest = part
+    while rest:
+        rest = rest[file.write(rest):]  # a disk that fills up takes only a part

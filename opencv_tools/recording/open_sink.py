@@ -1,0 +1,114 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Creation of the sink of a recording: image files or videos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import errno
+from pathlib import Path
+import time
+from typing import Any
+
+from opencv_tools.image.text import printable
+from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.image_encoder import EncoderSettings, IMAGE_FORMATS
+from opencv_tools.recording.image_sink import ImageSink
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.recorder import Sink
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.frame import VideoError
+from opencv_tools.recording.video.sink import VideoSink
+from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS
+
+
+# Remedies for errors of the output folder, where the text of the system error names none.
+_REMEDIES = {
+    errno.EEXIST: 'it is a file or a broken link; set output_dir to a folder',
+    errno.ELOOP: 'its path contains a loop of links; set output_dir to another folder',
+    errno.ENAMETOOLONG: 'it is too long for the file system; set output_dir to a shorter path',
+}
+
+
+def check_format(suffix: str) -> None:
+    """
+    Check that files of a format can be written on this machine.
+
+    :param suffix: file name extension with its dot, in lower case.
+    :raises ValueError: the extension is unknown, or the video encoder is not installed.
+    """
+    known = (*IMAGE_FORMATS, *VIDEO_FORMATS)
+    if suffix not in known:
+        raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
+    if suffix in VIDEO_FORMATS:
+        check_video()
+
+
+def open_sink(
+    path: Path, names: FileNames, settings: EncoderSettings, on_exists: str, limits: Limits,
+    sync: bool, monotonic: Callable[[], float] = time.monotonic,
+) -> Sink[Any]:
+    """
+    Create the sink that frames are written to.
+
+    :param path: output folder, created if it does not exist.
+    :param names: template of the file names.
+    :param settings: format and encoder settings of the files.
+    :param on_exists: handling of existing files, one of ``ON_EXISTS``.
+    :param limits: limits of the recording.
+    :param sync: whether each file is flushed to disk before it gets its final name.
+    :param monotonic: monotonic clock in seconds, for the retries of a video.
+    :returns: the sink, for a recorder.
+    :raises RecordingError: the folder cannot be used, existing files are in the way, or videos
+        cannot be encoded on this machine.
+    """
+    is_video = settings.suffix in VIDEO_FORMATS
+    if is_video and limits.ring:
+        raise RecordingError(f'ring deletes the oldest files, but a {settings.suffix} recording '
+                             'is one file; set the extension of file_name to .png or .jpg')
+    try:
+        if is_video:
+            check_video()
+    except VideoError as err:
+        raise RecordingError(str(err)) from err
+    folder = _open_folder(path, sync)
+    try:
+        numbering = Numbering(names, folder, on_exists)
+        if is_video:
+            return VideoSink(folder, numbering, settings, limits, monotonic)
+        return ImageSink(folder, numbering, settings, limits, sync)
+    except OSError as err:
+        folder.close()
+        raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
+    except RecordingError:
+        folder.close()
+        raise
+
+
+def _open_folder(path: Path, sync: bool) -> Folder:
+    """
+    Open the output folder.
+
+    :raises RecordingError: the folder cannot be used; the message includes the remedy.
+    """
+    try:
+        return Folder(path, sync)
+    except RecordingError as err:
+        number = getattr(err.__cause__, 'errno', None)
+        if number not in _REMEDIES:
+            raise
+        raise RecordingError(
+            f'output_dir {printable(path)} cannot be used: {_REMEDIES[number]}') from err

@@ -1,0 +1,260 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joints of SDF, read: their axes by the rules of each version, and the loops they close."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+import math
+
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.model import (
+    Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic, SDF_TYPES)
+from opencv_tools.robot.pose import normalised, Vector, ZERO
+from opencv_tools.robot.sdf.joint_writer import AXES
+from opencv_tools.robot.sdf.link_reader import Place
+from opencv_tools.robot.sdf.names import JOINTS
+from opencv_tools.robot.sdf.scopes import MODEL_FRAME
+from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES
+from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, named
+from opencv_tools.robot.xml.numbers import limit_number, number, vector
+from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.taken import Taken
+
+_TYPE = f'{{{URDF_NAMESPACE}}}type'
+_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
+_MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
+# How many axes a joint has; a planar or floating one may have one or none.
+_AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
+# What turns a direction into the joint's frame; None where it is in it already.
+Turn = Callable[[Vector], Vector] | None
+
+
+def read_joint(element: Taken, place: Place) -> Joint:
+    """Read what a joint connects and where it is, without its axes."""
+    name = place.scope.qualified(named(element))
+    names, scope = place.names, place.scope
+    child, parent = names.child_frame(element, scope), names.parent_frame(element, scope)
+    ends = {'parent': names.link_of(parent), 'child': names.link_of(child)}
+    for tag, frame in (('parent', parent), ('child', child)):
+        if frame.kind != 'link':
+            place.report.carry('joint', name, line_of(element),
+                               f'its {tag} is {frame.name or MODEL_FRAME!r}, '
+                               f'which moves with link {ends[tag]!r}')
+    if ends['parent'] == ends['child']:
+        raise DescriptionError(f'connects link {ends["child"]!r} with itself', element)
+    return Joint(name, _type(element), ends['parent'], ends['child'],
+                 place.placement(element, child), line=line_of(element))
+
+
+def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics) -> Joint:
+    """
+    Read the axes of a joint, and keep what else there is of it.
+
+    :param joint: as `read_joint` gives it.
+    :param kinematics: of the robot, with all its frames.
+    """
+    kind = JOINT_TYPES[joint.type]
+    tags = AXES[:_AXIS_COUNT[kind]]
+    axes = []
+    for tag in tags:
+        child = element.find(tag)
+        if child is None:
+            # The second axis may be left out, so may that of a joint that SDF does not have.
+            if tag == AXES[0] and joint.type in SDF_TYPES:
+                place.report.warn('joint', joint.name, joint.line, f'a {joint.type} joint without '
+                                  '<axis>; it is taken for 0 0 1, as SDF has it')
+                axes.append(Axis((0.0, 0.0, 1.0)))
+            continue
+        axis = axis_from_element(child, _turn(child, joint, place, kinematics),
+                                 kind=joint.type)
+        axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
+    own = element.get(_TYPE)
+    if own == 'fixed':
+        element.first(AXES[0])  # an old version wants one of a fixed joint
+    limit = axes[0].limit if axes else None
+    limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
+    if limits[0] > limits[1]:
+        place.report.warn('limit', joint.name, joint.line,
+                          f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
+    if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
+        joint = replace(joint, type='continuous')
+    return replace(joint, axes=tuple(axes), carried=place.carried(element))
+
+
+def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
+    """
+    Read an axis.
+
+    :param kind: type of the joint; the positions of a continuous one have no limits.
+    :param turn: what turns its direction into the joint's frame, where it is in another one.
+    :raises DescriptionError: it has no direction, or a number that is none.
+    """
+    child = element.find('xyz')
+    xyz: Vector = (0.0, 0.0, 1.0) if child is None else vector(child.text, child)
+    if xyz == ZERO:
+        raise DescriptionError('the axis is 0 0 0, which is no direction',
+                               element if child is None else child)
+    xyz = turn(xyz) if turn else xyz
+    if child is not None and child.get(_XYZ):
+        written = vector(child.get(_XYZ), child, 'urdf:xyz')
+        # Someone may have changed the axis since; what was written says nothing then.
+        if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
+            xyz = written
+    limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
+    return Axis(xyz, None if limit is None else _limit(limit, kind),
+                None if dynamics is None else _dynamics(dynamics),
+                None if mimic is None else _plain_mimic(mimic))
+
+
+def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
+                 ) -> tuple[Joint, ...]:
+    """
+    Mark the joints that close a loop, so that the others make trees.
+
+    A link's first joint in the order of the file places it. Where every link is the child of a
+    joint, the canonical link or else the first one is what the others hang on.
+
+    :param links: in the order of the file.
+    :param canonical: the canonical link.
+    """
+    children = {joint.child for joint in joints}
+    whole = _Sets()
+    for joint in joints:
+        whole.join(joint.parent, joint.child)
+    links = [canonical, *links] if canonical else list(links)
+    rooted = {whole.top(link) for link in links if link not in children}
+    roots = set()
+    for link in links:
+        if whole.top(link) not in rooted:
+            rooted.add(whole.top(link))
+            roots.add(link)
+    trees, placed, result = _Sets(), roots, []
+    for joint in joints:
+        is_loop = joint.child in placed or not trees.join(joint.parent, joint.child)
+        if not is_loop:
+            placed.add(joint.child)
+        result.append(replace(joint, is_loop=True) if is_loop else joint)
+    return tuple(result)
+
+
+class _Sets:
+    """Links that hang together."""
+
+    def __init__(self) -> None:
+        self._above: dict[str, str] = {}
+
+    def top(self, link: str) -> str:
+        """Name the one link that stands for all that hang together with one."""
+        while (above := self._above.get(link, link)) != link:
+            self._above[link] = self._above.get(above, above)
+            link = above
+        return link
+
+    def join(self, one: str, other: str) -> bool:
+        """Note that two links hang together; tell whether that is new."""
+        one, other = self.top(one), self.top(other)
+        self._above[other] = one
+        return one != other
+
+
+def _type(element: Taken) -> str:
+    written = element.get('type', '')
+    text = element.get(_TYPE, written).strip().lower()
+    # In the namespace of URDF stand those that SDF does not have.
+    types = tuple(JOINT_TYPES) if element.tag != JOINTS[0] else SDF_TYPES
+    if text not in types:
+        raise DescriptionError(f'type={text!r} is not a type of joint; write one of '
+                               f'{", ".join(types)}', element)
+    return text
+
+
+def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
+    """Give what turns an axis into the joint's frame, by the rules of its version."""
+    version, xyz = place.scope.version, axis.find('xyz')
+    name = '' if xyz is None else xyz.get('expressed_in', '')
+    old = axis.find('use_parent_model_frame')
+    if old is not None and flag(old.text, old) and version >= FRAMES:
+        place.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame means nothing '
+                          'from SDF 1.7 on, where it is expressed_in=')
+    elif version < FRAMES:
+        in_model = version < JOINT_AXES and not place.scope.is_inside
+        if in_model if old is None else flag(old.text, old):
+            name = MODEL_FRAME
+    if not name:
+        return None
+    frame = place.names.lookup(place.scope, name, axis, 'expressed_in')
+    pose = kinematics.between(FrameId('joint', joint.name), frame)
+    return None if pose.rpy == ZERO else pose.transform().rotate
+
+
+def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
+    mimic, own = axis.mimic, element.find('mimic')
+    for kept in joint.each(_MIMIC):
+        if kept.get('axis', AXES[0]) == tag:
+            mimic = Mimic(kept.get('joint', ''),
+                          number(kept.get('multiplier', '1'), kept, 'multiplier'),
+                          number(kept.get('offset', '0'), kept, 'offset'))
+    if mimic is None:
+        return None
+    leader = FrameId('joint', place.scope.qualified(mimic.joint))
+    if leader not in place.names.elements:
+        if own is None:
+            raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
+        place.report.warn('mimic', place.scope.qualified(named(joint)), line_of(own),
+                          f'joint={mimic.joint!r} is no joint of the model; it follows none')
+        element.leave(own)
+        return None
+    return replace(mimic, joint=leader.name)
+
+
+def _plain_mimic(element: Element | Taken) -> Mimic:
+    values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
+              if (child := element.find(tag)) is not None}
+    multiplier = values.get('multiplier', 1.0)
+    reference = values.get('reference', 0.0)
+    return Mimic(element.get('joint', ''), multiplier,
+                 values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
+
+
+def _limit(element: Element | Taken, kind: str) -> Limit:
+    values = {}
+    positions = () if kind == 'continuous' else ('lower', 'upper')
+    for tag in (*positions, 'effort', 'velocity'):
+        child = element.find(tag)
+        if child is not None:
+            values[tag] = limit_number(child.text, child)
+    lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
+    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
+    effort, velocity = (_enforced(values[tag]) if tag in values else kept[tag] for tag in kept)
+    return Limit(lower, upper, effort, velocity)
+
+
+def _enforced(value: float) -> float:
+    """Give an effort or a velocity, which is not enforced where it is negative."""
+    return math.inf if value < 0 else abs(value)
+
+
+def _negative(limit: Element | Taken, tag: str) -> float:
+    """Read the negative number by which URDF said that there is no limit."""
+    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+    value = limit_number(text, limit, f'urdf:{tag}')
+    return value if value < 0 else math.inf
+
+
+def _dynamics(element: Element | Taken) -> Dynamics:
+    return Dynamics(*(None if child is None else number(child.text, child)
+                      for child in map(element.find, ('damping', 'friction'))))

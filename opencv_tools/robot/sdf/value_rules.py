@@ -1,0 +1,165 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+The texts and attributes that the parser of SDF refuses, by element.
+
+The facts are those of libsdformat 12 and its specification 1.9, in newer ones the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+import math
+import re
+
+from opencv_tools.robot.xml.document import Element, local_name
+
+_NUMBER = re.compile(
+    r'[+-]?(?:0x[\da-f]+|inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)', re.IGNORECASE)
+
+
+def read_number(text: str) -> float | None:
+    """Read the number that a text begins with, as C does; None where there is none."""
+    if text.isascii() and '_' not in text:  # Python's own, which is quicker, reads the same there
+        try:
+            value = float(text)
+        except ValueError:
+            pass
+        else:
+            return None if math.isinf(value) and 'n' not in text.lower() else value
+    found = _NUMBER.match(text)
+    if found is None:
+        return None
+    word = found[0].lower()
+    value = float(int(word, 16)) if 'x' in word else float(word)
+    return None if math.isinf(value) and 'inf' not in word else value
+
+
+def _numbers(count: int, text: str) -> bool:
+    values = [read_number(word) for word in text.split()]
+    return len(values) >= count and all(
+        value is not None and math.isfinite(value) for value in values[:count])
+
+
+def _is_color(text: str) -> bool:
+    values = [read_number(word) for word in text.split()]
+    return len(values) in (3, 4) and None not in values
+
+
+# By kind: what is asked of a text, and the words for it.
+_KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
+    'double': (lambda text: read_number(text) is not None, 'a number'),
+    'bool': (lambda text: text.lower() in ('true', 'false', '1', '0'), 'true or false'),
+    'vector3': (lambda text: _numbers(3, text), '3 numbers'),
+    'color': (_is_color, '3 or 4 numbers'),
+    'pose': (lambda text: _numbers(6, text) and len(text.split()) == 6, '6 finite numbers'),
+    'quaternion': (lambda text: _numbers(7, text) and len(text.split()) == 7,
+                   '7 finite numbers'),
+}
+COLORS = ('ambient', 'diffuse', 'specular', 'emissive', 'color_start', 'color_end')
+_TAGS: Mapping[str, str] = {
+    'double': 'accuracy angular bias_mean bias_stddev bounce c1 c2 c3 category_bitmask '
+              'coefficient collide_bitmask constant contact_max_correcting_vel '
+              'contact_surface_layer cutoff_angle cx cy damping dissipation duration '
+              'dynamic_bias_correlation_time dynamic_bias_stddev dynamic_friction effort '
+              'elastic_modulus falloff far far_clip fov friction friction2 fx fy gain '
+              'gearbox_ratio height horizontal_fov inner_angle intensity ixx ixy ixz iyy iyz '
+              'izz k1 k2 k3 kd kp laser_retro lifetime linear lower mass max max_angle '
+              'max_contacts max_vel max_velocity mean min min_angle min_contact_count min_depth '
+              'min_velocity mu mu2 near near_clip outer_angle p1 p2 patch_radius poissons_ratio '
+              'precision quadratic restitution_coefficient rolling_friction samples scale_rate '
+              'slip slip1 slip2 soft_cfm soft_erp spring_reference spring_stiffness '
+              'static_friction stddev stiffness surface_radius thread_pitch threshold '
+              'transparency update_rate upper velocity viscous_friction visibility_flags '
+              'visibility_mask voltage width',
+    'bool': 'allow_auto_disable always_on cast_shadows collide_without_contact double_sided '
+            'emitting enable_metrics enable_orientation enable_wind gravity kinematic lighting '
+            'must_be_base_link provide_feedback scale_to_hfov self_collide static '
+            'use_patch_radius visualize',
+    'vector3': 'direction fdir1 particle_size',
+    'color': ' '.join(COLORS),
+    'pose': 'pose',
+}
+_KIND_OF = {tag: kind for kind, tags in _TAGS.items() for tag in tags.split()}
+_RANGES: Mapping[str, tuple[float, float]] = {
+    'bias_stddev': (0.0, math.inf), 'coefficient': (0.0, math.inf),
+    'cutoff_angle': (0.0, 3.141592653), 'dynamic_bias_stddev': (0.0, math.inf),
+    'far': (0.1, math.inf), 'friction2': (0.0, math.inf), 'horizontal_fov': (0.1, 6.283186),
+    'max_velocity': (0.0, math.inf), 'min_velocity': (0.0, math.inf), 'mu': (0.0, math.inf),
+    'mu2': (0.0, math.inf), 'near': (0.0, math.inf), 'patch_radius': (0.0, math.inf),
+    'restitution_coefficient': (0.0, 1.0), 'scale_rate': (0.0, math.inf),
+    'stddev': (0.0, math.inf), 'surface_radius': (0.0, math.inf),
+}
+_REQUIRED: Mapping[str, tuple[str, ...]] = {
+    'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
+    'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
+    'sensor': ('name', 'type'),
+}
+_TYPES: Mapping[str, tuple[str, ...]] = {
+    'light': ('directional', 'point', 'spot'),
+    'sensor': (
+        'air_pressure', 'air_speed', 'altimeter', 'boundingbox', 'boundingbox_camera', 'camera',
+        'contact', 'custom', 'depth', 'depth_camera', 'dvl', 'force_torque', 'gps', 'gpu_lidar',
+        'gpu_ray', 'imu', 'lidar', 'logical_camera', 'magnetometer', 'multicamera', 'navsat',
+        'ray', 'rfid', 'rfidtag', 'rgbd', 'rgbd_camera', 'segmentation', 'segmentation_camera',
+        'sonar', 'thermal', 'thermal_camera', 'wide_angle_camera', 'wideanglecamera',
+        'wireless_receiver', 'wireless_transmitter'),
+}
+
+
+def is_passed_over(element: Element) -> bool:
+    """Return whether the parser does not look into an element: a plugin, or one with a prefix."""
+    return not isinstance(element.tag, str) or element.tag == 'plugin' or '{' in element.tag
+
+
+def looked_at(element: Element) -> Iterator[Element]:
+    """Return an element and all inside it that the parser looks into."""
+    todo = [element]
+    while todo:
+        one = todo.pop()
+        if not is_passed_over(one):
+            yield one
+            todo.extend(reversed(one))
+
+
+def flaw_of(element: Element) -> str:
+    """Return what the parser refuses about one element, as a sentence; empty where it does not."""
+    tag = local_name(element)
+    for name in _REQUIRED.get(tag, ()):
+        if not element.get(name, '').strip():
+            return f'has no {name}=, which SDF demands'
+    for plugin in element.iterchildren('plugin') if len(element) else ():
+        if not (plugin.get('filename', '').strip() and plugin.get('name', '').strip()):
+            return 'has a <plugin> without filename= or name=, which SDF demands'
+    if tag in _TYPES and element.get('type') not in _TYPES[tag]:
+        return f'type={element.get("type")!r} is no type of SDF'
+    text = (element.text or '').strip()
+    if not text or len(element):
+        return ''
+    kind = _KIND_OF.get(tag, '')
+    if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
+        kind = 'quaternion'
+    if kind and not _KINDS[kind][0](text):
+        return f'{text!r} is not {_KINDS[kind][1]}, which SDF demands'
+    if tag in _RANGES and not _within(_RANGES[tag], text):
+        low, high = _RANGES[tag]
+        return f'{text!r} is outside of {low:g} to {high:g}, which SDF demands'
+    return ''
+
+
+def _within(reach: tuple[float, float], text: str) -> bool:
+    value = read_number(text)
+    return value is None or not (value < reach[0] or value > reach[1])

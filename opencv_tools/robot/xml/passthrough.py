@@ -1,0 +1,125 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a reader did not take of an element: carried in the other format, and put back."""
+
+from __future__ import annotations
+
+from lxml import etree
+from opencv_tools.robot.model import Robot
+from opencv_tools.robot.xml.document import Element, local_name
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.taken import detached, PART, Taken, TEXT
+
+# What a writer notes for the reader of the way back has the namespace of the format that it is
+# about. What was not read is in an element of a namespace of its own, in the words of its format.
+URDF_NAMESPACE = 'urn:opencv_tools:urdf'
+SDF_NAMESPACE = 'urn:opencv_tools:sdf'
+_CARRIED = 'urn:opencv_tools:carried'
+PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'carried': _CARRIED}
+# The name that a thing had before it was renamed is a note, too.
+_NAME = f'{{{URDF_NAMESPACE}}}name'
+
+
+def restore(element: Element, rest: Element | None, *, marked: bool = False) -> None:
+    """
+    Put back into an element what `Taken.rest` left of it.
+
+    :param element: the element as it was written from what was read; it is changed.
+    :param marked: whether ``PART`` stays, because the element is to be carried itself.
+    """
+    if rest is None:
+        return
+    written = {child.tag: child for child in reversed(element)}
+    if rest.text and not element.text:
+        element.text = rest.text
+    for name, value in rest.attrib.items():
+        if name != PART:
+            element.set(name, value)
+    for part in rest:
+        target = written.get(part.tag) if PART in part.attrib else None
+        if target is None and part.get(PART) == TEXT:
+            continue  # what has no text any more has no attributes
+        if target is None:
+            copy = detached(part)
+            if not marked:
+                etree.strip_attributes(copy, PART)
+            element.append(copy)
+        else:
+            restore(target, part, marked=marked)
+
+
+def carry(element: Element, rest: Element | None, language: str, report: Report, name: str,
+          line: int) -> None:
+    """
+    Put into an element what only the other format has a word for.
+
+    :param element: the element as it was written from what was read; it is changed.
+    :param language: the format that has the words, ``urdf`` or ``sdf``.
+    :param name: the name of the thing, for the report.
+    """
+    if rest is None:
+        return
+    copy = detached(rest)
+    copy.tag = f'{{{_CARRIED}}}{language}'
+    if language == 'urdf' and 'name' in copy.attrib:
+        element.set(_NAME, copy.attrib.pop('name'))
+    if not len(copy) and not copy.attrib and not copy.text:
+        return
+    element.append(copy)
+    other = 'SDF' if language == 'urdf' else 'URDF'
+    for tag in (*(f'@{etree.QName(name).localname}' for name in copy.attrib),
+                *map(local_name, copy)):
+        report.carry(tag, name, line, f'{other} has no word for it; kept in <carried:{language}>')
+
+
+def carried(taken: Taken, language: str) -> Element | None:
+    """
+    Take from an element what `carry` put there.
+
+    :returns: an element of the same tag; None where nothing is carried.
+    """
+    own = taken.get(_NAME) if language == 'urdf' else None
+    found = taken.first(f'{{{_CARRIED}}}{language}')
+    if found is None and own is None:
+        return None
+    tag = local_name(taken)
+    rest = etree.Element(tag) if found is None else detached(found.element)
+    rest.tag = tag
+    if own is not None:
+        rest.set('name', own)
+    return rest
+
+
+def note_carried(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
+    """Note what is in the namespace of the one format that has a word for it."""
+    other = 'SDF' if prefix == 'urdf' else 'URDF'
+    kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
+    report.carry(tag, name, line, f'{other} has no word for it; kept as {kept}')
+
+
+def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
+    """
+    Collect the namespaces that what is carried was written with.
+
+    :param own: the prefix of what the writer notes.
+    """
+    things = [robot, *(thing for _, thing in robot.framed()), *(
+        shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
+    found: dict[str, str] = {}
+    for thing in things:
+        for rest in (thing.carried.urdf, thing.carried.sdf):
+            if rest is not None:
+                found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
+    return {**dict(sorted(found.items())), own: PREFIXES[own], 'carried': _CARRIED}

@@ -1,0 +1,147 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics of a camera: images, compressed images and calibration."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.image.errors import ImageError
+from opencv_tools.ros.fastdds.profile import FastDdsSetup
+from opencv_tools.ros.publisher.backlog import Backlog
+from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.qos import create_frame_publisher
+from opencv_tools.ros.zero_copy import publish_image
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
+
+# A subscriber may discover a publisher slightly later than the publisher discovers it.
+_SETTLE_SECONDS = 0.2
+
+
+class FrameTopics:
+    """
+    Publish frames on the topics that have subscribers, and compute nothing for the others.
+
+    The names of the other topics are those of image_transport.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
+        subscribers: int,
+    ) -> None:
+        """
+        Create the publishers.
+
+        :param node: node of the publishers.
+        :param topic: name of the image topic.
+        :param calibration: calibration of the camera.
+        :param fastdds: result of the configuration of Fast DDS.
+        :param subscribers: number of subscribers to wait for before the first frame.
+        :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
+        """
+        self.calibration = calibration
+        self._fastdds = fastdds
+        self._log = node.get_logger()
+        self._largest = 0  # bytes of the largest frame so far
+        self._bridge = CvBridge()
+        base = node.resolve_topic_name(topic)
+        self.images = create_frame_publisher(node, Image, topic)
+        self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
+        self._infos = create_frame_publisher(
+            node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
+        #: Messages that reliable subscribers have not confirmed.
+        self.backlog = Backlog(self._publishers(), self._log)
+        #: Number of subscribers to wait for before the first frame; 0 after the wait.
+        self.awaited = subscribers
+        self._settled_at = 0.0
+
+    def may_publish(self) -> bool:
+        """Return whether the awaited subscribers have come; later they may leave again."""
+        if self.awaited:
+            now = time.monotonic()
+            if _count(self.images) + _count(self._compressed) < self.awaited:
+                self._settled_at = 0.0
+            else:
+                self._settled_at = self._settled_at or now + _SETTLE_SECONDS
+                if now >= self._settled_at:
+                    self.awaited = 0
+        return not self.awaited
+
+    def has_subscribers(self) -> bool:
+        """Return whether any topic has a subscriber."""
+        return any(_count(publisher) for publisher in self._publishers())
+
+    def publish(self, output: OutputImage, stamp: Time, frame_id: str) -> bool:
+        """
+        Publish a frame on each topic with subscribers, raw pixels first because they are fast.
+
+        :param output: frame to publish.
+        :param stamp: stamp of the messages.
+        :param frame_id: coordinate frame of the camera.
+        :returns: whether any topic has a subscriber.
+        :raises ImageError: the frame cannot be decoded or converted.
+        """
+        header = Header(stamp=stamp, frame_id=frame_id)
+        failure: ImageError | None = None
+        to_images, to_compressed, to_infos = (
+            _count(publisher) > 0 for publisher in self._publishers())
+        try:
+            if to_images:
+                self._check_room(output.image.nbytes)
+                publish_image(self.images.handle, self._bridge.cv2_to_wire(
+                    output.image, output.encoding, header))
+                self.backlog.add(self.images)
+            if to_infos:
+                settings = output.settings
+                self._infos.publish(self.calibration.message(
+                    header, *output.size, settings.flip, settings.rotate))
+                self.backlog.add(self._infos)
+        except ImageError as err:
+            failure = err  # the JPEG data of the camera may still be published unchanged
+        if to_compressed:
+            self._compressed.publish(_compressed_cdr(output, header))
+            self.backlog.add(self._compressed)
+        if failure:
+            raise failure
+        return to_images or to_compressed or to_infos
+
+    def _check_room(self, frame_bytes: int) -> None:
+        """Log a warning when frames become too large for the shared memory."""
+        if frame_bytes > self._largest:
+            self._largest = frame_bytes
+            size_warning = self._fastdds.size_warning(frame_bytes)
+            if size_warning:
+                self._log.warning(size_warning)
+
+    def _publishers(self) -> tuple[Publisher, ...]:
+        return self.images, self._compressed, self._infos
+
+
+def _count(publisher: Publisher) -> Any:
+    return publisher.get_subscription_count()
+
+
+def _compressed_cdr(output: OutputImage, header: Header) -> bytes:
+    data, format_text = output.jpeg
+    return compressed_image_to_cdr(WireCompressedImage(
+        header.stamp.sec, header.stamp.nanosec, header.frame_id, format_text, data.data))

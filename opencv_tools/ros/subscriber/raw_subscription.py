@@ -1,0 +1,151 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One subscription to frames, which takes serialized messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.ros.subscriber.topic_discovery import FRAME_TYPES, ImageTopic
+from opencv_tools.ros.zero_copy import MessageInfo, SerializedMessage, take_serialized
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.waitable import NumberOfEntities, Waitable
+
+# One more than Fast DDS keeps for a subscription.
+_MAX_MESSAGES = 5001
+
+
+class RawSubscription:
+    """A subscription of the middleware, with the callback for its messages."""
+
+    def __init__(
+        self, node: Node, image_topic: ImageTopic, qos: QoSProfile,
+        on_message: Callable[[RawSubscription, NDArray[np.uint8], MessageInfo], None],
+        on_publishers: Callable[[object], None],
+    ) -> None:
+        """
+        Subscribe.
+
+        :param node: node that receives, in its default callback group.
+        :param image_topic: topic to subscribe to.
+        :param qos: quality of service to request.
+        :param on_message: called with this object, the bytes of a message, (n,) uint8, and its
+            metadata.
+        :param on_publishers: called when publishers appear, leave or are incompatible.
+        """
+        self.image_topic = image_topic
+        self.qos = qos
+        self._node = node
+        self._on_message = on_message
+        message_type, self.read = FRAME_TYPES[image_topic.type_name]
+        self._subscription = node.create_subscription(
+            message_type, image_topic.name, _unused_callback, qos, raw=True,
+            callback_group=_EventsOnlyGroup(),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=on_publishers, matched=on_publishers,
+                use_default_callbacks=False))
+        self.topic_name: str = self._subscription.topic_name
+        self._waitable = _RawWaitable(node, self._subscription, self._receive)
+        node.add_waitable(self._waitable)
+
+    def publisher_count(self) -> int:
+        """Return the number of matched publishers."""
+        count: int = self._subscription.get_publisher_count()
+        return count
+
+    def drain(self) -> None:
+        """Pass on all messages that were received until now."""
+        for taken in self.received_messages(time.time_ns()):
+            self._receive(taken)
+
+    def received_messages(
+        self, until: int, may_continue: Callable[[], bool] = lambda: True,
+    ) -> Iterator[SerializedMessage]:
+        """
+        Yield the messages that were received before a time, and at most one later message.
+
+        :param until: nanoseconds of the system clock.
+        :param may_continue: returns whether to take another message.
+        """
+        received_ns = 0
+        for _ in range(_MAX_MESSAGES):
+            if received_ns >= until or not may_continue():
+                return
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                return
+            received_ns = taken[1].received_timestamp
+            yield taken
+
+    def destroy(self) -> None:
+        """Unsubscribe."""
+        if self._node.destroy_subscription(self._subscription):
+            self._node.remove_waitable(self._waitable)
+
+    def _receive(self, taken: SerializedMessage) -> None:
+        self._on_message(self, *taken)
+
+
+class _RawWaitable(Waitable):
+    """Waitable that replaces the subscription in the executor, to avoid rclpy's copy."""
+
+    def __init__(
+        self, node: Node, subscription: Subscription, receive: Callable[[SerializedMessage], None],
+    ) -> None:
+        super().__init__(node.default_callback_group)
+        self._handle = subscription.handle
+        self._receive = receive
+        self._index = 0
+
+    def __enter__(self) -> None:
+        self._handle.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self._handle.__exit__(*error)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities(num_subs=1)
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        self._index = wait_set.add_subscription(self._handle)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        return bool(wait_set.is_ready('subscription', self._index))
+
+    def take_data(self) -> SerializedMessage | None:
+        return take_serialized(self._handle)
+
+    async def execute(self, taken_data: SerializedMessage | None) -> None:
+        if taken_data is not None:
+            self._receive(taken_data)
+
+
+class _EventsOnlyGroup(ReentrantCallbackGroup):
+    """Callback group that keeps the executor from taking messages; events still run."""
+
+    def can_execute(self, entity: object) -> bool:
+        return not isinstance(entity, Subscription)
+
+
+def _unused_callback(_: bytes) -> None:
+    """Do nothing; the executor never calls this callback."""

@@ -1,0 +1,198 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Image topics, raw and compressed, and their publishers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import re
+from typing import Any
+
+from opencv_tools.image.text import printable
+from opencv_tools.ros.fastdds.other_users import find_other_user
+from opencv_tools.ros.qos import qos_mismatch
+from opencv_tools.ros.subscriber.messages import FrameMessage, read_compressed_image, read_image
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CompressedImage, Image
+
+TRANSPORTS = ('auto', 'raw', 'compressed')
+
+_IMAGE = 'sensor_msgs/msg/Image'
+_COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+#: Class and reader of the serialized messages, by message type.
+FRAME_TYPES: dict[str, tuple[Any, Callable[[Any], FrameMessage]]] = {
+    _IMAGE: (Image, read_image),
+    _COMPRESSED_IMAGE: (CompressedImage, read_compressed_image),
+}
+
+_NAMED_TOPICS = 5
+_NAME = re.compile(r'/[A-Za-z0-9_/]+')
+_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+
+
+@dataclass(frozen=True)
+class ImageTopic:
+    """
+    A topic that may have frames.
+
+    :param name: name of the topic before remapping.
+    :param type_name: type of its messages.
+    """
+
+    name: str
+    type_name: str
+
+
+class TopicDiscovery:
+    """The raw and compressed topics that belong to an image topic, and their publishers."""
+
+    def __init__(self, node: Node, topic: str, transport: str) -> None:
+        """
+        List the topics.
+
+        :param node: node whose graph is queried.
+        :param topic: name of the image topic before remapping.
+        :param transport: one of ``TRANSPORTS``.
+        """
+        self._node = node
+        self._topic = topic
+        self._known = _list_topics(topic, node.resolve_topic_name(topic))
+        allowed = {'raw': {_IMAGE}, 'compressed': {_COMPRESSED_IMAGE}}.get(
+            transport, FRAME_TYPES.keys())
+        #: Topics that the transport allows, best first.
+        self.allowed = [known for known in self._known if known.type_name in allowed]
+
+    def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
+        """Return the publishers of a topic."""
+        return [info for info in self._node.get_publishers_info_by_topic(image_topic.name)
+                if info.topic_type == image_topic.type_name]
+
+    def best(self) -> ImageTopic | None:
+        """Return the first topic that has a publisher, or None."""
+        return next(filter(self.publishers, self.allowed), None)
+
+    def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
+        """
+        Return the reason why no frame arrives, with a remedy, as a sentence.
+
+        :param image_topic: subscribed topic.
+        :param qos: quality of service of the subscription.
+        """
+        topic = self._resolved_name(image_topic)
+        publishers = self._node.get_publishers_info_by_topic(image_topic.name)
+        offers = [info for info in publishers if info.topic_type == image_topic.type_name]
+        if offers:
+            return _describe_silent(topic, offers, qos)
+        for other in self._known:
+            found = self.publishers(other)
+            if found:
+                return self._describe_other(image_topic, other, found[0])
+        if publishers:
+            return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
+                    f'({_describe_node(publishers[0])}), not {image_topic.type_name}; '
+                    f'{self._describe_images()}')
+        return f'no publisher on {topic}; {self._describe_images()}'
+
+    def _resolved_name(self, image_topic: ImageTopic) -> str:
+        name: str = self._node.resolve_topic_name(image_topic.name)
+        return name
+
+    def _describe_other(
+        self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,
+    ) -> str:
+        """Describe frames of the other message type."""
+        topic, name = self._resolved_name(image_topic), self._resolved_name(other)
+        given = 'raw' if other.type_name == _IMAGE else 'compressed'
+        expected = image_topic.type_name
+        if name == topic:
+            fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
+                   f'not {expected}'
+        else:
+            fact = f'no publisher of {expected} on {topic}, but one of ' \
+                   f'{other.type_name} on {name} ({_describe_node(info)})'
+        return f'{fact}; set transport:={given} or transport:=auto'
+
+    def _find_images(self) -> dict[str, set[str]]:
+        """Return the topics on which images are published, sorted, with their types."""
+        found = {}
+        for name, types in sorted(self._node.get_topic_names_and_types()):
+            if not _NAME.fullmatch(name):
+                continue  # not a topic of a ROS node
+            if not FRAME_TYPES.keys().isdisjoint(types):  # subscriptions have types as well
+                published = {
+                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
+                if published & FRAME_TYPES.keys():
+                    found[name] = published
+        return found
+
+    def _describe_images(self) -> str:
+        """Describe the topics that have images, and how to subscribe to one."""
+        topics = self._find_images()
+        domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
+        if not topics:
+            return f'no images are published in {domain}; ' \
+                   'is a publisher running, with the same ROS_DOMAIN_ID?'
+        allowed = {image_topic.type_name for image_topic in self.allowed}
+        example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
+                       '')
+        remedy = f'-r {self._topic}:={example or next(iter(topics))}'
+        if not example:
+            remedy += ' -p transport:=auto'
+        return f'images are published on {_enumerate(list(topics))} in {domain}; ' \
+               f'receive one with {remedy}'
+
+
+def _list_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
+    """Return the topics that may have the frames of an image topic, best first."""
+    image = ImageTopic(topic, _IMAGE)
+    itself = ImageTopic(topic, _COMPRESSED_IMAGE)
+    beside = ImageTopic(f'{resolved}/compressed', _COMPRESSED_IMAGE)
+    if resolved.endswith('/compressed'):
+        return itself, image, beside
+    return image, beside, itself
+
+
+def _describe_silent(
+    topic: str, offers: Sequence[TopicEndpointInfo], request: QoSProfile,
+) -> str:
+    """Describe why publishers of the right type deliver no frame."""
+    mismatches = [(info, qos_mismatch(info.qos_profile, request)) for info in offers]
+    if all(mismatch for _, mismatch in mismatches):
+        info, mismatch = mismatches[0]
+        return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the requested '
+                f'quality of service: {mismatch}; change that of the publisher')
+    nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
+    user = find_other_user()
+    if user:
+        return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
+                'nodes on this machine, and Fast DDS shares no memory between users: run all '
+                'nodes as one user')
+    return (f'{topic} has a publisher ({nodes}), but no frame arrives; the publisher may be '
+            'paused or its source may have no frames, and containers on one machine have to '
+            'share /dev/shm (--ipc=host)')
+
+
+def _describe_node(info: TopicEndpointInfo) -> str:
+    if info.node_name == _UNKNOWN_NODE:
+        return 'not a ROS node'
+    return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
+
+
+def _enumerate(names: Sequence[str]) -> str:
+    more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
+    return ', '.join(map(printable, names[:_NAMED_TOPICS])) + more
