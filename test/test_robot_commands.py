@@ -114,9 +114,9 @@ def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: T
                for line in lines)
     notes = json.loads(report.read_text())
     assert notes['input'] == arm
-    assert {(note['element'], note['name'], note['line']) for note in notes['reported']} == {
+    assert {(note['element'], note['name'], note['line']) for note in notes['lossy']} == {
         ('joint', 'swing', 6), ('link', 'left::tip', 4)}
-    assert [note['element'] for note in notes['carried']] == ['transmission']
+    assert [note['element'] for note in notes['preserved']] == ['transmission']
 
 
 @pytest.mark.parametrize('report', ['no/report.json', '.', '/dev/full'])
@@ -152,7 +152,7 @@ def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> N
 
     def carried() -> list[tuple[str, str, int, str]]:
         return [(note['element'], note['name'], note['line'], note['message'])
-                for note in json.loads(report.read_text())['carried']]
+                for note in json.loads(report.read_text())['preserved']]
 
     assert urdf_to_sdf([str(path), '-o', there, '--report', str(report)]) == 0
     *moved, kept = carried()

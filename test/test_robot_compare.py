@@ -24,7 +24,7 @@ from opencv_tools.robot.compare.compare import Difference, differences
 from opencv_tools.robot.compare.table import table
 from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.model import (
-    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
     Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
@@ -235,7 +235,7 @@ def test_both_ways_to_name_a_mesh_and_no_scale_are_the_same() -> None:
 def test_geometry_that_only_sdf_has_is_compared_by_meaning() -> None:
     def plane(text: str) -> Robot:
         rest = etree.fromstring(f'<visual><geometry><plane>{text}</plane></geometry></visual>')
-        return with_visual(urdf(), geometry=None, carried=Carried(sdf=rest))
+        return with_visual(urdf(), geometry=None, extension=Extension(sdf=rest))
 
     assert told(plane('<size>1 2.0</size>'), plane('<size> 1.0 2 </size>')) == []
     assert told(plane('<size>1 2</size>'), plane('<size>1 3</size>')) == [
@@ -305,7 +305,7 @@ def test_names_of_nested_models_are_the_same_in_either_format() -> None:
 
 def test_a_name_that_a_conversion_changed_is_the_one_before() -> None:
     own = etree.fromstring('<joint name="slide"/>')
-    changed = with_joint(sdf(), 'slide', name='slide_joint', carried=Carried(urdf=own))
+    changed = with_joint(sdf(), 'slide', name='slide_joint', extension=Extension(urdf=own))
     assert told(urdf(), changed) == []
 
 

@@ -33,12 +33,12 @@ from lxml import etree
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.passthrough import PREFIXES
-from opencv_tools.robot.xml.report import CARRIED, Report, REPORTED
+from opencv_tools.robot.xml.report import LOSSY, PRESERVED, Report
 from opencv_tools.robot.xml.schema import GAZEBO
 import pytest
 
@@ -47,7 +47,7 @@ Element = etree._Element
 TABLES = Path(__file__).parent.parent / 'docs' / 'element_mapping.md'
 ROBOTS = Path(__file__).parent / 'data' / 'robots'
 CONVERTED = 'converted'
-FATES = {CONVERTED, CARRIED, REPORTED}
+FATES = {CONVERTED, PRESERVED, LOSSY}
 
 MASS = {
     'urdf': '<inertial><mass value="1"/>'
@@ -258,7 +258,7 @@ def test_what_gazebo_takes_is_in_the_tables() -> None:
         path = 'model' if owner == 'model' else f'model/{owner}'
         for tag in tags - {'plugin'}:
             row = _row('sdf', f'{path}/{tag}')
-            assert row and row.fates == {CARRIED} and '<gazebo' in row.text
+            assert row and row.fates == {PRESERVED} and '<gazebo' in row.text
 
 
 @pytest.mark.parametrize(('language', 'path'), PATHS)
@@ -275,17 +275,17 @@ def test_every_row_is_true(language: str, path: str) -> None:
     plain = _plain(language, there) != _plain(language, bare)
     if CONVERTED in row.fates:
         assert plain, 'makes no difference to the other format'
-    elif row.fates == {CARRIED}:
+    elif row.fates == {PRESERVED}:
         assert not plain, 'makes a difference to the other format'
     kept, kept_before = _kept(language, there), _kept(language, bare)
-    if CARRIED in row.fates:
-        assert kept != kept_before, 'is not carried'
-        assert path.endswith('@name') or _notes(report, CARRIED)
+    if PRESERVED in row.fates:
+        assert kept != kept_before, 'is not preserved'
+        assert path.endswith('@name') or _notes(report, PRESERVED)
     else:
         name = path.rpartition('/')[2].lstrip('@')
-        assert kept[name] == kept_before[name], 'is carried'
-    reported = _notes(report, REPORTED) - _notes(bare_report, REPORTED)
-    assert bool(reported) == (REPORTED in row.fates), reported
+        assert kept[name] == kept_before[name], 'is preserved'
+    reported = _notes(report, LOSSY) - _notes(bare_report, LOSSY)
+    assert bool(reported) == (LOSSY in row.fates), reported
 
 
 def _above(language: str, path: str, row: Row) -> str:
@@ -364,7 +364,7 @@ def _read(language: str, root: Element, report: Report) -> Robot:
     root = parse(to_bytes(deepcopy(root)), 'robot', report)
     if language == 'urdf':
         return read_urdf(root, report)
-    return with_own_names(read_sdf(root, report, search=[str(ROBOTS)]))
+    return with_original_names(read_sdf(root, report, search=[str(ROBOTS)]))
 
 
 def _converted(language: str, root: Element) -> tuple[Element, Report]:
@@ -385,7 +385,7 @@ def _check_way_back(language: str, path: str, row: Row, root: Element, there: El
             names = ([thing.name for thing in getattr(robot, kind)]
                      for robot in (original, restored))
             assert next(names) == next(names)
-    if row.fates & {CARRIED} and CONVERTED not in row.fates and not REWRITTEN.search(path):
+    if row.fates & {PRESERVED} and CONVERTED not in row.fates and not REWRITTEN.search(path):
         top = (root, back) if language == 'urdf' else (root[0], back[0])
         assert _at(top[0], path)
         assert set(_at(top[0], path)) <= set(_at(top[1], path)), 'is not restored'
@@ -413,7 +413,7 @@ def _stripped(element: Element) -> Element:
 
 def _is_kept(language: str, name: str) -> bool:
     """Tell whether what has this name is for the format that was read."""
-    namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'carried'))
+    namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'preserved'))
     return name.startswith(tuple(namespaces)) or (language == 'sdf' and name == 'gazebo')
 
 

@@ -31,7 +31,7 @@ from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.model import Carried, FrameId, Link, Robot
+from opencv_tools.robot.model import Extension, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import PART
@@ -39,7 +39,7 @@ import pytest
 
 Command = Callable[[Sequence[str] | None], int]
 Text = pytest.CaptureFixture[str]
-# Of what is carried: whose it is, the tags that lead to it, its attributes and its text.
+# Of what is preserved: whose it is, the tags that lead to it, its attributes and its text.
 Entry = tuple[str, tuple[str, ...], tuple[tuple[str, str], ...], str]
 
 ROBOTS = Path(__file__).parent / 'data' / 'robots'
@@ -308,21 +308,21 @@ def _numbers(link: Link) -> tuple[object, ...]:
 
 
 def _all_carried(robot: Robot) -> Iterator[Entry]:
-    yield from _entries(robot.carried, 'model')
+    yield from _entries(robot.extension, 'model')
     for link in robot.links:
-        yield from _entries(link.carried, f'link {link.name}')
+        yield from _entries(link.extension, f'link {link.name}')
         for index, shape in enumerate(link.visuals):
-            yield from _entries(shape.carried, f'visual {link.name} {index}')
+            yield from _entries(shape.extension, f'visual {link.name} {index}')
         for index, shape in enumerate(link.collisions):
-            yield from _entries(shape.carried, f'collision {link.name} {index}')
+            yield from _entries(shape.extension, f'collision {link.name} {index}')
     for joint in robot.joints:
-        yield from _entries(joint.carried, f'joint {joint.name}')
+        yield from _entries(joint.extension, f'joint {joint.name}')
     for frame in robot.frames:
-        yield from _entries(frame.carried, f'frame {frame.name}')
+        yield from _entries(frame.extension, f'frame {frame.name}')
 
 
-def _entries(carried: Carried, owner: str) -> Iterator[Entry]:
-    for root in (carried.urdf, carried.sdf):
+def _entries(extension: Extension, owner: str) -> Iterator[Entry]:
+    for root in (extension.urdf, extension.sdf):
         for element in () if root is None else root.iter(etree.Element):
             path = [str(step.tag) for step in (element, *element.iterancestors())]
             attributes = tuple(sorted((str(name), str(value))

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from opencv_tools.robot.kinematics import FREEDOM, Kinematics, motion, with_mimics
+from opencv_tools.robot.kinematics import DOF, joint_transform, Kinematics, with_mimics
 from opencv_tools.robot.model import (
     Axis, Frame, FrameId, Joint, JOINT_TYPES, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import IDENTITY, Pose, Vector
@@ -127,7 +127,8 @@ def test_a_chain_of_5000_links_takes_linear_time_and_no_recursion() -> None:
 @pytest.mark.parametrize('length', [1.0, 7.0])
 def test_joints_move_along_and_about_unit_axes(type_: str, position: tuple[float, ...],
                                                expected: Pose, length: float) -> None:
-    found = motion(joint('j', 'a', 'b', type_=type_, xyz=(0.0, 0.0, length)), position).pose()
+    moved = joint('j', 'a', 'b', type_=type_, xyz=(0.0, 0.0, length))
+    found = joint_transform(moved, position).pose()
     assert found.xyz == pytest.approx(expected.xyz)
     assert found.rpy == pytest.approx(expected.rpy)
 
@@ -135,13 +136,13 @@ def test_joints_move_along_and_about_unit_axes(type_: str, position: tuple[float
 def test_a_planar_joint_moves_across_its_normal() -> None:
     for xyz in (Z, (1.0, 0.0, 0.0), (0.0, -2.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)):
         planar = joint('j', 'a', 'b', type_='planar', xyz=xyz)
-        one, other = (motion(planar, position).translation
+        one, other = (joint_transform(planar, position).translation
                       for position in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
         assert math.hypot(*one) == pytest.approx(1)
         assert math.hypot(*other) == pytest.approx(1)
         for first, second in ((one, other), (one, xyz), (other, xyz)):
             assert sum(a * b for a, b in zip(first, second)) == pytest.approx(0, abs=1e-15)
-        assert motion(planar, (0.0, 0.0, 1.0)).rotate(xyz) == pytest.approx(xyz)
+        assert joint_transform(planar, (0.0, 0.0, 1.0)).rotate(xyz) == pytest.approx(xyz)
 
 
 def test_the_plane_of_an_axis_as_people_write_it_does_not_depend_on_its_length() -> None:
@@ -150,15 +151,15 @@ def test_the_plane_of_an_axis_as_people_write_it_does_not_depend_on_its_length()
         for length in (1 - 1e-15, 1 + 1e-15, 3.0):
             x, y, z = (value * length for value in xyz)
             scaled = joint('j', 'a', 'b', type_='planar', xyz=(x, y, z))
-            assert motion(scaled, (1.0, 0.0, 0.0)).translation == pytest.approx(
-                motion(written, (1.0, 0.0, 0.0)).translation)
+            assert joint_transform(scaled, (1.0, 0.0, 0.0)).translation == pytest.approx(
+                joint_transform(written, (1.0, 0.0, 0.0)).translation)
 
 
 @pytest.mark.parametrize('type_', JOINT_TYPES)
 def test_a_joint_without_a_position_is_at_zero(type_: str) -> None:
     one = joint('j', 'base', 'a', type_=type_)
-    assert motion(one, ()) == IDENTITY
-    zero = motion(one, (0.0,) * FREEDOM[JOINT_TYPES[type_]])
+    assert joint_transform(one, ()) == IDENTITY
+    zero = joint_transform(one, (0.0,) * DOF[JOINT_TYPES[type_]])
     assert zero.pose().is_identity
     poses = Kinematics(chain([one])).at({})
     assert poses[link_id('a')].pose().xyz == ODD.xyz

@@ -24,7 +24,7 @@ from opencv_tools.robot.convert import convert_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
-from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
@@ -137,7 +137,7 @@ def test_mass_and_places_of_any_robot_stay(seed: int) -> None:
 def test_a_lumped_robot_is_read_back_from_sdf() -> None:
     lumped = lump_fixed(urdf(ARM), Report())
     root = convert_to_sdf(urdf(ARM), Report(), lump=True)
-    again = with_own_names(read_sdf(parse(to_bytes(root), 'arm.sdf', Report()), Report()))
+    again = with_original_names(read_sdf(parse(to_bytes(root), 'arm.sdf', Report()), Report()))
     before, after = Kinematics(lumped), Kinematics(again)
     for frame in ('plate', 'screws'):
         assert after.pose(FrameId('frame', frame)).translation == pytest.approx(

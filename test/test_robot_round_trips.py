@@ -25,7 +25,7 @@ from lxml import etree
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse, to_bytes
@@ -47,7 +47,7 @@ def urdf_of(data: bytes) -> Robot:
 
 def sdf_of(data: bytes) -> Robot:
     """Read SDF."""
-    return with_own_names(read_sdf(parse(data, 'made_up.sdf', Report()), Report()))
+    return with_original_names(read_sdf(parse(data, 'made_up.sdf', Report()), Report()))
 
 
 @pytest.mark.parametrize('relative', [False, True], ids=['model', 'relative'])
@@ -164,8 +164,8 @@ def test_nothing_in_a_plugin_is_rewritten(version: str) -> None:
             f'<sensor name="s" type="imu"><pose {reference}="a">1 0 0 0 0 0</pose>{plugin}'
             '</sensor></link></model></sdf>').encode()
     robot = sdf_of(data)
-    assert robot.links[0].carried.sdf is not None
-    assert robot.links[0].carried.sdf.xpath('sensor/pose/@relative_to') == ['a']
+    assert robot.links[0].extension.sdf is not None
+    assert robot.links[0].extension.sdf.xpath('sensor/pose/@relative_to') == ['a']
     back = urdf_of(to_bytes(convert_to_urdf(robot, Report())))
     for one in (robot, back):
         made = convert_to_sdf(one, Report(), version=version)

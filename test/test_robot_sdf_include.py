@@ -176,10 +176,10 @@ def test_include_that_is_the_robot(tmp_path: Path) -> None:
                  '<uri>model://arm</uri><name>x</name><pose>1 0 0 0 0 0</pose><static>true'
                  '</static><plugin name="p"/></include></world>', report)
     assert robot.name == 'x' and [link.name for link in robot.links] == ['base', 'tip']
-    assert robot.carried.sdf is not None and not robot.carried.sdf.attrib
-    assert robot.carried.sdf.findtext('pose') == '1 0 0 0 0 0'
-    assert [static.text for static in robot.carried.sdf.findall('static')] == ['true']
-    assert robot.carried.sdf.find('plugin') is not None
+    assert robot.extension.sdf is not None and not robot.extension.sdf.attrib
+    assert robot.extension.sdf.findtext('pose') == '1 0 0 0 0 0'
+    assert [static.text for static in robot.extension.sdf.findall('static')] == ['true']
+    assert robot.extension.sdf.find('plugin') is not None
     assert [note.element for note in report.warnings] == ['include']
 
 

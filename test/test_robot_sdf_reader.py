@@ -37,7 +37,7 @@ def read(content: str, version: str = '1.9', report: Report | None = None,
          attributes: str = '') -> Robot:
     """Read a model of some content."""
     return read_text(f'<sdf version="{version}" xmlns:urdf="urn:opencv_tools:urdf" '
-                     f'xmlns:carried="urn:opencv_tools:carried">\n'
+                     f'xmlns:preserved="urn:opencv_tools:preserved">\n'
                      f'<model name="m" {attributes}>{content}</model></sdf>', report)
 
 
@@ -260,7 +260,7 @@ def test_both_axes_and_what_they_say() -> None:
     assert first.xyz == (0, 0, 1) and first.limit == Limit(-1, 2)
     assert first.dynamics == Dynamics(0.5)
     assert second.limit == Limit(velocity=4)
-    rest = robot.joints[0].carried.sdf
+    rest = robot.joints[0].extension.sdf
     assert rest is not None and rest.findtext('axis/dynamics/spring_stiffness') == '3'
     assert rest.find('axis2') is None
 
@@ -282,19 +282,19 @@ def test_limits_of_a_continuous_joint_are_kept_but_mean_nothing() -> None:
     made = read(TWO + joint('<axis><limit><lower>-1</lower><effort>2</effort></limit></axis>',
                             'continuous')).joints[0]
     assert made.axes[0].limit == Limit(effort=2)
-    assert made.carried.sdf is not None
-    assert made.carried.sdf.findtext('axis/limit/lower') == '-1'
+    assert made.extension.sdf is not None
+    assert made.extension.sdf.findtext('axis/limit/lower') == '-1'
 
 
 def test_axis_of_a_fixed_joint_is_kept_but_means_nothing() -> None:
     made = read(TWO + joint('<axis><xyz>0 0 0</xyz></axis>')).joints[0]
-    assert made.axes == () and made.carried.sdf is not None
+    assert made.axes == () and made.extension.sdf is not None
 
 
 def test_axis_that_stands_for_a_fixed_joint_is_not_kept() -> None:
     text = joint('<axis/>', 'revolute').replace('type=', 'urdf:type="fixed" type=')
     made = read(TWO + text, '1.4').joints[0]
-    assert (made.type, made.axes, made.carried.sdf) == ('fixed', (), None)
+    assert (made.type, made.axes, made.extension.sdf) == ('fixed', (), None)
 
 
 @pytest.mark.parametrize(('lower', 'reported'), [
@@ -324,8 +324,8 @@ def test_mimic_and_capsule_and_joint_of_urdf() -> None:
         .replace('/joint>', '/urdf:joint>'), '1.6')
     assert robot.links[0].collisions[0].geometry == Capsule(1, 2)
     assert robot.joints[0].axes[0].mimic == Mimic('k', 2)
-    assert robot.joints[0].carried.urdf is None
-    assert robot.joints[1].type == 'planar' and robot.carried.urdf is None
+    assert robot.joints[0].extension.urdf is None
+    assert robot.joints[1].type == 'planar' and robot.extension.urdf is None
 
 
 @pytest.mark.parametrize(('geometry', 'expected'), [
@@ -339,15 +339,15 @@ def test_geometries(geometry: str, expected: object) -> None:
     robot = read(f'<link name="a"><collision name="c"><geometry>{geometry}</geometry></collision>'
                  '</link>')
     assert robot.links[0].collisions[0].geometry == expected
-    assert robot.links[0].collisions[0].carried.sdf is None
+    assert robot.links[0].collisions[0].extension.sdf is None
 
 
 @pytest.mark.parametrize('geometry', ['plane', 'empty', 'heightmap', 'ellipsoid', 'cone'])
 def test_geometries_that_urdf_has_no_word_for_are_kept(geometry: str) -> None:
     made = read(f'<link name="a"><visual name="v"><geometry><{geometry}/></geometry></visual>'
                 '</link>').links[0].visuals[0]
-    assert made.geometry is None and made.carried.sdf is not None
-    assert made.carried.sdf.find(f'geometry/{geometry}') is not None
+    assert made.geometry is None and made.extension.sdf is not None
+    assert made.extension.sdf.find(f'geometry/{geometry}') is not None
 
 
 def test_no_geometry_is_an_empty_one() -> None:
@@ -355,7 +355,8 @@ def test_no_geometry_is_an_empty_one() -> None:
     made = read('<link name="a"><visual name="v"/><visual name="w"><geometry/></visual></link>',
                 report=report).links[0].visuals
     for one in made:
-        assert one.carried.sdf is not None and one.carried.sdf.find('geometry/empty') is not None
+        assert one.extension.sdf is not None
+        assert one.extension.sdf.find('geometry/empty') is not None
     assert [note.message for note in report.warnings] == ['has no <geometry>']
 
 
@@ -368,8 +369,8 @@ def test_material() -> None:
         '</material></visual></link>').links[0].visuals[0]
     assert made.placement == Placement(Pose((1, 0, 0)), FrameId('link', 'a'))
     assert made.material == Material('red', (1, 0, 0, 1), (0.9, 0, 0, 1), texture='a.png')
-    assert made.carried.sdf is not None
-    assert [child.tag for child in made.carried.sdf.iter()] == [
+    assert made.extension.sdf is not None
+    assert [child.tag for child in made.extension.sdf.iter()] == [
         'visual', 'material', 'script', 'pbr', 'metal', 'roughness']
 
 
@@ -416,15 +417,15 @@ def test_world_is_a_link_where_joints_are_fastened_to_it() -> None:
     assert robot.links[-1].is_world
     assert robot.links[-1].placement.pose.xyz == (-1, 0, 0)
     assert robot.canonical_link == ''
-    assert robot.carried.sdf is not None and robot.carried.sdf.findtext('pose')
+    assert robot.extension.sdf is not None and robot.extension.sdf.findtext('pose')
 
 
 def test_pose_of_a_placement_frame_is_settled() -> None:
     report = Report()
     robot = read(f'<pose>5 0 0 0 0 0</pose><link name="a"><pose>0 2 0 0 0 {HALF}</pose></link>',
                  attributes='placement_frame="a"', report=report)
-    assert robot.carried.sdf is not None and not robot.carried.sdf.attrib
-    numbers = tuple(map(float, (robot.carried.sdf.findtext('pose') or '').split()))
+    assert robot.extension.sdf is not None and not robot.extension.sdf.attrib
+    numbers = tuple(map(float, (robot.extension.sdf.findtext('pose') or '').split()))
     assert numbers == pytest.approx((3, 0, 0, 0, 0, -HALF), abs=1e-12)
     assert report.notes[0].element == 'pose'
 
@@ -453,7 +454,7 @@ def test_the_axis_of_a_fixed_joint_names_frames_of_the_whole_model() -> None:
     model = read('<link name="a"/><model name="n"><link name="a"/><link name="b"/>' + joint(
         '<axis><xyz expressed_in="a">1 0 0</xyz></axis>') + '</model>' + joint(
         name='k', child='n::a'))
-    (rest,) = (one.carried.sdf for one in model.joints if one.name == 'n::j')
+    (rest,) = (one.extension.sdf for one in model.joints if one.name == 'n::j')
     assert rest is not None
     xyz = rest.find('axis/xyz')
     assert xyz is not None
@@ -490,7 +491,7 @@ def test_model_in_a_model_in_a_model() -> None:
                  '</sensor></link></model></model>')
     assert robot.links[0].name == 'x::y::a'
     assert Kinematics(robot).pose(FrameId('link', 'x::y::a')).translation == (1, 1, 0)
-    rest = robot.links[0].carried.sdf
+    rest = robot.links[0].extension.sdf
     assert rest is not None
     assert rest.xpath('sensor/pose/@relative_to') == ['x::y::a']
 
@@ -507,14 +508,14 @@ def test_static_model_without_links_moves_with_the_model_around_it() -> None:
 
 
 def test_what_is_not_read_is_kept() -> None:
-    robot = read('<static>true</static><plugin name="p"/><carried:urdf>'
-                 '<transmission name="t"/></carried:urdf><link '
+    robot = read('<static>true</static><plugin name="p"/><preserved:urdf>'
+                 '<transmission name="t"/></preserved:urdf><link '
                  'name="a" urdf:name="x"><sensor name="s" type="imu"><pose frame="a"/></sensor>'
                  '</link>', '1.6')
-    assert robot.carried.sdf is not None and robot.carried.urdf is not None
-    assert [child.tag for child in robot.carried.sdf] == ['static', 'plugin']
-    assert [child.tag for child in robot.carried.urdf] == ['transmission']
-    link = robot.links[0].carried
+    assert robot.extension.sdf is not None and robot.extension.urdf is not None
+    assert [child.tag for child in robot.extension.sdf] == ['static', 'plugin']
+    assert [child.tag for child in robot.extension.urdf] == ['transmission']
+    link = robot.links[0].extension
     assert link.urdf is not None and link.urdf.get('name') == 'x'
     # It is kept in the words of newer versions.
     assert link.sdf is not None and link.sdf.xpath('sensor/pose/@relative_to') == ['a']

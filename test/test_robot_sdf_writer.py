@@ -24,7 +24,7 @@ from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Materi
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import (
-    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
     Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Tensor
 from opencv_tools.robot.sdf.joint_writer import axis_to_element
@@ -166,7 +166,7 @@ def test_mimic_by_version() -> None:
     assert old.find('joint/axis/mimic') is None
     assert dict(old.find('joint/{urn:opencv_tools:urdf}mimic').attrib) == {  # type: ignore
         'joint': 'hand_joint', 'multiplier': '2', 'offset': '0.1'}
-    assert [note.level for note in report.notes] == ['carried']
+    assert [note.level for note in report.notes] == ['preserved']
     for version in ('1.10', '1.11'):
         assert again(robot, version).joints[0].axes == robot.joints[0].axes
 
@@ -210,7 +210,8 @@ def test_capsule_of_old_versions_is_a_cylinder_as_long() -> None:
 def test_geometry_that_urdf_has_no_word_for_is_put_back() -> None:
     rest = etree.fromstring(
         '<visual><geometry><plane><size>1 1</size></plane></geometry></visual>')
-    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), None, carried=Carried(sdf=rest))
+    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), None,
+                  extension=Extension(sdf=rest))
     assert len(written(with_shape(shape)).findall('.//geometry')) == 1
     assert written(with_shape(shape)).findtext('.//geometry/plane/size') == '1 1'
     assert written(with_geometry(None)).find('.//geometry/empty') is not None
@@ -218,13 +219,13 @@ def test_geometry_that_urdf_has_no_word_for_is_put_back() -> None:
 
 def test_material_and_what_is_left_of_it() -> None:
     rest = etree.fromstring(
-        '<visual xmlns:c="urn:opencv_tools:carried"><material c:part="true"><script/>'
+        '<visual xmlns:c="urn:opencv_tools:preserved"><material c:part="true"><script/>'
         '<pbr c:part="true"><metal c:part="true"><roughness>1</roughness></metal></pbr></material>'
         '<transparency>0.5</transparency></visual>')
     material = Material('red', (1.0, 0.0, 0.0, 1.0), specular=(0.1, 0.2, 0.9, 1.0),
                         texture='a.png')
     shape = Shape('v', Placement(TURNED, FrameId('link', 'a')), Sphere(1.0), material,
-                  Carried(sdf=rest))
+                  Extension(sdf=rest))
     made = written(with_shape(shape)).find('link/visual')
     assert made is not None
     assert made.findtext('pose') == '0.1 0.2 0.3 0 0 1.5708'
@@ -242,7 +243,7 @@ def test_texture_of_old_versions_is_kept() -> None:
                   Material(texture='a.png'))
     report = Report()
     assert written(with_shape(shape), report, '1.5').find('.//pbr') is None
-    assert [note.level for note in report.notes] == ['carried']
+    assert [note.level for note in report.notes] == ['preserved']
     assert again(with_shape(shape), '1.5').links[0].visuals == (shape,)
 
 
@@ -305,36 +306,36 @@ def test_frame_on_a_joint_that_sdf_does_not_have_is_on_its_child() -> None:
 
 
 def test_what_is_carried_goes_back_or_into_its_namespace() -> None:
-    robot = urdf_robot(carried=Carried(
+    robot = urdf_robot(extension=Extension(
         urdf=etree.fromstring('<robot version="1"><transmission name="t"/></robot>'),
         sdf=etree.fromstring('<model><static>true</static><plugin name="p"/></model>')))
-    link = replace(robot.links[0], carried=Carried(
+    link = replace(robot.links[0], extension=Extension(
         urdf=etree.fromstring('<link name="x"/>'),
         sdf=etree.fromstring('<link><pose/><sensor><pose relative_to="arm"/></sensor></link>')))
     robot = replace(robot, links=(link, *robot.links[1:]))
     report = Report()
     model = written(robot, report)
     assert model.findtext('static') == 'true'
-    kept = model.find('{urn:opencv_tools:carried}urdf')
+    kept = model.find('{urn:opencv_tools:preserved}urdf')
     assert kept is not None and kept.find('transmission') is not None
     assert kept.get('version') == '1'
     assert model[0].get('{urn:opencv_tools:urdf}name') == 'x'
     assert [(note.level, note.element) for note in report.notes] == [
-        ('carried', '@version'), ('carried', 'transmission')]
+        ('preserved', '@version'), ('preserved', 'transmission')]
     assert model.xpath('link/sensor/pose/@relative_to') == ['arm']
     old = written(robot, report, '1.6')
     assert old.xpath('link/sensor/pose/@frame') == ['arm']
     # What is carried is never changed.
-    assert link.carried.sdf is not None
-    assert link.carried.sdf.xpath('sensor/pose/@relative_to') == ['arm']
+    assert link.extension.sdf is not None
+    assert link.extension.sdf.xpath('sensor/pose/@relative_to') == ['arm']
 
 
 def test_limits_that_mean_nothing_do_not_come_to_mean_something() -> None:
     robot = urdf_robot('continuous')
-    rest = etree.fromstring('<joint xmlns:c="urn:opencv_tools:carried"><axis c:part="true">'
+    rest = etree.fromstring('<joint xmlns:c="urn:opencv_tools:preserved"><axis c:part="true">'
                             '<limit><lower>-1</lower><effort>2</effort></limit></axis></joint>')
     robot = replace(robot, joints=tuple(
-        replace(one, carried=Carried(sdf=rest)) for one in robot.joints))
+        replace(one, extension=Extension(sdf=rest)) for one in robot.joints))
     for version, lower in (('1.5', None), ('1.6', '-1')):
         report = Report()
         made = written(robot, report, version).find('joint')
@@ -460,7 +461,7 @@ def test_effort_of_before_is_nothing_where_another_is_written() -> None:
     assert root is not None
     read = read_sdf(root, Report()).joints[0]
     assert read.axes[0].limit == Limit(-1.0, 1.0, 5.0, -1.0)
-    assert read.carried.sdf is None
+    assert read.extension.sdf is None
 
 
 def test_revolute_joint_without_limits_comes_back() -> None:
@@ -506,8 +507,8 @@ def test_axis_of_a_revolute_joint_without_limits_keeps_what_others_added() -> No
     assert axis is not None and root is not None
     etree.SubElement(axis, 'odd').text = '1'
     read = read_sdf(root, Report()).joints[0]
-    assert read.type == 'revolute' and read.carried.sdf is not None
-    assert read.carried.sdf.findtext('axis/odd') == '1'
+    assert read.type == 'revolute' and read.extension.sdf is not None
+    assert read.extension.sdf.findtext('axis/odd') == '1'
 
 
 def test_many_parts_of_one_name_take_linear_time() -> None:

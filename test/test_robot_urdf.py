@@ -30,7 +30,7 @@ from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Carried, Dynamics, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
+    Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
     Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -41,7 +41,7 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 
-SDF = 'xmlns:sdf="urn:opencv_tools:sdf" xmlns:carried="urn:opencv_tools:carried"'
+SDF = 'xmlns:sdf="urn:opencv_tools:sdf" xmlns:preserved="urn:opencv_tools:preserved"'
 LINKS = '<link name="a"/><link name="b"/>'
 ENDS = '<parent link="a"/><child link="b"/>'
 LIMIT = '<limit effort="1" velocity="2"/>'
@@ -288,8 +288,8 @@ def test_elements_of_others_beside_a_shape_are_carried() -> None:
     model = robot(visual('<geometry><sdf:cone/><sphere radius="0.1"/><sdf:plane/></geometry>'))
     for made in (model, again(model)):
         shape, = made.links[0].visuals
-        assert shape.geometry == Sphere(0.1) and shape.carried.urdf is not None
-        assert [child.tag for child in shape.carried.urdf.find('geometry')] == [  # type: ignore
+        assert shape.geometry == Sphere(0.1) and shape.extension.urdf is not None
+        assert [child.tag for child in shape.extension.urdf.find('geometry')] == [  # type: ignore
             '{urn:opencv_tools:sdf}cone', '{urn:opencv_tools:sdf}plane']
 
 
@@ -340,11 +340,11 @@ def test_one_limit_is_written_with_a_number_for_the_other() -> None:
     ('<material><texture filename="t.png"/></material>', Material(texture='t.png')),
     ('<material name="shared"/>', Material('shared', BLACK, BLACK, BLACK, BLACK, 't')),
     ('<material name="other"/>', Material('other', RED, RED, BLACK, BLACK)),
-    ('<material name="m"><color rgba="1 0 0 1"/></material><carried:sdf><material><ambient>0 0 0 1'
-     '</ambient></material></carried:sdf>', Material('m', RED, BLACK)),
-    ('<carried:sdf><material><emissive>0 0 0 1</emissive></material></carried:sdf>',
+    ('<material name="m"><color rgba="1 0 0 1"/></material><preserved:sdf><material>'
+     '<ambient>0 0 0 1</ambient></material></preserved:sdf>', Material('m', RED, BLACK)),
+    ('<preserved:sdf><material><emissive>0 0 0 1</emissive></material></preserved:sdf>',
      Material(emissive=BLACK)),
-    ('<carried:sdf><material/></carried:sdf>', Material()),
+    ('<preserved:sdf><material/></preserved:sdf>', Material()),
     ('', None),
 ])
 def test_materials_there_and_back(content: str, material: Material | None) -> None:
@@ -410,11 +410,11 @@ def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
     def tags(element: Element | None) -> list[object]:
         return [] if element is None else [child.tag for child in element]
 
-    assert tags(model.carried.sdf) == ['plugin']
-    assert tags(model.links[0].carried.sdf) == ['sensor', 'gravity']
-    assert tags(model.joints[0].carried.sdf) == ['sensor']
-    assert model.carried.urdf is not None
-    assert [tags(part) for part in model.carried.urdf] == [
+    assert tags(model.extension.sdf) == ['plugin']
+    assert tags(model.links[0].extension.sdf) == ['sensor', 'gravity']
+    assert tags(model.joints[0].extension.sdf) == ['sensor']
+    assert model.extension.urdf is not None
+    assert [tags(part) for part in model.extension.urdf] == [
         ['odd'], ['mu1'], ['provideFeedback']]
     blocks = written(model).findall('gazebo')
     assert [(block.get('reference'), tags(block)) for block in blocks] == [
@@ -429,9 +429,9 @@ def test_a_plugin_that_sdf_refuses_stays_in_its_block(part: str) -> None:
     report = Report()
     model = robot(f'<link name="a"/><gazebo reference="a">{part}</gazebo>', report)
     assert 'which SDF demands; it is kept as it is' in report.warnings[0].message
-    assert model.links[0].carried.sdf is None
-    assert model.carried.urdf is not None
-    assert len(model.carried.urdf.findall('gazebo/*')) == 1
+    assert model.links[0].extension.sdf is None
+    assert model.extension.urdf is not None
+    assert len(model.extension.urdf.findall('gazebo/*')) == 1
 
 
 def test_numbers_that_c_cannot_read_are_0() -> None:
@@ -443,13 +443,13 @@ def test_numbers_that_c_cannot_read_are_0() -> None:
 
 def baked() -> Robot:
     """Give a robot as SDF has it: joints away from the frames of their child links."""
-    def shape(link: str, carried: Carried = Carried()) -> Shape:  # noqa: B008
-        geometry = None if carried.sdf is not None else Sphere(1.0)
+    def shape(link: str, extension: Extension = Extension()) -> Shape:  # noqa: B008
+        geometry = None if extension.sdf is not None else Sphere(1.0)
         return Shape('s', Placement(Pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)),
-                                    FrameId('link', link)), geometry, None, carried)
+                                    FrameId('link', link)), geometry, None, extension)
 
-    def extra(text: str) -> Carried:
-        return Carried(None, etree.fromstring(text))
+    def extra(text: str) -> Extension:
+        return Extension(None, etree.fromstring(text))
 
     links = (
         Link('a', Placement(Pose((1.0, 0.0, 0.0)), MODEL), None, (shape('a'),)),
@@ -501,9 +501,9 @@ def test_what_hangs_on_a_joint_away_from_its_link_is_where_it_was_and_goes_back(
     assert [replace(joint, placement=model.joints[0].placement) for joint in back.joints] == [
         replace(joint, placement=model.joints[0].placement) for joint in model.joints]
     assert back.canonical_link == 'b'
-    assert back.links[1].visuals[0].carried.sdf is not None
-    assert back.links[1].carried.sdf is not None
-    sensors = {part.get('name'): part for part in back.links[1].carried.sdf}
+    assert back.links[1].visuals[0].extension.sdf is not None
+    assert back.links[1].extension.sdf is not None
+    sensors = {part.get('name'): part for part in back.links[1].extension.sdf}
     assert [float(word) for word in sensors['s'].findtext('pose', '').split()] == pytest.approx(
         [1, 2, 3, 0, 0, 0], abs=1e-14)
     assert sensors['t'].find('pose') is None
@@ -513,7 +513,7 @@ def test_what_hangs_on_a_joint_away_from_its_link_is_where_it_was_and_goes_back(
         [*turned.xyz, *turned.rpy], abs=1e-14)
     reported = {(note.element, note.name) for note in report.warnings}
     assert reported == {('visual', 's'), ('joint', 'k'), ('joint', 'l'), ('joint', 'm')}
-    assert {note.element for note in report.notes if note.level == 'carried'} == {
+    assert {note.element for note in report.notes if note.level == 'preserved'} == {
         '@canonical_link', 'geometry', 'pose', 'odd', 'axis', 'axis2', 'frame', 'sensor',
         'static'}
 
@@ -696,7 +696,7 @@ def test_colors_are_cut_and_come_back_unless_changed() -> None:
     model = read_urdf(parse(to_bytes(root), 'r.urdf', Report()), Report())
     material = model.links[0].visuals[0].material
     assert material is not None and material.color == (0.0, -1.0, 1.0, 1.0)
-    kept = model.carried.urdf
+    kept = model.extension.urdf
     assert kept is not None and kept.xpath('material/color/@rgba') == ['2 0 0 1']
     color = root.find('link/visual/material/color')
     assert color is not None

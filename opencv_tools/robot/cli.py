@@ -30,7 +30,7 @@ from typing import NoReturn, TYPE_CHECKING
 from opencv_tools.standard_streams import open_standard_streams
 
 if TYPE_CHECKING:
-    from opencv_tools.robot.load import Choices
+    from opencv_tools.robot.load import LoadOptions
     from opencv_tools.robot.xml.report import Report
 
 _MOST_DIFFERENCES = 50
@@ -216,12 +216,12 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.compare.compare import differences
     from opencv_tools.robot.compare.table import table
     from opencv_tools.robot.load import read_robot
-    from opencv_tools.robot.renaming import with_own_names
+    from opencv_tools.robot.renaming import with_original_names
     from opencv_tools.robot.xml.document import DescriptionError
     from opencv_tools.robot.xml.output import print_text
     if options.a == options.b == '-':
         raise DescriptionError('standard input can be one of the two only')
-    one, other = (with_own_names(read_robot(path, report, _choices(options))[0])
+    one, other = (with_original_names(read_robot(path, report, _choices(options))[0])
                   for path in (options.a, options.b))
     found = differences(one, other, samples=options.samples, tolerance=options.tolerance)
     if found:
@@ -236,9 +236,9 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.frames.listing import frames
     from opencv_tools.robot.frames.text import text
     from opencv_tools.robot.load import read_robot
-    from opencv_tools.robot.renaming import with_own_names
+    from opencv_tools.robot.renaming import with_original_names
     from opencv_tools.robot.xml.output import print_text
-    robot = with_own_names(read_robot(options.file, report, _choices(options))[0])
+    robot = with_original_names(read_robot(options.file, report, _choices(options))[0])
     positions = dict(options.joint)
     listing = frames(robot, positions, report)
     if options.plot:
@@ -251,11 +251,11 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     return 0
 
 
-def _choices(options: argparse.Namespace) -> Choices:
+def _choices(options: argparse.Namespace) -> LoadOptions:
     """Give what the options say of reading; each command has some of them."""
-    from opencv_tools.robot.load import Choices
+    from opencv_tools.robot.load import LoadOptions
     given = vars(options)
-    return Choices(arguments=dict(given.get('arg', ())), model=given.get('model', ''),
+    return LoadOptions(arguments=dict(given.get('arg', ())), model=given.get('model', ''),
                    root=given.get('root', ''), search=tuple(given.get('path', ())))
 
 

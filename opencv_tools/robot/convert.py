@@ -22,11 +22,12 @@ from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.renaming import sdf_named, urdf_named, with_own_names
+from opencv_tools.robot.renaming import (
+    with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules, note_inertials
 from opencv_tools.robot.sdf.values import FRAMES, version_text, written_version
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import listed, one_tree
+from opencv_tools.robot.trees import select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import DescriptionError, Element
@@ -64,7 +65,8 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
     note_inertials(robot, report)
-    root = write_sdf(sdf_named(robot, report), report, version=version, relative=relative)
+    robot = with_valid_sdf_names(robot, report)
+    root = write_sdf(robot, report, version=version, relative=relative)
     keep_sdf_rules(root, robot.source, report)
     return root
 
@@ -79,9 +81,9 @@ def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
     :returns: the element ``<robot>``.
     :raises DescriptionError: it cannot be written so.
     """
-    robot = with_inertials(one_tree(robot, '', report), inertial, report)
+    robot = with_inertials(select_root(robot, '', report), inertial, report)
     robot = with_mesh_uris(robot, mesh_uri)
-    root = write_urdf(with_own_names(urdf_named(robot, report)), report)
+    root = write_urdf(with_original_names(with_valid_urdf_names(robot, report)), report)
     keep_urdf_rules(root, robot.source, report)
     return root
 
@@ -97,7 +99,7 @@ def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
     if values is None:
         if silent:
             report.warn('link', silent[0].name, silent[0].line, (
-                f'{listed([link.name for link in silent])} without <inertial>: URDF means no '
+                f'{shortened([link.name for link in silent])} without <inertial>: URDF means no '
                 'mass, SDF 1 kg; --inertial zero or default writes which'))
         return robot
     return replace(robot, links=tuple(

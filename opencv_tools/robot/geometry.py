@@ -67,7 +67,7 @@ Geometry = Box | Sphere | Cylinder | Capsule | Mesh
 # What SDF takes a light of a material for that is not written: none.
 DARK: Color = (0.0, 0.0, 0.0, 1.0)
 # The colours of SDF that URDF has no word for.
-LIGHTS = ('ambient', 'specular', 'emissive')
+LIGHT_COLORS = ('ambient', 'specular', 'emissive')
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from opencv_tools.robot.pose import (
 from opencv_tools.robot.xml.document import DescriptionError
 
 # How many numbers say where a joint of each kind is.
-FREEDOM = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 3, 'plane': 3, 'free': 6}
+DOF = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 3, 'plane': 3, 'free': 6}
 # How many of a joint's axes each kind turns about or moves along.
 AXES = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 0, 'plane': 1, 'free': 0}
 
@@ -104,7 +104,7 @@ class Kinematics:
         """
         Give where links, joints and frames are in the model, the root where it is at zero.
 
-        :param positions: of each joint by name, as many numbers as `FREEDOM` says; where none
+        :param positions: of each joint by name, as many numbers as `DOF` says; where none
             are given the joint is at zero. What mimics has to be in it: see `with_mimics`.
         :returns: a joint's frame is the one that it moves; that of a joint that closes a loop
             moves with the child.
@@ -115,7 +115,7 @@ class Kinematics:
             for joint in self.joints_below[name]:
                 frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
                 poses[frame] = (poses[link] @ self._step(link, frame)
-                                @ motion(joint, positions.get(joint.name, ())))
+                                @ joint_transform(joint, positions.get(joint.name, ())))
                 poses[child] = poses[frame] @ self._step(frame, child)
         for joint in self.robot.joints:
             if joint.is_loop:
@@ -179,7 +179,7 @@ class Kinematics:
         return DescriptionError(message, source=self.robot.source)
 
 
-def motion(joint: Joint, position: Sequence[float]) -> Transform:
+def joint_transform(joint: Joint, position: Sequence[float]) -> Transform:
     """
     Give where the moving frame of a joint is in its frame at zero.
 
@@ -197,11 +197,11 @@ def motion(joint: Joint, position: Sequence[float]) -> Transform:
         return (Transform(rotation_about(axes[0], position[0]))
                 @ Transform(rotation_about(axes[-1], position[1])))
     if kind == 'shift':
-        return Transform(translation=_along(axes[0], position[0]))
+        return Transform(translation=_scaled_axis(axes[0], position[0]))
     if kind == 'plane':
         one, other = _plane(axes[0])
-        return (Transform(translation=_along(one, position[0]))
-                @ Transform(translation=_along(other, position[1]))
+        return (Transform(translation=_scaled_axis(one, position[0]))
+                @ Transform(translation=_scaled_axis(other, position[1]))
                 @ Transform(rotation_about(axes[0], position[2])))
     x, y, z = position[:3] if kind == 'free' else ZERO
     roll, pitch, yaw = position[-3:]
@@ -242,7 +242,7 @@ def with_mimics(robot: Robot, positions: Mapping[str, Sequence[float]]
 def _following(joint: Joint, positions: Mapping[str, Sequence[float]]) -> tuple[float, ...]:
     """Give the position of a joint that mimics, from those that it follows."""
     position = [*positions.get(joint.name, ())]
-    position += [0.0] * (FREEDOM[JOINT_TYPES[joint.type]] - len(position))
+    position += [0.0] * (DOF[JOINT_TYPES[joint.type]] - len(position))
     for index, axis in enumerate(joint.axes[:len(position)]):
         if axis.mimic:
             leader = (positions.get(axis.mimic.joint) or (0.0,))[0]
@@ -250,7 +250,7 @@ def _following(joint: Joint, positions: Mapping[str, Sequence[float]]) -> tuple[
     return tuple(position)
 
 
-def _along(axis: Vector, distance: float) -> Vector:
+def _scaled_axis(axis: Vector, distance: float) -> Vector:
     x, y, z = normalised(axis)
     return (x * distance, y * distance, z * distance)
 

@@ -23,12 +23,12 @@ from lxml import etree
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.sdf.includes import file_of_model
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.trees import one_tree
+from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xacro.expand import is_xacro
 from opencv_tools.robot.xacro.process import expand_apart
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, name_of, parse, read_bytes)
+    DescriptionError, display_name, Element, line_of, local_name, parse, read_bytes)
 from opencv_tools.robot.xml.report import Report
 
 URDF = 'urdf'
@@ -36,7 +36,7 @@ SDF = 'sdf'
 
 
 @dataclass(frozen=True)
-class Choices:
+class LoadOptions:
     """
     What to take from a file, and where to look for others.
 
@@ -52,7 +52,7 @@ class Choices:
     search: Sequence[str] = ()
 
 
-def read_robot(path: str, report: Report, choices: Choices = Choices()
+def read_robot(path: str, report: Report, choices: LoadOptions = LoadOptions()
                ) -> tuple[Robot, str]:
     """
     Read a robot of either format; xacro is expanded where the root declares it.
@@ -62,7 +62,7 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
     :raises DescriptionError: there is no robot to be read.
     """
     path = file_of_model(path)
-    report.source = name_of(path)
+    report.source = display_name(path)
     root = _root(path, report, choices)
     tag = local_name(root)
     if tag == 'robot':
@@ -70,12 +70,12 @@ def read_robot(path: str, report: Report, choices: Choices = Choices()
     if tag != 'sdf':
         raise DescriptionError('is no robot; URDF begins with <robot>, SDF with <sdf>', root)
     robot = read_sdf(root, report, model=choices.model, search=choices.search)
-    return (one_tree(robot, choices.root, report) if choices.root else robot), SDF
+    return (select_root(robot, choices.root, report) if choices.root else robot), SDF
 
 
-def _root(path: str, report: Report, choices: Choices) -> Element:
+def _root(path: str, report: Report, choices: LoadOptions) -> Element:
     """Parse a file; of xacro, what it expands to."""
-    data, source = read_bytes(path), name_of(path)
+    data, source = read_bytes(path), display_name(path)
     root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
         expanded = expand_apart(path, data, choices.arguments, report)

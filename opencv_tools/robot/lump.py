@@ -65,10 +65,10 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
             _frame_of_joint(joint), FrameId('link', hosts[child]),
             Placement(kinematics.between(FrameId('link', hosts[child]),
                                          FrameId('joint', joint.name)),
-                      FrameId('link', hosts[child])), joint.carried, joint.line))
+                      FrameId('link', hosts[child])), joint.extension, joint.line))
         frames.append(Frame(
             child, FrameId('link', hosts[child]), links[child].placement,
-            replace(links[child].carried, sdf=None), links[child].line))
+            replace(links[child].extension, sdf=None), links[child].line))
     whole = replace(
         robot, links=tuple(lumps[link.name] for link in robot.links if link.name in lumps),
         joints=tuple(replace(joint, parent=hosts[joint.parent]) for joint in robot.joints
@@ -92,7 +92,7 @@ def _frame_of_joint(joint: Joint) -> str:
 def _preserved(robot: Robot) -> set[str]:
     """Name the joints that are not to be lumped."""
     return {block.get('reference', '') for block in
-            ([] if robot.carried.urdf is None else robot.carried.urdf.iterchildren('gazebo'))
+            ([] if robot.extension.urdf is None else robot.extension.urdf.iterchildren('gazebo'))
             for tag in _KEEPERS if (block.findtext(tag) or '').strip().lower() in ('true', '1')}
 
 
@@ -100,9 +100,9 @@ def _lump(host: Link, guests: list[Link], kinematics: Kinematics) -> Link:
     """Put into a link what others have: shapes and sensors stay placed in the frames of those."""
     if not guests:
         return host
-    rest = None if host.carried.sdf is None else detached(host.carried.sdf)
+    rest = None if host.extension.sdf is None else detached(host.extension.sdf)
     for guest in guests:
-        for part in guest.carried.sdf if guest.carried.sdf is not None else ():
+        for part in guest.extension.sdf if guest.extension.sdf is not None else ():
             rest = etree.Element('link') if rest is None else rest
             rest.append(_placed_in(part, guest.name))
     inertials = [link.inertial for link in (host, *guests) if link.inertial]
@@ -113,7 +113,7 @@ def _lump(host: Link, guests: list[Link], kinematics: Kinematics) -> Link:
         collisions=tuple(_named_by(link, host, shape) for link in (host, *guests)
                          for shape in link.collisions),
         inertial=_sum(inertials, host, kinematics) if inertials else None,
-        carried=replace(host.carried, sdf=rest))
+        extension=replace(host.extension, sdf=rest))
 
 
 def _named_by(link: Link, host: Link, shape: Shape) -> Shape:

@@ -70,7 +70,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Carried:
+class Extension:
     """
     What a format says beyond the fields here: elements with all that was read taken out.
 
@@ -85,7 +85,7 @@ class Carried:
     sdf: etree._Element | None = None
 
 
-NOTHING = Carried()
+NO_EXTENSION = Extension()
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Shape:
     A visual or a collision of a link.
 
     :param name: may be empty, and need not be unique, where it comes from URDF.
-    :param geometry: None for one that URDF has no word for; it is in ``carried.sdf`` then.
+    :param geometry: None for one that URDF has no word for; it is in ``extension.sdf`` then.
     :param material: None for a collision, and for a visual without one.
     """
 
@@ -115,7 +115,7 @@ class Shape:
     placement: Placement
     geometry: Geometry | None
     material: Material | None = None
-    carried: Carried = NOTHING
+    extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
 
 
@@ -128,13 +128,13 @@ class Link:
     inertial: Inertial | None = None
     visuals: tuple[Shape, ...] = ()
     collisions: tuple[Shape, ...] = ()
-    carried: Carried = NOTHING
+    extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
 
     @property
     def is_world(self) -> bool:
         """Tell whether this stands for the world, to which joints may be fastened."""
-        return (self.name == WORLD and self.inertial is None and self.carried == NOTHING
+        return (self.name == WORLD and self.inertial is None and self.extension == NO_EXTENSION
                 and not self.visuals and not self.collisions)
 
 
@@ -203,7 +203,7 @@ class Joint:
     placement: Placement
     axes: tuple[Axis, ...] = ()
     is_loop: bool = False
-    carried: Carried = NOTHING
+    extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
 
 
@@ -214,7 +214,7 @@ class Frame:
     name: str
     attached_to: FrameId
     placement: Placement
-    carried: Carried = NOTHING
+    extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
 
 
@@ -232,7 +232,7 @@ class Robot:
     joints: tuple[Joint, ...] = ()
     frames: tuple[Frame, ...] = ()
     canonical_link: str = ''
-    carried: Carried = NOTHING
+    extension: Extension = NO_EXTENSION
     source: str = ''
 
     def framed(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:

@@ -24,7 +24,7 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.model import (
-    Axis, Carried, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
+    Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import detached
@@ -33,7 +33,7 @@ Named = TypeVar('Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
 
 
-def sdf_named(robot: Robot, report: Report) -> Robot:
+def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
     """
     Give a robot, its links, joints and frames names that SDF allows, and shapes any at all.
 
@@ -44,7 +44,7 @@ def sdf_named(robot: Robot, report: Report) -> Robot:
     if name != robot.name:
         _note(report, 'robot', robot.name, 0, name)
         robot = replace(robot, name=name,
-                        carried=_keeping_name('robot', robot.name, robot.carried))
+                        extension=_keeping_name('robot', robot.name, robot.extension))
     taken = {WORLD}
     names: dict[FrameId, str] = {}
     for frame, thing in robot.framed():
@@ -64,7 +64,7 @@ def _note(report: Report, kind: str, name: str, line: int, new: str) -> None:
                 f'{new!r} there')
 
 
-def urdf_named(robot: Robot, report: Report) -> Robot:
+def with_valid_urdf_names(robot: Robot, report: Report) -> Robot:
     """Return a robot without ``::`` in its names, because tf and other tools do not read it."""
     if '::' in robot.name:
         name = flat_name(robot.name)
@@ -86,13 +86,13 @@ def urdf_named(robot: Robot, report: Report) -> Robot:
     return renamed(robot, names)
 
 
-def with_own_names(robot: Robot) -> Robot:
+def with_original_names(robot: Robot) -> Robot:
     """
-    Give what `sdf_named` renamed the names of before.
+    Give what `with_valid_sdf_names` renamed the names of before.
 
     :raises DescriptionError: one of them is taken.
     """
-    names = {frame: own for frame, thing in robot.framed() if (own := _own_name(thing.carried))}
+    names = {frame: own for frame, thing in robot.framed() if (own := _own_name(thing.extension))}
     taken: set[FrameId] = set()
     for frame, thing in robot.framed():
         named = _id(frame, names)
@@ -109,10 +109,10 @@ def with_own_names(robot: Robot) -> Robot:
 def _with_own_shape_names(link: Link) -> Link:
     """Return a link whose shapes have the names of before, in its contact sensors too."""
     own_names = {shape.name: own for shape in link.collisions
-                 if (own := _own_name(shape.carried))}
+                 if (own := _own_name(shape.extension))}
     return replace(link, visuals=_without_own_names(link.visuals),
                    collisions=_without_own_names(link.collisions),
-                   carried=_with_contacts(link.carried, own_names))
+                   extension=_with_contacts(link.extension, own_names))
 
 
 def flat_name(name: str) -> str:
@@ -133,8 +133,8 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
         new = names.get(FrameId(kind, thing.name))
         if new is None:
             return thing
-        carried = _keeping_name(kind, thing.name, thing.carried) if keep else thing.carried
-        return replace(thing, name=new, carried=carried)
+        carried = _keeping_name(kind, thing.name, thing.extension) if keep else thing.extension
+        return replace(thing, name=new, extension=carried)
 
     def axis(one: Axis) -> Axis:
         mimic = one.mimic
@@ -193,7 +193,7 @@ def _with_shape_names(link: Link, report: Report) -> Link:
     Of two of one name the visual gives way, for contact sensors name collisions.
     """
     shapes = {'collision': link.collisions, 'visual': link.visuals}
-    others = {name for part in (link.carried.sdf if link.carried.sdf is not None else ())
+    others = {name for part in (link.extension.sdf if link.extension.sdf is not None else ())
               if part.tag != 'plugin' and (name := part.get('name'))}
     # What has a name of its own comes first, so that none that is made up takes it.
     taken = {*others, *(shape.name for things in shapes.values() for shape in things)}
@@ -211,45 +211,45 @@ def _with_shape_names(link: Link, report: Report) -> Link:
             if shape.name and name != shape.name:
                 report.warn(tag, shape.name, shape.line, 'SDF wants each name once in a link; it '
                             f'is called {name!r} there')
-                shape = replace(shape, carried=_keeping_name(tag, shape.name, shape.carried))
+                shape = replace(shape, extension=_keeping_name(tag, shape.name, shape.extension))
             taken.add(name)
             seen.add(name)
             named.append(replace(shape, name=name))
         result[tag] = tuple(named)
     return replace(link, visuals=result['visual'], collisions=result['collision'],
-                   carried=_with_contacts(link.carried, collisions))
+                   extension=_with_contacts(link.extension, collisions))
 
 
-def _with_contacts(carried: Carried, names: Mapping[str, str]) -> Carried:
+def _with_contacts(extension: Extension, names: Mapping[str, str]) -> Extension:
     """Rename the collisions that the contact sensors of a link name."""
-    if carried.sdf is None or all(old == new for old, new in names.items()):
-        return carried
-    rest = detached(carried.sdf)
+    if extension.sdf is None or all(old == new for old, new in names.items()):
+        return extension
+    rest = detached(extension.sdf)
     for collision in rest.iterfind('sensor/contact/collision'):
         name = (collision.text or '').strip()
         collision.text = names.get(name, collision.text)
-    return replace(carried, sdf=rest)
+    return replace(extension, sdf=rest)
 
 
-def _keeping_name(tag: str, name: str, carried: Carried) -> Carried:
-    rest = etree.Element(tag) if carried.urdf is None else detached(carried.urdf)
+def _keeping_name(tag: str, name: str, extension: Extension) -> Extension:
+    rest = etree.Element(tag) if extension.urdf is None else detached(extension.urdf)
     rest.set('name', name)
-    return replace(carried, urdf=rest)
+    return replace(extension, urdf=rest)
 
 
-def _own_name(carried: Carried) -> str:
-    return '' if carried.urdf is None else carried.urdf.get('name', '')
+def _own_name(extension: Extension) -> str:
+    return '' if extension.urdf is None else extension.urdf.get('name', '')
 
 
 def _without_own_names(things: tuple[Named, ...]) -> tuple[Named, ...]:
     """Give shapes the names of before, and take from all what kept them."""
     result = []
     for thing in things:
-        own = _own_name(thing.carried)
-        if own and thing.carried.urdf is not None:
-            rest = detached(thing.carried.urdf)
+        own = _own_name(thing.extension)
+        if own and thing.extension.urdf is not None:
+            rest = detached(thing.extension.urdf)
             del rest.attrib['name']
             kept = rest if len(rest) or rest.attrib else None
-            thing = replace(thing, name=own, carried=replace(thing.carried, urdf=kept))
+            thing = replace(thing, name=own, extension=replace(thing.extension, urdf=kept))
         result.append(thing)
     return tuple(result)

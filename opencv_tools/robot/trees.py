@@ -25,7 +25,7 @@ from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 
 
-def one_tree(robot: Robot, root: str, report: Report) -> Robot:
+def select_root(robot: Robot, root: str, report: Report) -> Robot:
     """
     Give the part of a robot that hangs on one link, as URDF has it.
 
@@ -35,20 +35,20 @@ def one_tree(robot: Robot, root: str, report: Report) -> Robot:
     kinematics = Kinematics(robot)
     roots = kinematics.roots
     if root and root not in roots:
-        raise DescriptionError(f'--root {root!r} is no root; there is {listed(roots)}',
+        raise DescriptionError(f'--root {root!r} is no root; there is {shortened(roots)}',
                                source=robot.source)
     if not root and len(roots) > 1:
         raise DescriptionError(f'has {len(roots)} links that hang on nothing, a robot of URDF has '
-                               f'one; choose by --root: {listed(roots)}', source=robot.source)
+                               f'one; choose by --root: {shortened(roots)}', source=robot.source)
     if len(roots) == 1:
         return robot
     links = {link.name: link for link in robot.links}
     for other in roots:
         if other != root:
             names = kinematics.links_below([other])
-            report.warn('link', other, links[other].line, f'left out: {listed(names)}')
+            report.warn('link', other, links[other].line, f'left out: {shortened(names)}')
     robot = _with_links(robot, set(kinematics.links_below([root])), kinematics)
-    return replace(robot, joints=_with_leaders(robot.joints, report))
+    return replace(robot, joints=_drop_orphan_mimics(robot.joints, report))
 
 
 def _with_links(robot: Robot, kept: set[str], kinematics: Kinematics) -> Robot:
@@ -73,7 +73,7 @@ def _with_links(robot: Robot, kept: set[str], kinematics: Kinematics) -> Robot:
                    canonical_link=canonical).placed(place)
 
 
-def _with_leaders(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:
+def _drop_orphan_mimics(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:
     """Let no joint mimic one that is not there."""
     names = {joint.name for joint in joints}
     result = []
@@ -87,7 +87,7 @@ def _with_leaders(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:
     return tuple(result)
 
 
-def listed(names: Sequence[str]) -> str:
+def shortened(names: Sequence[str]) -> str:
     """Name a few things, and say how many more there are."""
     few = ', '.join(map(repr, names[:5]))
     return f'{few} and {len(names) - 5} more' if len(names) > 5 else few

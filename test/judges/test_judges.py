@@ -34,7 +34,7 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import (
     Axis, FrameId, Inertial, Link, MODEL, Placement, Robot, UNLIMITED)
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
-from opencv_tools.robot.renaming import sdf_named
+from opencv_tools.robot.renaming import with_valid_sdf_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.report import Report
@@ -124,7 +124,7 @@ def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
                 robot, Report(), version=version, relative=poses == 'relative')
             path = folder / f'{name}.{version}.{poses}.sdf'
             path.write_bytes(to_bytes(root))
-            yield Case(path, sdf_named(robot, Report()))
+            yield Case(path, with_valid_sdf_names(robot, Report()))
 
 
 @pytest.fixture(scope='session')

@@ -37,7 +37,7 @@ import numpy as np
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.renaming import with_own_names
+from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.xml.document import DescriptionError, to_bytes
 from opencv_tools.robot.xml.report import Report
 import places
@@ -135,7 +135,7 @@ def bench(tmp_path: Path, judge: Judge) -> Bench:
 
 def read(path: Path) -> Any:
     """Return a robot with the names that it had before."""
-    return with_own_names(read_robot(str(path), Report())[0])
+    return with_original_names(read_robot(str(path), Report())[0])
 
 
 def urdf_through(bench: Bench, written: ElementTree.Element, random: Random) -> None:

@@ -26,13 +26,13 @@ import math
 import random
 
 from opencv_tools.robot.compare.properties import (
-    Facts, is_continuous, of_axis, of_geometry, of_material, texts)
+    axis_properties, Facts, geometry_properties, is_continuous, of_material, texts)
 from opencv_tools.robot.compare.sampling import random_position
 from opencv_tools.robot.kinematics import AXES, Kinematics, with_mimics
 from opencv_tools.robot.model import (
     FrameId, Inertial, Joint, JOINT_TYPES, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import IDENTITY, Transform, turned_tensor
-from opencv_tools.robot.renaming import flat_name, with_own_names
+from opencv_tools.robot.renaming import flat_name, with_original_names
 
 Key = tuple[str, str]  # element and name
 _Positions = dict[str, Sequence[float]]
@@ -89,7 +89,7 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     :param seed: of the random positions.
     :raises DescriptionError: the frames or mimics of one go round in a circle.
     """
-    sides = _Side(with_own_names(a)), _Side(with_own_names(b))
+    sides = _Side(with_original_names(a)), _Side(with_original_names(b))
     base, skipped, ordered = _common_base(*sides), _without_world(*sides), _ordered(*sides)
     items = [side.items(base, skipped, ordered) for side in sides]
     found: dict[Key, list[Difference]] = {key: [] for one in items for key in one}
@@ -174,7 +174,7 @@ class _Side:
 
     def _of_shape(self, link: Link, shape: Shape) -> _Item:
         return _Item(FrameId('link', link.name), self._offset(link, shape.placement),
-                     {**of_geometry(shape), **of_material(shape.material)})
+                     {**geometry_properties(shape), **of_material(shape.material)})
 
     def _of_joint(self, joint: Joint, home: Transform) -> Facts:
         turn = home @ self.kinematics.pose(FrameId('joint', joint.name))
@@ -185,7 +185,8 @@ class _Side:
             'closes a loop': 'yes' if joint.is_loop else 'no'}
         for index, axis in enumerate(joint.axes[:AXES[JOINT_TYPES[joint.type]]]):
             suffix = '' if index == 0 else ' of axis2'
-            facts.update((f'{what}{suffix}', fact) for what, fact in of_axis(axis, turn).items()
+            facts.update((f'{what}{suffix}', fact)
+                         for what, fact in axis_properties(axis, turn).items()
                          if not (endless and what in ('lower', 'upper')))
         return facts
 

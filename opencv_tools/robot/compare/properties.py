@@ -19,17 +19,17 @@ from __future__ import annotations
 from dataclasses import fields
 
 from lxml import etree
-from opencv_tools.robot.geometry import Color, DARK, LIGHTS, Material, Mesh
+from opencv_tools.robot.geometry import Color, DARK, LIGHT_COLORS, Material, Mesh
 from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape, UNLIMITED
 from opencv_tools.robot.pose import normalised, Transform
 from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.xml.document import local_name
 
-Fact = str | tuple[float, ...]
-Facts = dict[str, Fact]
+Value = str | tuple[float, ...]
+Facts = dict[str, Value]
 
 
-def of_geometry(shape: Shape) -> Facts:
+def geometry_properties(shape: Shape) -> Facts:
     """Give what kind of shape it is, and its measures."""
     geometry = shape.geometry
     if geometry is None:
@@ -45,7 +45,7 @@ def of_geometry(shape: Shape) -> Facts:
 
 def _carried_geometry(shape: Shape) -> str:
     """Write what only SDF has, whatever its numbers look like."""
-    rest = shape.carried.sdf
+    rest = shape.extension.sdf
     parts = [] if rest is None else [part for whole in rest.iterfind('geometry')
                                      for part in whole.iter(etree.Element)]
     return ' '.join(f'{local_name(part)} {_meaning(part.text or "")}'.strip()
@@ -64,7 +64,7 @@ def of_material(material: Material | None) -> Facts:
     if material is None:
         return {}
     facts: Facts = {'color': material.color} if material.color else {}
-    for what in LIGHTS:
+    for what in LIGHT_COLORS:
         color: Color | None = getattr(material, what)
         if color is not None and color != DARK:
             facts[what] = color
@@ -76,7 +76,7 @@ def _uri(uri: str) -> str:
     return f'model://{uri[len("package://"):]}' if uri.startswith('package://') else uri
 
 
-def of_axis(axis: Axis, turn: Transform) -> Facts:
+def axis_properties(axis: Axis, turn: Transform) -> Facts:
     """
     Give what an axis says.
 
@@ -103,7 +103,7 @@ def is_continuous(joint: Joint) -> bool:
         joint.type == 'revolute' and min(-limit.lower, limit.upper) >= UNLIMITED)
 
 
-def texts(a: Fact, b: Fact) -> tuple[str, str]:
+def texts(a: Value, b: Value) -> tuple[str, str]:
     """Write both, so short that they can be read and so long that they are not the same."""
     short, full = ([fact if isinstance(fact, str) else ' '.join(map(form, fact))
                     for fact in (a, b)] for form in (_short, repr))

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 import math
 import random
 
-from opencv_tools.robot.kinematics import AXES, FREEDOM
+from opencv_tools.robot.kinematics import AXES, DOF
 from opencv_tools.robot.model import Joint, JOINT_TYPES, Limit
 
 # Where joints without limits are put: so far from zero, in radians or metres, by kind of joint.
@@ -33,7 +33,7 @@ _FAR = 1000.0
 
 
 def random_position(joint: Joint, generator: random.Random) -> list[float]:
-    """Choose a position of a joint, within its limits, as `kinematics.motion` takes it."""
+    """Return a random position of a joint within its limits, for `joint_transform`."""
     return [generator.uniform(*reach) for reach in _reaches(joint)]
 
 
@@ -41,7 +41,7 @@ def _reaches(joint: Joint) -> list[tuple[float, float]]:
     kind = JOINT_TYPES[joint.type]
     limits = [axis.limit or Limit() for axis in joint.axes[:AXES[kind]]
               if joint.type != 'continuous' and kind != 'plane']
-    limits += [Limit()] * (FREEDOM[kind] - len(limits))
+    limits += [Limit()] * (DOF[kind] - len(limits))
     return [_reach(limit, span) for limit, span in zip(limits, _SPANS[kind])]
 
 

@@ -26,7 +26,7 @@ from opencv_tools.robot.frames.drawing import (
     AXIS_COLORS, bent, DARK, GREY, hull, matplotlib_module, moved, numbers, outline, plain,
     Point, SHAPE_COLORS, UNITS)
 from opencv_tools.robot.frames.figures import in_inches, new_figure, save, size_of
-from opencv_tools.robot.frames.listing import frames, in_depth
+from opencv_tools.robot.frames.listing import depth_first, frames
 from opencv_tools.robot.frames.text import heading, joint_text, link_text
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import FrameId, MODEL, Robot
@@ -109,7 +109,7 @@ def _urdf(listing: Mapping[str, Any], kinematics: Kinematics, poses: Mapping[Fra
         return FrameId('joint', above.name) if above else FrameId('link', link)
 
     panel = _Panel('URDF: joints are placed', 'each <origin> is in the frame of the link above')
-    names = [name for name, _ in in_depth(listing)]
+    names = [name for name, _ in depth_first(listing)]
     for name in names:
         place, above = poses[home(name)], kinematics.joint_above.get(name)
         panel.frames.append(place)
@@ -133,7 +133,7 @@ def _sdf(listing: Mapping[str, Any], kinematics: Kinematics, poses: Mapping[Fram
     panel = _Panel('SDF: links are placed', 'each <pose> is in the frame of the model')
     start = _seen(IDENTITY.translation)
     panel.entries.append(Entry('frame of the model', '', start, on_left=True))
-    for name, _ in in_depth(listing):
+    for name, _ in depth_first(listing):
         frame, link = FrameId('link', name), listing['links'][name]
         place = poses[frame]
         pose = place.pose() if link['moved'] else kinematics.between(MODEL, frame)

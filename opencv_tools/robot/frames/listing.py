@@ -20,11 +20,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
-from opencv_tools.robot.kinematics import AXES, FREEDOM, Kinematics, with_mimics
+from opencv_tools.robot.kinematics import AXES, DOF, Kinematics, with_mimics
 from opencv_tools.robot.model import (
     Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, MODEL, Placement, Robot, Shape, UNLIMITED)
 from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
-from opencv_tools.robot.trees import listed
+from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 
@@ -121,12 +121,12 @@ class _Listing:
         if kind not in ('turn', 'shift', 'two turns') or joint.type == 'continuous':
             lower, upper = -math.inf, math.inf
         frame = FrameId('joint', joint.name)
-        position = (*self._positions.get(joint.name, ()), *([0.0] * FREEDOM[kind]))
+        position = (*self._positions.get(joint.name, ()), *([0.0] * DOF[kind]))
         return {
             'type': joint.type, 'parent': joint.parent, 'child': joint.child,
             'axis': self._axis(joint, axes[0]) if axes else None,
             'pose': self.pose(frame),
-            'position': list(position[:FREEDOM[kind]]),
+            'position': list(position[:DOF[kind]]),
             'in_parent': self._written(FrameId('link', joint.parent), frame),
             'in_child': self._written(FrameId('link', joint.child), frame),
             'lower': lower if lower > -UNLIMITED else None,
@@ -174,7 +174,7 @@ def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None
     """Refuse positions that no joint can be put to, and note those it should not be put to."""
     joints = {joint.name: joint for joint in robot.joints}
     movable = {name: joint for name, joint in joints.items()
-               if FREEDOM[JOINT_TYPES[joint.type]] == 1 and not joint.is_loop
+               if DOF[JOINT_TYPES[joint.type]] == 1 and not joint.is_loop
                and not any(axis.mimic for axis in joint.axes)}
     for name, value in positions.items():
         if name not in movable:
@@ -206,12 +206,12 @@ def _choice(joints: Mapping[str, Joint], movable: Iterable[str]) -> str:
     names = ', '.join(map(repr, movable))
     if names:
         return f'the movable joints are {names}'
-    some = any(FREEDOM[JOINT_TYPES[joint.type]] for joint in joints.values())
+    some = any(DOF[JOINT_TYPES[joint.type]] for joint in joints.values())
     none = f'the robot has no {"joint that one number moves" if some else "movable joint"}'
-    return f'{none}; its joints are {listed([*joints])}' if joints else none
+    return f'{none}; its joints are {shortened([*joints])}' if joints else none
 
 
-def joints_above(listing: Mapping[str, Any]) -> dict[str, str]:
+def parent_joints(listing: Mapping[str, Any]) -> dict[str, str]:
     """Return the joint above each link, by the link's name; the other joints close loops."""
     above: dict[str, str] = {}
     for name, joint in listing['joints'].items():
@@ -224,14 +224,14 @@ def joint_places(listing: Mapping[str, Any]) -> dict[str, Transform]:
     """Return where the joints of the tree are, each at its origin in its parent link."""
     joints, links = listing['joints'], listing['links']
     places = {}
-    for name in joints_above(listing).values():
+    for name in parent_joints(listing).values():
         xyz, rpy = joints[name]['in_parent'].values()
         origin = Pose((xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])).transform()
         places[name] = transform_of(links[joints[name]['parent']]['pose']) @ origin
     return places
 
 
-def in_depth(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
+def depth_first(listing: Mapping[str, Any]) -> Iterator[tuple[str, int]]:
     """Return all links in the order of a tree, each with the number of links above it."""
     below: dict[str | None, list[str]] = {}
     for name, link in listing['links'].items():

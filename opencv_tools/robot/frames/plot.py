@@ -23,7 +23,7 @@ from opencv_tools.robot.frames import schematic, space
 from opencv_tools.robot.frames.drawing import DARK, GREY, PALE, plain
 from opencv_tools.robot.frames.figures import in_inches, new_figure, save, size_of
 from opencv_tools.robot.frames.labels import Rectangle
-from opencv_tools.robot.frames.listing import frames, in_depth, joints_above
+from opencv_tools.robot.frames.listing import depth_first, frames, parent_joints
 from opencv_tools.robot.frames.text import heading, joint_text, link_text
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.xml.report import Report
@@ -115,9 +115,9 @@ def _draw_tree(axes: Any, listing: Mapping[str, Any]) -> None:
     """Draw the links, each below the one it hangs on, with the joint by which it does."""
     axes.set_axis_off()
     axes.set_title('Links, and the joints by which they hang', fontsize=10, color=GREY)
-    rows = list(in_depth(listing))
+    rows = list(depth_first(listing))
     shown = rows[:_MOST_ROWS]
-    above, spots = joints_above(listing), {}
+    above, spots = parent_joints(listing), {}
     step = min(0.07, 0.45 / max(1, *(depth for _, depth in shown)))
     height = max(len(shown) + (len(rows) > len(shown)), 10)
     axes.set_xlim(0, 1)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from opencv_tools.robot.frames.listing import in_depth, joints_above, transform_of
+from opencv_tools.robot.frames.listing import depth_first, parent_joints, transform_of
 
 _INDENT = 2
 _DEEPEST = 20  # levels that are indented; deeper links stand below each other
@@ -65,8 +65,8 @@ def link_text(name: str, link: Mapping[str, Any]) -> str:
 
 
 def _rows(listing: Mapping[str, Any]) -> Iterator[_Row]:
-    joints, above, root = listing['joints'], joints_above(listing), listing['root']
-    for name, depth in in_depth(listing):
+    joints, above, root = listing['joints'], parent_joints(listing), listing['root']
+    for name, depth in depth_first(listing):
         indent = ' ' * (_INDENT * min(depth, _DEEPEST))
         deep = f'({depth}) ' if depth > _DEEPEST else ''
         if name in above:

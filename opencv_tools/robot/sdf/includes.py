@@ -24,7 +24,7 @@ from pathlib import Path
 
 from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version, version_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, local_name, named, parse, read_bytes, source_of)
+    DescriptionError, Element, local_name, parse, read_bytes, required_name, source_of)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import Taken
 
@@ -45,7 +45,7 @@ class NoModelError(DescriptionError):
 
 
 @dataclass(frozen=True)
-class Part:
+class ModelFile:
     """
     A model, the file that it stands in, and how it came from there.
 
@@ -63,7 +63,7 @@ class Part:
     @property
     def name(self) -> str:
         """Give the name of the model."""
-        own = named(self.element)
+        own = required_name(self.element)
         return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
     @property
@@ -80,7 +80,7 @@ class Part:
         return next(filter(None, names), '')
 
 
-class Library:
+class ModelLoader:
     """The files that one SDF includes; each is read once."""
 
     def __init__(self, search: Sequence[str], report: Report) -> None:
@@ -97,7 +97,7 @@ class Library:
         self._count = 0
         self._elements = 0
 
-    def part(self, include: Taken, files: tuple[Path, ...]) -> Part:
+    def part(self, include: Taken, files: tuple[Path, ...]) -> ModelFile:
         """
         Give the model that an ``<include>`` names.
 
@@ -118,12 +118,12 @@ class Library:
             files = (*files, path)
             element = Taken(only_model(root, includes[-1]))
             if local_name(element) == 'model':
-                part = Part(element, version, files, tuple(includes))
+                part = ModelFile(element, version, files, tuple(includes))
                 _check_placement(part)
                 return part
             includes.append(element)
 
-    def check_size(self, part: Part) -> None:
+    def check_size(self, part: ModelFile) -> None:
         """
         Count the elements of a model that is included, each time that it is.
 
@@ -234,7 +234,7 @@ def _file_in(folder: Path, include: Taken | None) -> Path:
     return folder / next(name for version, name in known if version == newest)
 
 
-def _check_placement(part: Part) -> None:
+def _check_placement(part: ModelFile) -> None:
     for include in part.includes:
         if text_of(include, 'placement_frame') and include.element.find('pose') is None:
             raise DescriptionError('has a <placement_frame> and no <pose> for it', include)

@@ -29,7 +29,7 @@ from opencv_tools.robot.sdf.link_reader import Place
 from opencv_tools.robot.sdf.names import JOINTS
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME
 from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, named
+from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, required_name
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.taken import Taken
@@ -45,13 +45,13 @@ Turn = Callable[[Vector], Vector] | None
 
 def read_joint(element: Taken, place: Place) -> Joint:
     """Read what a joint connects and where it is, without its axes."""
-    name = place.scope.qualified(named(element))
+    name = place.scope.qualified(required_name(element))
     names, scope = place.names, place.scope
     child, parent = names.child_frame(element, scope), names.parent_frame(element, scope)
     ends = {'parent': names.link_of(parent), 'child': names.link_of(child)}
     for tag, frame in (('parent', parent), ('child', child)):
         if frame.kind != 'link':
-            place.report.carry('joint', name, line_of(element),
+            place.report.preserve('joint', name, line_of(element),
                                f'its {tag} is {frame.name or MODEL_FRAME!r}, '
                                f'which moves with link {ends[tag]!r}')
     if ends['parent'] == ends['child']:
@@ -92,7 +92,7 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
                           f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
     if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
-    return replace(joint, axes=tuple(axes), carried=place.carried(element))
+    return replace(joint, axes=tuple(axes), extension=place.carried(element))
 
 
 def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
@@ -132,7 +132,7 @@ def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
     :param canonical: the canonical link.
     """
     children = {joint.child for joint in joints}
-    whole = _Sets()
+    whole = _DisjointSets()
     for joint in joints:
         whole.join(joint.parent, joint.child)
     links = [canonical, *links] if canonical else list(links)
@@ -142,7 +142,7 @@ def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
         if whole.top(link) not in rooted:
             rooted.add(whole.top(link))
             roots.add(link)
-    trees, placed, result = _Sets(), roots, []
+    trees, placed, result = _DisjointSets(), roots, []
     for joint in joints:
         is_loop = joint.child in placed or not trees.join(joint.parent, joint.child)
         if not is_loop:
@@ -151,7 +151,7 @@ def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
     return tuple(result)
 
 
-class _Sets:
+class _DisjointSets:
     """Links that hang together."""
 
     def __init__(self) -> None:
@@ -214,7 +214,7 @@ def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> 
     if leader not in place.names.elements:
         if own is None:
             raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
-        place.report.warn('mimic', place.scope.qualified(named(joint)), line_of(own),
+        place.report.warn('mimic', place.scope.qualified(required_name(joint)), line_of(own),
                           f'joint={mimic.joint!r} is no joint of the model; it follows none')
         element.leave(own)
         return None
@@ -239,11 +239,11 @@ def _limit(element: Element | Taken, kind: str) -> Limit:
             values[tag] = limit_number(child.text, child)
     lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
     kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
-    effort, velocity = (_enforced(values[tag]) if tag in values else kept[tag] for tag in kept)
+    effort, velocity = (_limit_or_inf(values[tag]) if tag in values else kept[tag] for tag in kept)
     return Limit(lower, upper, effort, velocity)
 
 
-def _enforced(value: float) -> float:
+def _limit_or_inf(value: float) -> float:
     """Give an effort or a velocity, which is not enforced where it is negative."""
     return math.inf if value < 0 else abs(value)
 

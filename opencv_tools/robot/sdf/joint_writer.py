@@ -52,12 +52,12 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
         element.append(axis_to_element(axis, tag, version, direction))
         if axis.mimic and version < MIMIC:
             _mimic_element(element, axis.mimic, tag)
-            report.carry('mimic', joint.name, joint.line,
+            report.preserve('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.carried.sdf)
+    restore(element, joint.extension.sdf)
     if joint.type == 'continuous' and version < CONTINUOUS:
         _remove_positions(element, joint, version, report)
-    carry(element, joint.carried.urdf, 'urdf', report, joint.name, joint.line)
+    carry(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,

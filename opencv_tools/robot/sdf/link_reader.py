@@ -22,12 +22,13 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.model import Carried, FrameId, Inertial, Link, MODEL, Placement, Shape
+from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, MODEL, Placement, Shape
 from opencv_tools.robot.sdf.link_writer import COLORS
-from opencv_tools.robot.sdf.names import JOINTS, Names
+from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope
 from opencv_tools.robot.sdf.values import color_of, flag, FRAMES, pose_of, poses_in, text_of
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name, named
+from opencv_tools.robot.xml.document import (
+    DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.numbers import number, number_text, vector
 from opencv_tools.robot.xml.passthrough import carried, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
@@ -47,7 +48,7 @@ class Place:
     """
 
     scope: Scope
-    names: Names
+    names: FrameRegistry
     report: Report
     folder: str
 
@@ -69,9 +70,9 @@ class Place:
         frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
         return Placement(pose_of(pose), frame)
 
-    def carried(self, element: Taken) -> Carried:
+    def carried(self, element: Taken) -> Extension:
         """Return what was not taken of an element."""
-        return Carried(urdf=carried(element, 'urdf'), sdf=self.rest(element))
+        return Extension(urdf=carried(element, 'urdf'), sdf=self.rest(element))
 
     def rest(self, element: Taken) -> Element | None:
         """Return what was not taken of an element, in the words of SDF 1.7 and later."""
@@ -80,7 +81,7 @@ class Place:
             return None
         for axis in rest.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
             if self.scope.version < FRAMES:
-                _modernise(axis)
+                _to_expressed_in(axis)
             xyz = axis.find('xyz')
             if xyz is not None and (name := xyz.get('expressed_in')):
                 # Nothing follows it when names of nested models become flat ones.
@@ -105,7 +106,7 @@ class Place:
         return self.scope.frame.name if name == MODEL_FRAME else self.scope.qualified(name)
 
 
-def _modernise(axis: Element) -> None:
+def _to_expressed_in(axis: Element) -> None:
     """Say by ``expressed_in`` what older versions say by ``use_parent_model_frame``."""
     xyz, old = axis.find('xyz'), axis.find('use_parent_model_frame')
     if old is not None:
@@ -116,7 +117,7 @@ def _modernise(axis: Element) -> None:
 
 def read_link(element: Taken, place: Place) -> Link:
     """Read a link."""
-    name = place.scope.qualified(named(element))
+    name = place.scope.qualified(required_name(element))
     frame = FrameId('link', name)
     shapes: dict[str, tuple[Shape, ...]] = {}
     for tag in ('visual', 'collision'):
@@ -158,24 +159,25 @@ def _shape(element: Taken, link: FrameId, place: Place) -> Shape:
     look = element.find('material') if tag == 'visual' else None
     geometry, placement = _geometry(element, place), place.placement(element, link)
     material = None if look is None else _material(look, place)
-    name, rest = named(element), place.carried(element)
+    name, rest = required_name(element), place.carried(element)
     return Shape(name, placement, geometry, material,
                  rest if geometry else _with_geometry(rest, tag), line_of(element))
 
 
-def _with_geometry(rest: Carried, tag: str) -> Carried:
+def _with_geometry(rest: Extension, tag: str) -> Extension:
     """Say what no geometry is, where nothing is said."""
     if rest.sdf is not None and rest.sdf.find('geometry') is not None:
         return rest
     element = etree.Element(tag) if rest.sdf is None else rest.sdf
     etree.SubElement(etree.SubElement(element, 'geometry'), 'empty')
-    return Carried(rest.urdf, element)
+    return Extension(rest.urdf, element)
 
 
 def _geometry(shape: Taken, place: Place) -> Geometry | None:
     element = shape.find('geometry')
     if element is None:
-        place.report.warn(local_name(shape), named(shape), line_of(shape), 'has no <geometry>')
+        place.report.warn(local_name(shape), required_name(shape), line_of(shape),
+                          'has no <geometry>')
         return None
     capsule = element.first(_KEPT_CAPSULE)
     if capsule is not None:
@@ -184,13 +186,13 @@ def _geometry(shape: Taken, place: Place) -> Geometry | None:
                        number(capsule.get('length'), capsule, 'length'))
     forms = list(element.element.iterchildren(*_FORMS))
     for other in forms[1:]:
-        place.report.warn(local_name(other), named(shape), line_of(other),
+        place.report.warn(local_name(other), required_name(shape), line_of(other),
                           'is not read, a geometry is one shape')
     form = element.find(str(forms[0].tag)) if forms else None
-    return _form(form, place) if form else None
+    return _shape_geometry(form, place) if form else None
 
 
-def _form(element: Taken, place: Place) -> Geometry:
+def _shape_geometry(element: Taken, place: Place) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')

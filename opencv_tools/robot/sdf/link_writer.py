@@ -65,13 +65,13 @@ def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Ve
     _geometry_element(element, shape, version, report)
     if shape.material is not None:
         _material_element(element, shape, shape.material, version, report)
-    restore(element, shape.carried.sdf)
-    carry(element, shape.carried.urdf, 'urdf', report, shape.name, shape.line)
+    restore(element, shape.extension.sdf)
+    carry(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
 
 
 def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:
     geometry = shape.geometry
-    rest = shape.carried.sdf
+    rest = shape.extension.sdf
     if geometry is None and rest is not None and rest.find('geometry') is not None:
         return  # it is put back with all else that is carried
     parent = etree.SubElement(element, 'geometry')
@@ -119,5 +119,5 @@ def _material_element(element: Element, shape: Shape, material: Material, versio
     elif material.texture:
         kept = etree.SubElement(target, f'{{{URDF_NAMESPACE}}}texture')
         kept.set('filename', material.texture)
-        report.carry('texture', shape.name, shape.line,
+        report.preserve('texture', shape.name, shape.line,
                      f'SDF {version_text(version)} has no <pbr>; kept as <urdf:texture>')

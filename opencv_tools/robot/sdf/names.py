@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from opencv_tools.robot.model import FrameId, WORLD
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, SEPARATOR
 from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, text_of
-from opencv_tools.robot.xml.document import DescriptionError, Element, local_name, named
+from opencv_tools.robot.xml.document import DescriptionError, Element, local_name, required_name
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.taken import Taken
 
@@ -33,7 +33,7 @@ _KINDS = ('link', 'joint', 'frame')
 _NESTED_NAMES = CAPSULE  # from this version on '::' is what reaches into a model
 
 
-class Names:
+class FrameRegistry:
     """All frames of a robot by their names, with the elements that declare them."""
 
     def __init__(self, scopes: Sequence[Scope]) -> None:
@@ -136,7 +136,7 @@ class Names:
         nested = None
         for child in scope.element.each('link', 'model', 'include'):
             if local_name(child) == 'link':
-                return FrameId('link', scope.qualified(named(child)))
+                return FrameId('link', scope.qualified(required_name(child)))
             other = next(inner)
             first = self._first(other) if other.is_merged else other.frame
             if first is not None and first.kind == 'link':
@@ -167,7 +167,7 @@ class Names:
 
 
 def _allowed(element: Taken, scope: Scope) -> str:
-    name = named(element)
+    name = required_name(element)
     is_reserved = len(name) > 3 and name.startswith('__') and name.endswith('__')
     if name == WORLD or (is_reserved and scope.version >= FRAMES):
         raise DescriptionError(f'{name!r} is reserved; give it another name', element)

@@ -22,16 +22,16 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    Carried, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
+    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
-from opencv_tools.robot.sdf.includes import first_file, Library
+from opencv_tools.robot.sdf.includes import first_file, ModelLoader
 from opencv_tools.robot.sdf.joint_reader import marked_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import Place, read_link
-from opencv_tools.robot.sdf.names import FRAME_TAGS, JOINTS, Names
+from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, scopes_of
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Either, Element, line_of, local_name, named, source_of)
+    DescriptionError, Either, Element, line_of, local_name, required_name, source_of)
 from opencv_tools.robot.xml.passthrough import carried
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import detached, Taken
@@ -55,10 +55,10 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     """
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF, whose root is <sdf>', root)
-    scopes = scopes_of(root, Library(search, report), model, report)
+    scopes = scopes_of(root, ModelLoader(search, report), model, report)
     if not any(scope.element.each('link') for scope in scopes):
         raise DescriptionError(f'model {scopes[0].part.name!r} has no links', scopes[0].element)
-    names = Names(scopes)
+    names = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
     places = [Place(scope, names, report, folder) for scope in scopes]
     robot = Robot(scopes[0].part.name, *_parts(places), source=source_of(root))
@@ -71,7 +71,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     robot = _with_axes(_with_world(robot, in_world), places)
     links = tuple(link.name for link in robot.links)
     robot = replace(robot, joints=marked_loops(robot.joints, links, canonical),
-                    carried=_model_rest(places[0], in_world))
+                    extension=_model_rest(places[0], in_world))
     with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
     return robot
 
@@ -88,7 +88,8 @@ def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId]
     home = model if name == MODEL_FRAME else lookup(name, element)
     pose = element.find('pose')
     start = home if pose is None else _named_frame(pose, lookup, model, home)
-    return Frame(named(element), home, Placement(pose_of(pose), start), line=line_of(element))
+    return Frame(required_name(element), home, Placement(pose_of(pose), start),
+                 line=line_of(element))
 
 
 def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
@@ -127,7 +128,7 @@ def _frame(element: Taken, place: Place) -> Frame:
     frame = frame_from_element(element, lookup, place.scope.frame)
     return replace(frame, name=place.scope.qualified(frame.name),
                    placement=place.placement(element, frame.attached_to),
-                   carried=place.carried(element))
+                   extension=place.carried(element))
 
 
 def _model_frame(place: Place, around: Place) -> Frame:
@@ -152,7 +153,7 @@ def _note_rest(place: Place) -> None:
                                   'left out, it belongs to a model inside the model')
 
 
-def _check_placements(robot: Robot, names: Names) -> None:
+def _check_placements(robot: Robot, names: FrameRegistry) -> None:
     """
     See to it that every frame is placed in the model in the end.
 
@@ -173,7 +174,7 @@ def _check_placements(robot: Robot, names: Names) -> None:
         good.update(chain)
 
 
-def _placed_by_frames(robot: Robot, scopes: Sequence[Scope], names: Names) -> Robot:
+def _placed_by_frames(robot: Robot, scopes: Sequence[Scope], names: FrameRegistry) -> Robot:
     """Place the models whose pose is that of a frame in them; the innermost ones first."""
     for scope in reversed(scopes[1:]):
         if not scope.part.placement_frame:
@@ -186,7 +187,7 @@ def _placed_by_frames(robot: Robot, scopes: Sequence[Scope], names: Names) -> Ro
     return robot
 
 
-def _placement_frame(robot: Robot, scope: Scope, names: Names) -> Transform:
+def _placement_frame(robot: Robot, scope: Scope, names: FrameRegistry) -> Transform:
     """Give where in a model the frame is that the model's pose places."""
     name = scope.part.placement_frame
     if not name:
@@ -195,7 +196,7 @@ def _placement_frame(robot: Robot, scope: Scope, names: Names) -> Transform:
     return Kinematics(robot).between(scope.frame, frame).transform()
 
 
-def _in_world(robot: Robot, scope: Scope, names: Names) -> Pose:
+def _in_world(robot: Robot, scope: Scope, names: FrameRegistry) -> Pose:
     """Give where the model is in the world; in its origin if that is relative to what is gone."""
     pose = scope.part.placed_by.element.find('pose')
     placed = _placement_frame(robot, scope, names)
@@ -223,7 +224,7 @@ def _with_axes(robot: Robot, places: Sequence[Place]) -> Robot:
         for joint, (element, place) in zip(robot.joints, elements)))
 
 
-def _model_rest(place: Place, in_world: Pose) -> Carried:
+def _model_rest(place: Place, in_world: Pose) -> Extension:
     """
     Keep what else there is of the model, with what an include says about it instead.
 
@@ -243,11 +244,11 @@ def _model_rest(place: Place, in_world: Pose) -> Carried:
                 rest.append(detached(child))
             elif tag not in _INCLUDE:
                 place.report.warn(tag, part.name, line_of(child), 'left out of the <include>')
-    _settle_pose(rest, place, in_world)
-    return Carried(urdf=kept, sdf=rest if len(rest) or rest.attrib else None)
+    _resolve_model_pose(rest, place, in_world)
+    return Extension(urdf=kept, sdf=rest if len(rest) or rest.attrib else None)
 
 
-def _settle_pose(rest: Element, place: Place, in_world: Pose) -> None:
+def _resolve_model_pose(rest: Element, place: Place, in_world: Pose) -> None:
     """Say where the model is without any name, which may be another one in what is written."""
     name = place.scope.part.name
     for pose in rest.findall('pose'):
@@ -259,5 +260,5 @@ def _settle_pose(rest: Element, place: Place, in_world: Pose) -> None:
         for pose in rest.findall('pose'):
             rest.remove(pose)
         pose_element(rest, in_world)
-        place.report.carry('pose', name, line_of(place.scope.element),
+        place.report.preserve('pose', name, line_of(place.scope.element),
                            f'it placed {frame!r}; now it places the model itself')

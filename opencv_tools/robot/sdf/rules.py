@@ -38,7 +38,7 @@ _URDF = f'{{{URDF_NAMESPACE}}}'
 NAME = f'{_URDF}name'
 # Elements that may not be called as SDF calls its own frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
-# `names.sdf_named` has seen to these; others that have one of their names give way.
+# `names.with_valid_sdf_names` has seen to these; others that have one of their names give way.
 _NAMED = ('link', 'joint', 'frame', 'collision', 'visual')
 # What rounding leaves of an inequality between moments of inertia, as a part of them.
 _ROUNDING = 1e-14

@@ -21,9 +21,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from opencv_tools.robot.model import FrameId, MODEL
-from opencv_tools.robot.sdf.includes import first_file, Library, NoModelError, Part
+from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
 from opencv_tools.robot.sdf.values import file_version, flag, text_of, Version
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name, named
+from opencv_tools.robot.xml.document import (
+    DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import Taken
 
@@ -43,7 +44,7 @@ class Scope:
     :param inner: the models directly inside it, in the order of the file.
     """
 
-    part: Part
+    part: ModelFile
     prefix: str = ''
     frame: FrameId = MODEL
     parent: Scope | None = None
@@ -74,7 +75,7 @@ class Scope:
         return self.prefix + name
 
 
-def scopes_of(root: Element, library: Library, name: str, report: Report) -> list[Scope]:
+def scopes_of(root: Element, library: ModelLoader, name: str, report: Report) -> list[Scope]:
     """
     Give the model to read, and after it all models inside it.
 
@@ -93,26 +94,26 @@ def scopes_of(root: Element, library: Library, name: str, report: Report) -> lis
     return result
 
 
-def _inner(scope: Scope, element: Taken, library: Library, report: Report) -> Scope:
+def _inner(scope: Scope, element: Taken, library: ModelLoader, report: Report) -> Scope:
     if local_name(element) == 'model':
-        part = Part(element, scope.version, scope.part.files)
+        part = ModelFile(element, scope.version, scope.part.files)
     else:
         part = library.part(element, scope.part.files)
         library.check_size(part)
     name = part.name
     if flag(element.get('merge'), element, 'merge'):
         frame = FrameId('frame', scope.qualified(f'_merged__{name}{MODEL_FRAME}'))
-        report.carry('include', name, line_of(element),
+        report.preserve('include', name, line_of(element),
                      'its links are those of the model; where it was is frame '
                      f'{frame.name!r}')
         return Scope(part, scope.prefix, frame, scope)
     prefix = f'{scope.qualified(name)}{SEPARATOR}'
-    report.carry(local_name(element), name, line_of(element),
+    report.preserve(local_name(element), name, line_of(element),
                  f'a model inside the model; the names of what is in it begin with {prefix!r}')
     return Scope(part, prefix, FrameId('frame', f'{prefix}{MODEL_FRAME}'), scope)
 
 
-def _chosen(root: Element, library: Library, name: str, report: Report) -> Part:
+def _chosen(root: Element, library: ModelLoader, name: str, report: Report) -> ModelFile:
     version = file_version(root, report)
     candidates = list(_candidates(root, library))
     if not candidates:
@@ -128,20 +129,20 @@ def _chosen(root: Element, library: Library, name: str, report: Report) -> Part:
     files = (first_file(root),)
     if local_name(element) == 'include':
         return library.part(Taken(element), files)
-    return Part(Taken(element), version, files)
+    return ModelFile(Taken(element), version, files)
 
 
-def _candidates(root: Element, library: Library) -> Iterator[tuple[str, Element]]:
+def _candidates(root: Element, library: ModelLoader) -> Iterator[tuple[str, Element]]:
     """Give all models that might be read, by name."""
     for holder in (root, *root.iterchildren('world')):
         for element in holder.iterchildren(*_MODELS):
             if local_name(element) == 'model':
-                yield named(element), element
+                yield required_name(element), element
             elif name := _include_name(element, library, first_file(root)):
                 yield name, element
 
 
-def _include_name(element: Element, library: Library, file: Path) -> str:
+def _include_name(element: Element, library: ModelLoader, file: Path) -> str:
     """Name what is included; empty for lights and the like, which are no models."""
     try:
         return library.part(Taken(element), (file,)).name

@@ -35,7 +35,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     """
     Write a robot as SDF.
 
-    :param robot: its names are those that SDF allows; see `names.sdf_named`.
+    :param robot: its names are those that SDF allows; see `names.with_valid_sdf_names`.
     :param report: takes what SDF, or this version of it, has no word for.
     :param version: 1.4 to 1.12.
     :param relative: whether each link is placed in the one above it, so that all numbers of a URDF
@@ -62,8 +62,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     for frame in robot.frames:
         home = stand_ins.get(frame.attached_to, frame.attached_to)
         _add_frame(model, replace(frame, attached_to=home), kinematics, wanted, report)
-    restore(model, robot.carried.sdf)
-    carry(model, robot.carried.urdf, 'urdf', report, robot.name, 0)
+    restore(model, robot.extension.sdf)
+    carry(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
     if wanted < FRAMES:
         _rename_references(root)
     return root
@@ -112,15 +112,15 @@ def _link_element(model: Element, link: Link, kinematics: Kinematics, version: V
         for shape in shapes:
             pose = kinematics.within(frame, shape.placement)
             shape_element(element, tag, shape, pose, version, report)
-    restore(element, link.carried.sdf)
-    carry(element, link.carried.urdf, 'urdf', report, link.name, link.line)
+    restore(element, link.extension.sdf)
+    carry(element, link.extension.urdf, 'urdf', report, link.name, link.line)
 
 
 def _add_frame(model: Element, frame: Frame, kinematics: Kinematics, version: Version,
                report: Report) -> None:
     element = frame_to_element(frame, kinematics)
-    restore(element, frame.carried.sdf)
-    carry(element, frame.carried.urdf, 'urdf', report, frame.name, frame.line)
+    restore(element, frame.extension.sdf)
+    carry(element, frame.extension.urdf, 'urdf', report, frame.name, frame.line)
     if version < FRAMES:
         element.tag = f'{{{URDF_NAMESPACE}}}frame'
         report.warn('frame', frame.name, frame.line,

@@ -60,7 +60,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
             elif owner is not None:
                 remains.remove(part)
                 found.setdefault(owner, []).append(detached(part))
-                report.carry(str(part.tag), owner.name or root.get('name', ''), line_of(part),
+                report.preserve(str(part.tag), owner.name or root.get('name', ''), line_of(part),
                              f'out of <gazebo>; SDF has it in the {owner.kind} itself')
         if len(remains) or set(remains.attrib) - {'reference'} or not owners:
             rest.append(remains)

@@ -21,11 +21,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from opencv_tools.robot.geometry import (
-    Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHTS, Material, Mesh, Sphere)
-from opencv_tools.robot.model import Carried, FrameId, Inertial, Placement, Shape
+    Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHT_COLORS, Material, Mesh, Sphere)
+from opencv_tools.robot.model import Extension, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.xml.document import (
-    child_of, DescriptionError, Element, line_of, local_name, named)
+    DescriptionError, Element, line_of, local_name, required_child, required_name)
 from opencv_tools.robot.xml.numbers import number, numbers, uncut, vector
 from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
@@ -38,7 +38,7 @@ CUT = f'{_SDF}rgba'
 
 
 @dataclass(frozen=True)
-class Looks:
+class MaterialTable:
     """
     The materials of a file.
 
@@ -74,7 +74,7 @@ def inertial_from_element(element: Taken, home: FrameId, report: Report, link: s
     :param home: the frame that URDF means by the link.
     :raises DescriptionError: the mass is not there.
     """
-    mass, inertia = child_of(element, 'mass'), element.find('inertia')
+    mass, inertia = required_child(element, 'mass'), element.find('inertia')
     value = _number(mass, 'value')
     if value < 0:
         report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
@@ -89,7 +89,7 @@ def inertial_from_element(element: Taken, home: FrameId, report: Report, link: s
     return Inertial(Placement(origin_of(element), home), value, (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def shapes_of(element: Taken, tag: str, home: FrameId, looks: Looks, report: Report
+def shapes_of(element: Taken, tag: str, home: FrameId, looks: MaterialTable, report: Report
               ) -> tuple[Shape, ...]:
     """
     Read each ``<visual>`` or ``<collision>`` of a link, and what the writer of URDF noted of one.
@@ -97,9 +97,9 @@ def shapes_of(element: Taken, tag: str, home: FrameId, looks: Looks, report: Rep
     What has no geometry that URDF knows is left out, and stays in the rest of the link.
 
     :param home: the frame that URDF means by the link.
-    :param looks: see `looks_of`.
+    :param looks: see `collect_materials`.
     """
-    link, shapes = named(element), []
+    link, shapes = required_name(element), []
     for child in element.each(tag, f'{_SDF}{tag}'):
         problem = _problem(child) if child.tag == tag else ''
         if problem:
@@ -129,7 +129,8 @@ def _forms(geometry: Element) -> list[Element]:
     return [child for child in geometry if not str(child.tag).startswith('{')]
 
 
-def _shape(element: Taken, home: FrameId, link: str, looks: Looks, report: Report) -> Shape:
+def _shape(element: Taken, home: FrameId, link: str, looks: MaterialTable,
+           report: Report) -> Shape:
     tag = local_name(element)
     kept = carried(element, 'sdf')
     material = None
@@ -140,16 +141,16 @@ def _shape(element: Taken, home: FrameId, link: str, looks: Looks, report: Repor
     geometry = None if element.tag != tag else _geometry(element, report, link)
     placement = Placement(origin_of(element), home)
     return Shape(element.get('name', ''), placement, geometry, material,
-                 Carried(element.rest(), kept), line_of(element))
+                 Extension(element.rest(), kept), line_of(element))
 
 
 def _geometry(shape: Taken, report: Report, link: str) -> Geometry:
-    geometry = child_of(shape, 'geometry')
+    geometry = required_child(shape, 'geometry')
     first, *others = _forms(geometry.element)
     for other in others:
         report.warn(local_name(other), link, line_of(other),
                     'is not read, a geometry is one shape')
-    form = child_of(geometry, str(first.tag))
+    form = required_child(geometry, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = form.element.get(name, '')
         if '-' in text and any(value < 0 for value in _floats(text)):
@@ -190,7 +191,7 @@ _GEOMETRIES: Mapping[str, Callable[[Taken], Geometry]] = {
 _KINDS = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
 
 
-def looks_of(root: Taken, report: Report) -> Looks:
+def collect_materials(root: Taken, report: Report) -> MaterialTable:
     """
     Collect the materials that are defined, those of the robot first.
 
@@ -204,13 +205,14 @@ def looks_of(root: Taken, report: Report) -> Looks:
     # Those of the robot itself stay what they are, beside the visuals that name them.
     shared = map(Taken, root.element.iterchildren('material'))
     for element in (*shared, *filter(None, (visual.find('material') for visual in visuals))):
-        each[element] = look = look_of(element, report)
+        each[element] = look = read_material(element, report)
         names[look.name] += 1
         if look.name and (look.color or look.texture) and (
                 found.setdefault(look.name, look) != look):
             report.warn('material', look.name, line_of(element), 'is defined elsewhere with '
                         'another colour or texture; each is taken as it stands')
-    return Looks(each, found, frozenset(name for name, count in names.items() if count == 1))
+    unique = frozenset(name for name, count in names.items() if count == 1)
+    return MaterialTable(each, found, unique)
 
 
 def restore_colors(root: Element) -> None:
@@ -220,7 +222,7 @@ def restore_colors(root: Element) -> None:
             color.set('rgba', uncut(color.get('rgba', ''), color.attrib.pop(CUT)))
 
 
-def look_of(element: Taken, report: Report) -> Material:
+def read_material(element: Taken, report: Report) -> Material:
     """Read ``<material>``."""
     color, texture = element.find('color'), element.find('texture')
     name = (element.get('name') or '').strip()
@@ -231,7 +233,7 @@ def look_of(element: Taken, report: Report) -> Material:
                     texture='' if texture is None else _attribute(texture, 'filename'))
 
 
-def _material(visual: Taken, kept: Taken | None, looks: Looks, report: Report, link: str
+def _material(visual: Taken, kept: Taken | None, looks: MaterialTable, report: Report, link: str
               ) -> Material | None:
     """Read what a visual looks like, by its own definition or by the name of another one."""
     element = visual.find('material')
@@ -239,7 +241,7 @@ def _material(visual: Taken, kept: Taken | None, looks: Looks, report: Report, l
     if element is None and lights is None:
         return None
     look = Material() if element is None else (
-        looks.each.get(element) or look_of(element, report))
+        looks.each.get(element) or read_material(element, report))
     if element is not None and look.name and not look.color and not look.texture:
         if look.name not in looks.defined and element.element.find('texture') is None:
             report.warn('material', look.name, line_of(element),
@@ -249,12 +251,12 @@ def _material(visual: Taken, kept: Taken | None, looks: Looks, report: Report, l
         look = replace(look, name='')  # the writer has to give one, and gives the same again
     if lights is not None:
         ambient, specular, emissive = (None if child is None else _color(child.text, child)
-                                       for child in map(lights.find, LIGHTS))
+                                       for child in map(lights.find, LIGHT_COLORS))
         return replace(look, ambient=ambient, specular=specular, emissive=emissive)
-    return lit(look)
+    return with_default_lights(look)
 
 
-def lit(look: Material) -> Material:
+def with_default_lights(look: Material) -> Material:
     """Give a material of URDF the lights that SDF tells apart from its colour."""
     if look.color is None:
         return look

@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 
 from lxml import etree
 from opencv_tools.robot.geometry import (
-    Box, Capsule, Color, Cylinder, Geometry, LIGHTS, Material, Sphere)
+    Box, Capsule, Color, Cylinder, Geometry, LIGHT_COLORS, Material, Sphere)
 from opencv_tools.robot.model import Inertial, Link, Robot, Shape
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.urdf.link_reader import lit, look_of, material_name
+from opencv_tools.robot.urdf.link_reader import material_name, read_material, with_default_lights
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import carry, restore, SDF_NAMESPACE
@@ -51,8 +51,8 @@ class Materials:
         """Collect the names of a robot, and what it says of them outside its links."""
         shapes = (shape for link in robot.links for shape in link.visuals)
         names = {shape.material.name for shape in shapes if shape.material}
-        kept = robot.carried.urdf
-        shared = [] if kept is None else [look_of(Taken(part), Report())
+        kept = robot.extension.urdf
+        shared = [] if kept is None else [read_material(Taken(part), Report())
                                           for part in kept.iterfind('material')]
         looks = {look.name: (look.color, look.texture) for look in reversed(shared) if look.name}
         return Materials(looks, {*names, *looks})
@@ -104,19 +104,20 @@ def shape_element(parent: Element, tag: str, shape: Shape, pose: Pose, link: Lin
     if shape.geometry:
         _geometry_element(element, shape.geometry)
     else:
-        report.warn(tag, name, shape.line, f'{_lack(shape)}; kept as <sdf:{tag}>, which only '
+        report.warn(tag, name, shape.line, f'{_missing_geometry(shape)}; kept as <sdf:{tag}>, '
+                    'which only '
                     'the way back reads')
-    rest = shape.carried.sdf
+    rest = shape.extension.sdf
     if shape.material:
         _material_element(element, shape.material, shape, link, materials, report)
         rest = _with_lights(shape.material, rest)
-    restore(element, shape.carried.urdf)
+    restore(element, shape.extension.urdf)
     carry(element, rest, 'sdf', report, name, shape.line)
 
 
-def _lack(shape: Shape) -> str:
+def _missing_geometry(shape: Shape) -> str:
     """Say what of a geometry URDF has no word for."""
-    rest = shape.carried.sdf
+    rest = shape.extension.sdf
     geometry = None if rest is None else rest.find('geometry')
     if geometry is None or not len(geometry):
         return 'has no geometry, which URDF demands'
@@ -154,11 +155,11 @@ def _with_lights(material: Material, rest: Element | None) -> Element | None:
     """Add to what is carried of a visual the lights that do not follow from the colour."""
     has_more = rest is not None and rest.find('material') is not None
     has_word = material.name or material.color or material.texture
-    if has_word and not has_more and material == lit(material):
+    if has_word and not has_more and material == with_default_lights(material):
         return rest
     holder = etree.Element('visual')
     element = etree.SubElement(holder, 'material', {PART: 'true'})
-    for tag in LIGHTS:
+    for tag in LIGHT_COLORS:
         color: Color | None = getattr(material, tag)
         if color:
             etree.SubElement(element, tag).text = numbers_text(color)

@@ -23,7 +23,7 @@ import math
 from lxml import etree
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import (
-    Axis, Carried, Dynamics, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
+    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
     Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.sdf.joint_reader import axis_from_element
@@ -31,13 +31,14 @@ from opencv_tools.robot.sdf.joint_writer import AXES
 from opencv_tools.robot.sdf.reader import frame_from_element
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME
 from opencv_tools.robot.sdf.values import pose_of
-from opencv_tools.robot.trees import one_tree
+from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf.link_reader import (
-    inertial_from_element, Looks, looks_of, origin_of, restore_colors, shapes_of)
+    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors,
+    shapes_of)
 from opencv_tools.robot.urdf.tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, named, source_of)
+    DescriptionError, Element, line_of, local_name, required_name, source_of)
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
 from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
@@ -48,12 +49,12 @@ _UNNAMED = 'robot'
 
 
 @dataclass(frozen=True)
-class _Source:
+class _ReadContext:
     """What the parts of a robot are read with."""
 
     report: Report
     tree: TreeOfLinks
-    looks: Looks
+    looks: MaterialTable
     gazebo: Mapping[FrameId, list[Element]]
     offsets: Mapping[str, Pose]  # of joints in their child links, where they are apart
 
@@ -61,7 +62,7 @@ class _Source:
         """Give the frame that URDF means by a link: that of the joint above it."""
         above = self.tree.above.get(link)
         if above is not None and link in self.offsets:
-            return FrameId('joint', named(above))
+            return FrameId('joint', required_name(above))
         return FrameId('link', link)
 
 
@@ -84,7 +85,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     restore_colors(element)
     tree = tree_of(root, report)
     gazebo, rest = sorted_blocks(root, tree, report)
-    source = _Source(report, tree, looks_of(root, report), gazebo,
+    source = _ReadContext(report, tree, collect_materials(root, report), gazebo,
                      {link: pose for link, joint in tree.above.items()
                       if (pose := _sdf_pose(joint)) is not None and not pose.is_identity})
     links = tuple(_link(link, source) for link in tree.links.values())
@@ -94,22 +95,22 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     if rest:
         kept = etree.Element('robot') if extras.urdf is None else extras.urdf
         kept.extend(rest)
-        extras = Carried(kept, extras.sdf)
-    robot = one_tree(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
+        extras = Extension(kept, extras.sdf)
+    robot = select_root(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
                      root_link, report)
     with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
     return robot
 
 
-def _canonical_link(root: Taken, source: _Source) -> str:
+def _canonical_link(root: Taken, source: _ReadContext) -> str:
     name = root.get(f'{_SDF}canonical_link', '')
     if name and name not in source.tree.links:
         raise DescriptionError(f'canonical_link={name!r} is no link', root)
     return name
 
 
-def _link(element: Taken, source: _Source) -> Link:
-    name = named(element)
+def _link(element: Taken, source: _ReadContext) -> Link:
+    name = required_name(element)
     home = source.home(name)
     inertial = element.find('inertial')
     visuals, collisions = (shapes_of(element, tag, home, source.looks, source.report)
@@ -122,15 +123,15 @@ def _link(element: Taken, source: _Source) -> Link:
         visuals, collisions, _carried(element, extra), line_of(element))
 
 
-def _link_placement(element: Taken, source: _Source) -> Placement:
+def _link_placement(element: Taken, source: _ReadContext) -> Placement:
     """Place a link in the joint above it, the root in the model."""
-    name = named(element)
+    name = required_name(element)
     above = source.tree.above.get(name)
     if above is None:
         return Placement(_sdf_pose(element) or Pose(), MODEL)
     offset = source.offsets.get(name)
     pose = offset.transform().inverse().pose() if offset else Pose()
-    return Placement(pose, FrameId('joint', named(above)))
+    return Placement(pose, FrameId('joint', required_name(above)))
 
 
 def _sdf_pose(element: Taken) -> Pose | None:
@@ -139,8 +140,8 @@ def _sdf_pose(element: Taken) -> Pose | None:
     return None if pose is None else pose_of(pose)
 
 
-def _joint(element: Taken, source: _Source) -> Joint:
-    name = named(element)
+def _joint(element: Taken, source: _ReadContext) -> Joint:
+    name = required_name(element)
     kind = _type(element)
     is_loop = element.tag != 'joint'
     parent, child = source.tree.ends(element)
@@ -159,7 +160,7 @@ def _joint(element: Taken, source: _Source) -> Joint:
     more = Taken(etree.Element('joint') if kept.sdf is None else kept.sdf)
     axes = tuple(axis_from_element(axis) for axis in map(more.find, AXES) if axis is not None)
     return Joint(name, own, parent, child, placement, axes, is_loop,
-                 Carried(kept.urdf, more.rest()), line_of(element))
+                 Extension(kept.urdf, more.rest()), line_of(element))
 
 
 def _type(element: Taken) -> str:
@@ -170,7 +171,7 @@ def _type(element: Taken) -> str:
     return kind
 
 
-def _axes(element: Taken, kind: str, source: _Source) -> tuple[Axis, ...]:
+def _axes(element: Taken, kind: str, source: _ReadContext) -> tuple[Axis, ...]:
     """Read the axis of a joint that has one."""
     if kind in WITHOUT_AXIS:
         return ()
@@ -180,12 +181,12 @@ def _axes(element: Taken, kind: str, source: _Source) -> tuple[Axis, ...]:
         xyz = vector(axis.get('xyz'), axis, 'xyz')
         if xyz == ZERO:
             raise DescriptionError(f'xyz={axis.get("xyz")!r} has no direction; give the axis of '
-                                   f'{kind} joint {named(element)!r}', axis)
+                                   f'{kind} joint {required_name(element)!r}', axis)
     return (Axis(xyz, _limit(element, kind, source), _dynamics(element),
                  _mimic(element, source)),)
 
 
-def _limit(element: Taken, kind: str, source: _Source) -> Limit | None:
+def _limit(element: Taken, kind: str, source: _ReadContext) -> Limit | None:
     limit = element.find('limit')
     if limit is None:
         if kind in ('revolute', 'prismatic'):
@@ -202,7 +203,7 @@ def _limit(element: Taken, kind: str, source: _Source) -> Limit | None:
     lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
                     for attribute in ('lower', 'upper'))
     if lower > upper:
-        source.report.warn('limit', named(element), line_of(limit),
+        source.report.warn('limit', required_name(element), line_of(limit),
                            f'lower={lower!r} is above upper={upper!r}')
     return Limit(lower, upper, strength[0], strength[1])
 
@@ -217,7 +218,7 @@ def _dynamics(element: Taken) -> Dynamics | None:
     return Dynamics(damping, friction)
 
 
-def _mimic(element: Taken, source: _Source) -> Mimic | None:
+def _mimic(element: Taken, source: _ReadContext) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None
@@ -225,7 +226,7 @@ def _mimic(element: Taken, source: _Source) -> Mimic | None:
     if not joint:
         raise DescriptionError('has no joint= to say which joint it follows', mimic)
     if joint not in source.tree.joints:
-        source.report.warn('mimic', named(element), line_of(mimic),
+        source.report.warn('mimic', required_name(element), line_of(mimic),
                            f'joint={joint!r} is no joint of the robot; it follows none')
         return None
     mimic.get('joint')
@@ -236,7 +237,7 @@ def _mimic(element: Taken, source: _Source) -> Mimic | None:
 def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
     elements = root.each(f'{_SDF}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
-    for kind, names in (('frame', [named(element) for element in elements]),
+    for kind, names in (('frame', [required_name(element) for element in elements]),
                         ('joint', tree.joints), ('link', tree.links)):
         ids.update((name, FrameId(kind, name)) for name in names)
 
@@ -249,14 +250,14 @@ def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
     for element in elements:
         frame = frame_from_element(element, lookup)
         urdf = carried(element, 'urdf')
-        frames.append(replace(frame, carried=Carried(urdf, element.rest())))
+        frames.append(replace(frame, extension=Extension(urdf, element.rest())))
     return tuple(frames)
 
 
-def _carried(element: Taken, extra: list[Element]) -> Carried:
+def _carried(element: Taken, extra: list[Element]) -> Extension:
     """Return what URDF says beyond a robot, and what is there of SDF."""
     sdf = carried(element, 'sdf')
     if extra:
         sdf = etree.Element(local_name(element)) if sdf is None else sdf
         sdf.extend(extra)
-    return Carried(element.rest(), sdf)
+    return Extension(element.rest(), sdf)

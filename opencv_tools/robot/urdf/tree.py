@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 from lxml import etree
 from opencv_tools.robot.model import WORLD
-from opencv_tools.robot.trees import listed
-from opencv_tools.robot.xml.document import DescriptionError, line_of, named
+from opencv_tools.robot.trees import shortened
+from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import Taken
@@ -52,11 +52,11 @@ class TreeOfLinks:
     def _end(self, joint: Taken, tag: str) -> str:
         end = joint.find(tag)
         if end is None:
-            raise DescriptionError(f'joint {named(joint)!r} has no <{tag} link=>', joint)
+            raise DescriptionError(f'joint {required_name(joint)!r} has no <{tag} link=>', joint)
         name = (end.get('link') or '').strip()
         if name not in self.links:
             problem = f'link={name!r} is no link of the robot' if name else 'has no link='
-            raise DescriptionError(f'{problem}, in joint {named(joint)!r}', end)
+            raise DescriptionError(f'{problem}, in joint {required_name(joint)!r}', end)
         return name
 
 
@@ -86,7 +86,7 @@ def tree_of(root: Taken, report: Report) -> TreeOfLinks:
             continue
         if child in above:
             raise DescriptionError(f'link {child!r} is the child of two joints, '
-                                   f'{named(above[child])!r} and {name!r}', joint)
+                                   f'{required_name(above[child])!r} and {name!r}', joint)
         above[child] = joint
     _check_cycles(tree)
     return tree
@@ -105,7 +105,7 @@ def _add_world(links: dict[str, Taken], joints: Mapping[str, Taken], report: Rep
 def _by_name(elements: list[Taken]) -> dict[str, Taken]:
     found: dict[str, Taken] = {}
     for element in elements:
-        name = named(element)
+        name = required_name(element)
         if name in found:
             raise DescriptionError(f'name={name!r} is taken by another one in line '
                                    f'{found[name].sourceline}', element)
@@ -121,7 +121,7 @@ def _check_cycles(tree: TreeOfLinks) -> None:
             if link in path:
                 circle = list(path)[list(path).index(link):]
                 raise DescriptionError(f'links hang on each other in a circle: '
-                                       f'{listed(circle[::-1])}', tree.above[link])
+                                       f'{shortened(circle[::-1])}', tree.above[link])
             path[link] = None
             link = tree.ends(tree.above[link])[0]
         fine.update(path)

@@ -30,13 +30,13 @@ from opencv_tools.robot.sdf.joint_writer import AXES, axis_to_element
 from opencv_tools.robot.sdf.scopes import MODEL_FRAME
 from opencv_tools.robot.sdf.values import NEWEST, pose_of
 from opencv_tools.robot.sdf.writer import frame_to_element
-from opencv_tools.robot.trees import one_tree
+from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.link_writer import (
     inertial_element, Materials, origin_element, shape_element)
 from opencv_tools.robot.xml.document import Element, line_of
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import (
-    carry, note_carried, prefixes, restore, SDF_NAMESPACE)
+    carry, note_preserved, prefixes, restore, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import GAZEBO, POSED
 from opencv_tools.robot.xml.taken import detached
@@ -45,7 +45,7 @@ _SDF = f'{{{SDF_NAMESPACE}}}'
 
 
 @dataclass(frozen=True)
-class _Target:
+class _WriteContext:
     """What the parts of a robot are written with."""
 
     kinematics: Kinematics
@@ -70,27 +70,27 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     :returns: the element ``<robot>``.
     :raises DescriptionError: several of its links hang on nothing.
     """
-    robot = one_tree(robot, '', report)
+    robot = select_root(robot, '', report)
     kinematics = Kinematics(robot)
-    target = _Target(kinematics, report, Materials.of(robot), _frames_by_name(robot))
+    target = _WriteContext(kinematics, report, Materials.of(robot), _frames_by_name(robot))
     root = etree.Element('robot', {'name': robot.name}, nsmap=prefixes(robot, 'sdf'))
     if robot.canonical_link:
         root.set(f'{_SDF}canonical_link', robot.canonical_link)
-        note_carried(report, 'sdf', robot.name, 0, '@canonical_link')
+        note_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
         _link_element(root, link, target)
     for joint in robot.joints:
         _joint_element(root, joint, target)
     for frame in robot.frames:
         element = frame_to_element(frame, kinematics)
-        restore(element, frame.carried.sdf)
-        carry(element, frame.carried.urdf, 'urdf', Report(), frame.name, frame.line)
+        restore(element, frame.extension.sdf)
+        carry(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
         element.tag = f'{_SDF}frame'
         root.append(element)
-        note_carried(report, 'sdf', frame.name, frame.line, 'frame')
+        note_preserved(report, 'sdf', frame.name, frame.line, 'frame')
     _gazebo_elements(root, robot, target)
-    restore(root, robot.carried.urdf)
-    carry(root, _without(robot.carried.sdf, GAZEBO['model']), 'sdf', report, robot.name, 0)
+    restore(root, robot.extension.urdf)
+    carry(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report, robot.name, 0)
     return root
 
 
@@ -101,7 +101,7 @@ def _frames_by_name(robot: Robot) -> dict[str, FrameId]:
     return names
 
 
-def _link_element(root: Element, link: Link, target: _Target) -> None:
+def _link_element(root: Element, link: Link, target: _WriteContext) -> None:
     kinematics, home = target.kinematics, target.home(link.name)
     element = etree.SubElement(root, 'link', name=link.name)
     if link.inertial:
@@ -112,8 +112,8 @@ def _link_element(root: Element, link: Link, target: _Target) -> None:
                           target.materials, target.report)
     if home.kind == 'link':
         _note_pose(element, kinematics.between(MODEL, home), link.name, link.line, target.report)
-    restore(element, link.carried.urdf)
-    carry(element, _without(link.carried.sdf, GAZEBO['link']), 'sdf', target.report, link.name,
+    restore(element, link.extension.urdf)
+    carry(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', target.report, link.name,
           link.line)
 
 
@@ -121,10 +121,10 @@ def _note_pose(element: Element, pose: Pose, name: str, line: int, report: Repor
     """Keep a pose that URDF has no word for."""
     if not pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-        note_carried(report, 'sdf', name, line, 'pose')
+        note_preserved(report, 'sdf', name, line, 'pose')
 
 
-def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
+def _joint_element(root: Element, joint: Joint, target: _WriteContext) -> None:
     kinematics, report = target.kinematics, target.report
     frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
     kind = joint.type if joint.type in URDF_TYPES else 'floating'
@@ -142,8 +142,8 @@ def _joint_element(root: Element, joint: Joint, target: _Target) -> None:
     if joint.is_loop and pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
     _note_pose(element, pose, joint.name, joint.line, report)
-    restore(element, joint.carried.urdf)
-    rest = joint.carried.sdf
+    restore(element, joint.extension.urdf)
+    rest = joint.extension.sdf
     if joint.type != kind:
         report.warn('joint', joint.name, joint.line, f'URDF has no {joint.type} joints; it is a '
                     'floating one there')
@@ -182,7 +182,7 @@ def _with_axes(joint: Joint) -> Element:
     holder = etree.Element('joint')
     for axis, tag in zip(joint.axes, AXES):
         holder.append(axis_to_element(axis, tag, NEWEST))
-    restore(holder, joint.carried.sdf, marked=True)
+    restore(holder, joint.extension.sdf, marked=True)
     return holder
 
 
@@ -197,18 +197,18 @@ def _without(rest: Element | None, tags: frozenset[str]) -> Element | None:
     return copy if len(copy) or copy.attrib else None
 
 
-def _in_gazebo(name: str, kind: str, target: _Target) -> frozenset[str]:
+def _in_gazebo(name: str, kind: str, target: _WriteContext) -> frozenset[str]:
     """Tell what of an object goes into a ``<gazebo>`` block: of two of one name, the link's."""
     if kind == 'joint' and name in target.kinematics.joints_below:
         return frozenset()
     return GAZEBO[kind]
 
 
-def _gazebo_elements(root: Element, robot: Robot, target: _Target) -> None:
+def _gazebo_elements(root: Element, robot: Robot, target: _WriteContext) -> None:
     """Write elements of SDF where Gazebo takes them from a file of URDF."""
-    things = [(MODEL, robot.carried.sdf),
-              *((FrameId('link', link.name), link.carried.sdf) for link in robot.links),
-              *((FrameId('joint', joint.name), joint.carried.sdf) for joint in robot.joints)]
+    things = [(MODEL, robot.extension.sdf),
+              *((FrameId('link', link.name), link.extension.sdf) for link in robot.links),
+              *((FrameId('joint', joint.name), joint.extension.sdf) for joint in robot.joints)]
     for owner, rest in things:
         tags = _in_gazebo(owner.name, owner.kind, target)
         parts = [] if rest is None else [part for part in rest if part.tag in tags]
@@ -217,11 +217,11 @@ def _gazebo_elements(root: Element, robot: Robot, target: _Target) -> None:
                                      {} if owner == MODEL else {'reference': owner.name})
             block.extend(_in_home(part, owner, target) for part in parts)
         for part in parts:
-            target.report.carry(str(part.tag), owner.name or robot.name, line_of(part),
+            target.report.preserve(str(part.tag), owner.name or robot.name, line_of(part),
                                 'URDF has no word for it; kept in <gazebo>, which Gazebo reads')
 
 
-def _in_home(part: Element, owner: FrameId, target: _Target) -> Element:
+def _in_home(part: Element, owner: FrameId, target: _WriteContext) -> Element:
     """Give an element of SDF with its pose in the frame that URDF means by its link."""
     part = detached(part)
     if owner.kind != 'link' or part.tag not in POSED:

@@ -25,13 +25,13 @@ from opencv_tools.robot.xml.document import DescriptionError
 
 # What $(find package) stands for until it is known what the path is used for: an absolute path
 # with characters of Unicode's private area, which no file has.
-FOUND = re.compile('/\ue000([^\ue000\ue001]*)\ue001')
+PACKAGE_MARKER = re.compile('/\ue000([^\ue000\ue001]*)\ue001')
 TOO_LARGE = ('takes more memory to expand than any robot; look for a property or an expression '
              'that grows without end')
 _LONGEST = 400  # characters of a message
 
 
-class Trouble(Exception):
+class XacroProblem(Exception):
     """What is wrong with a file, yet without its place."""
 
 
@@ -42,7 +42,7 @@ def sentence(err: Exception, source: str) -> DescriptionError:
     place, line, tag = _place(err.__traceback__) or (source, 0, '')
     if known is not None and not any(isinstance(cause, OSError) for cause in causes):
         return known
-    trouble = next((cause for cause in causes if isinstance(cause, Trouble)), None)
+    trouble = next((cause for cause in causes if isinstance(cause, XacroProblem)), None)
     argument = next((cause for cause in causes if type(cause).__name__ == 'ArgException'), None)
     if any(isinstance(cause, RecursionError) for cause in causes):
         message = 'a macro calls itself without end'
@@ -60,7 +60,7 @@ def sentence(err: Exception, source: str) -> DescriptionError:
 
 def one_line(message: str) -> str:
     """Give a message of xacro as one line, with packages as the file names them."""
-    message = FOUND.sub(r'$(find \1)', ' '.join(message.split()))
+    message = PACKAGE_MARKER.sub(r'$(find \1)', ' '.join(message.split()))
     message = message.replace(' (<expression>, line 1)', '')
     return message if len(message) <= _LONGEST else f'{message[:_LONGEST]} ...'
 

@@ -35,12 +35,14 @@ from xml.dom import minidom
 from lxml import etree
 from opencv_tools.regular_files import describe_kind
 from opencv_tools.robot.xacro.document import place_of, PlacedBuilder, text_of
-from opencv_tools.robot.xacro.errors import FOUND, one_line, os_error, sentence, Trouble
-from opencv_tools.robot.xml.document import DescriptionError, Element, name_of, parse, read_bytes
+from opencv_tools.robot.xacro.errors import (
+    one_line, os_error, PACKAGE_MARKER, sentence, XacroProblem)
+from opencv_tools.robot.xml.document import (
+    DescriptionError, display_name, Element, parse, read_bytes)
 from opencv_tools.robot.xml.report import Line, Report
 
 _XACRO = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
-_FOUND_URI = re.compile(f'(?i:file:(?://localhost)?)/*{FOUND.pattern}')
+_FOUND_URI = re.compile(f'(?i:file:(?://localhost)?)/*{PACKAGE_MARKER.pattern}')
 # Of macros that call each other; Python's own limit is not much above.
 _DEEPEST = 120
 _MOST_CALLS = 5000
@@ -68,7 +70,7 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report)
     except ImportError as err:
         raise DescriptionError('is xacro, and the package xacro is not installed '
                                '(apt install ros-jazzy-xacro, or pip install xacro)',
-                               source=name_of(path)) from err
+                               source=display_name(path)) from err
     values = _Arguments(arguments)
     said = StringIO()
     # A file's own messages and xacro's go to the terminal at once otherwise.
@@ -77,11 +79,11 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report)
         expansion.install()
         xacro.init_stacks(None if path == '-' else path)
         try:
-            document = expansion.dom(data, name_of(path))
+            document = expansion.dom(data, display_name(path))
             xacro.process_doc(document, mappings=values, verbosity=0)
-            expanded = _with_uris(document, name_of(path), report)
+            expanded = _with_uris(document, display_name(path), report)
         except Exception as err:
-            raise sentence(err, name_of(path)) from err
+            raise sentence(err, display_name(path)) from err
     for line in said.getvalue().splitlines():
         level, colon, message = line.partition(': ')
         if colon and level in ('warning', 'error'):
@@ -161,11 +163,11 @@ class _Expansion:
 
     def _file(self, name: str) -> str:
         """Name a file that is included, or read as YAML; but none that has no end."""
-        path = str(self._spec(FOUND.sub(lambda found: _folder(found[1]), name)))
+        path = str(self._spec(PACKAGE_MARKER.sub(lambda found: _folder(found[1]), name)))
         with suppress(OSError, ValueError):
             mode = Path(path).stat().st_mode
             if not stat.S_ISDIR(mode) and (kind := describe_kind(mode)):
-                raise Trouble(f'file {path!r} is {kind}; only regular files are read')
+                raise XacroProblem(f'file {path!r} is {kind}; only regular files are read')
         return path
 
     def _called(self, node: minidom.Element, macros: object, symbols: object) -> object:
@@ -176,7 +178,7 @@ class _Expansion:
             raise RecursionError
         self._calls += 1
         if self._calls > _MOST_CALLS:
-            raise Trouble(f'more than {_MOST_CALLS} macros are called, which no robot needs')
+            raise XacroProblem(f'more than {_MOST_CALLS} macros are called, which no robot needs')
         return self._call(node, macros, symbols)
 
     def _parse(self, _: object, filename: str) -> minidom.Document:
@@ -185,7 +187,7 @@ class _Expansion:
         path = os.path.normpath(filename)
         above = [os.path.realpath(other) for other in stack[:-1] if other is not None]
         if os.path.realpath(path) in above:
-            raise Trouble(f'file {path!r} includes itself'
+            raise XacroProblem(f'file {path!r} includes itself'
                           + (', by way of others' if len(stack) > 2 else ''))
         try:
             data = read_bytes(path)
@@ -200,7 +202,7 @@ class _Expansion:
 def _find(package: str) -> str:
     """Stand in for the folder of a package."""
     if not _PACKAGE.fullmatch(package):
-        raise Trouble(f'$(find {package}) names no package')
+        raise XacroProblem(f'$(find {package}) names no package')
     return f'/\ue000{package}\ue001'
 
 
@@ -208,7 +210,7 @@ def _folder(package: str) -> str:
     """
     Give the real folder of a package.
 
-    :raises Trouble: it is not installed.
+    :raises XacroProblem: it is not installed.
     """
     try:
         index: Any = importlib.import_module('ament_index_python.packages')
@@ -218,7 +220,8 @@ def _folder(package: str) -> str:
     for folder in _candidates(package):
         if folder.is_dir():
             return str(folder)
-    raise Trouble(f'package {package!r} of $(find {package}) is not there; source the workspace '
+    raise XacroProblem(f'package {package!r} of $(find {package}) is not there; '
+                       'source the workspace '
                   'that has it, or put it on AMENT_PREFIX_PATH or ROS_PACKAGE_PATH')
 
 
@@ -236,9 +239,9 @@ def _candidates(package: str) -> Iterator[Path]:
 def _with_uris(document: minidom.Document, source: str, report: Report) -> bytes:
     """Write a document, with the folders of packages as URIs."""
     text = _FOUND_URI.sub(r'package://\1', text_of(document, source))
-    if FOUND.search(text):
+    if PACKAGE_MARKER.search(text):
         _warn_of_paths(document, report)
-    return FOUND.sub(r'package://\1', text).encode()
+    return PACKAGE_MARKER.sub(r'package://\1', text).encode()
 
 
 def _warn_of_paths(document: minidom.Document, report: Report) -> None:
@@ -247,7 +250,7 @@ def _warn_of_paths(document: minidom.Document, report: Report) -> None:
         texts = [child.data for child in element.childNodes if child.nodeType == child.TEXT_NODE]
         if element.tagName not in ('mesh', 'texture'):
             texts += [value for _, value in element.attributes.items()]
-        for found in FOUND.finditer(_FOUND_URI.sub('', ' '.join(texts))):
+        for found in PACKAGE_MARKER.finditer(_FOUND_URI.sub('', ' '.join(texts))):
             source, line = place_of(element)
             report.warn(element.tagName, element.getAttribute('name'), Line(line, source),
                         f'$(find {found[1]}) is written as package://{found[1]}, because the path '

@@ -32,9 +32,9 @@ import subprocess
 import sys
 from types import FrameType
 
-from opencv_tools.robot.xacro.errors import TOO_LARGE, Trouble
+from opencv_tools.robot.xacro.errors import TOO_LARGE, XacroProblem
 from opencv_tools.robot.xacro.expand import expand
-from opencv_tools.robot.xml.document import DescriptionError, MAX_BYTES, name_of
+from opencv_tools.robot.xml.document import DescriptionError, display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
 
 # The modules are those of this process, wherever it has them from.
@@ -60,7 +60,7 @@ class Limits:
     grace: int = 5
 
     def impose(self) -> None:
-        """Limit the process that this is called in, which gets a `Trouble` where one is met."""
+        """Limit this process. Reaching a limit raises an `XacroProblem`."""
         signal.signal(signal.SIGXCPU, self._end)
         signal.signal(signal.SIGALRM, self._end)
         _restrict(resource.RLIMIT_CORE, 0)
@@ -70,7 +70,7 @@ class Limits:
         signal.setitimer(signal.ITIMER_REAL, self.wait, 1.0)
 
     def _end(self, number: int, _: FrameType | None) -> None:
-        raise Trouble(self.too_slow if number == signal.SIGXCPU else self.too_late)
+        raise XacroProblem(self.too_slow if number == signal.SIGXCPU else self.too_late)
 
     @property
     def too_slow(self) -> str:
@@ -96,7 +96,7 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     :param limits: of that process.
     :raises DescriptionError: it cannot be expanded, or not within the limits.
     """
-    source = name_of(path)
+    source = display_name(path)
     request = json.dumps({'path': path, 'arguments': dict(arguments), 'source': report.source,
                           'limits': asdict(limits)})
     try:
@@ -154,12 +154,12 @@ def main() -> None:
         Limits(**request['limits']).impose()
         expanded = expand(request['path'], sys.stdin.buffer.read(), request['arguments'], report)
         if len(expanded) > MAX_BYTES:
-            raise Trouble(TOO_LARGE)
+            raise XacroProblem(TOO_LARGE)
     except DescriptionError as err:
         error = str(err)
-    except (Trouble, MemoryError) as err:
+    except (XacroProblem, MemoryError) as err:
         expanded = b''
-        error = str(DescriptionError(str(err) or TOO_LARGE, source=name_of(request['path'])))
+        error = str(DescriptionError(str(err) or TOO_LARGE, source=display_name(request['path'])))
     signal.setitimer(signal.ITIMER_REAL, 0)
     reply = {'error': error, 'notes': [asdict(note) for note in report.notes]}
     with os.fdopen(output, 'wb') as stream:

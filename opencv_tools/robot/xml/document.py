@@ -93,7 +93,7 @@ def read_bytes(path: str) -> bytes:
     except OSError as err:
         if err.errno == errno.EFBIG:
             raise _too_large(path) from err
-        raise DescriptionError(_why_not_read(path, err), source=name_of(path)) from err
+        raise DescriptionError(_why_not_read(path, err), source=display_name(path)) from err
     if len(data) > MAX_BYTES:
         raise _too_large(path)
     return data
@@ -101,7 +101,7 @@ def read_bytes(path: str) -> bytes:
 
 def _too_large(path: str) -> DescriptionError:
     return DescriptionError(f'has more than {MAX_BYTES} bytes; that is no robot description',
-                            source=name_of(path))
+                            source=display_name(path))
 
 
 def _why_not_read(path: str, err: OSError) -> str:
@@ -118,7 +118,7 @@ def _why_not_read(path: str, err: OSError) -> str:
             + instead.get(scheme.lower(), 'download the file and name it'))
 
 
-def name_of(path: str) -> str:
+def display_name(path: str) -> str:
     """Give the name of a file as messages have it."""
     return '<stdin>' if path == '-' else path
 
@@ -144,7 +144,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
         return _parsed(data, source)
     except etree.XMLSyntaxError as err:
         flaw = err
-    mended = _mended(data)
+    mended = _repaired(data)
     if mended is None:
         raise DescriptionError(_sentence(flaw), source=source, line=flaw.lineno or 0) from flaw
     try:
@@ -180,7 +180,7 @@ def _sentence(err: etree.XMLSyntaxError) -> str:
     return f'not well-formed XML: {message}'
 
 
-def _mended(data: bytes) -> bytes | None:
+def _repaired(data: bytes) -> bytes | None:
     """Mend what public files get wrong, with every line where it was; None if nothing is."""
     start = re.search(rb'<\?xml[\s?]|<(sdf|robot)[\s>]', data)
     if start is None:
@@ -217,7 +217,7 @@ def _without_dashes(data: bytes) -> bytes:
     return bytes(blanked)
 
 
-def named(element: Element | Taken) -> str:
+def required_name(element: Element | Taken) -> str:
     """
     Give the name of an element that has to have one.
 
@@ -229,7 +229,7 @@ def named(element: Element | Taken) -> str:
     return name
 
 
-def child_of(element: Either, tag: str) -> Either:
+def required_child(element: Either, tag: str) -> Either:
     """
     Give a child that an element has to have.
 

@@ -26,8 +26,8 @@ from opencv_tools.robot.xml.taken import detached, PART, Taken, TEXT
 # about. What was not read is in an element of a namespace of its own, in the words of its format.
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
-_CARRIED = 'urn:opencv_tools:carried'
-PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'carried': _CARRIED}
+_PRESERVED = 'urn:opencv_tools:preserved'
+PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
 # The name that a thing had before it was renamed is a note, too.
 _NAME = f'{{{URDF_NAMESPACE}}}name'
 
@@ -72,7 +72,7 @@ def carry(element: Element, rest: Element | None, language: str, report: Report,
     if rest is None:
         return
     copy = detached(rest)
-    copy.tag = f'{{{_CARRIED}}}{language}'
+    copy.tag = f'{{{_PRESERVED}}}{language}'
     if language == 'urdf' and 'name' in copy.attrib:
         element.set(_NAME, copy.attrib.pop('name'))
     if not len(copy) and not copy.attrib and not copy.text:
@@ -81,7 +81,8 @@ def carry(element: Element, rest: Element | None, language: str, report: Report,
     other = 'SDF' if language == 'urdf' else 'URDF'
     for tag in (*(f'@{etree.QName(name).localname}' for name in copy.attrib),
                 *map(local_name, copy)):
-        report.carry(tag, name, line, f'{other} has no word for it; kept in <carried:{language}>')
+        report.preserve(tag, name, line,
+                        f'not supported by {other}; preserved in <preserved:{language}>')
 
 
 def carried(taken: Taken, language: str) -> Element | None:
@@ -91,7 +92,7 @@ def carried(taken: Taken, language: str) -> Element | None:
     :returns: an element of the same tag; None where nothing is carried.
     """
     own = taken.get(_NAME) if language == 'urdf' else None
-    found = taken.first(f'{{{_CARRIED}}}{language}')
+    found = taken.first(f'{{{_PRESERVED}}}{language}')
     if found is None and own is None:
         return None
     tag = local_name(taken)
@@ -102,11 +103,11 @@ def carried(taken: Taken, language: str) -> Element | None:
     return rest
 
 
-def note_carried(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
+def note_preserved(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
     """Note what is in the namespace of the one format that has a word for it."""
     other = 'SDF' if prefix == 'urdf' else 'URDF'
     kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
-    report.carry(tag, name, line, f'{other} has no word for it; kept as {kept}')
+    report.preserve(tag, name, line, f'not supported by {other}; preserved as {kept}')
 
 
 def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
@@ -119,7 +120,7 @@ def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
         shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
     found: dict[str, str] = {}
     for thing in things:
-        for rest in (thing.carried.urdf, thing.carried.sdf):
+        for rest in (thing.extension.urdf, thing.extension.sdf):
             if rest is not None:
                 found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
-    return {**dict(sorted(found.items())), own: PREFIXES[own], 'carried': _CARRIED}
+    return {**dict(sorted(found.items())), own: PREFIXES[own], 'preserved': _PRESERVED}

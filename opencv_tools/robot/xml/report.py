@@ -19,8 +19,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-CARRIED = 'carried'  # kept in a namespace of its own; the way back restores it
-REPORTED = 'reported'  # means something else now, or is gone
+PRESERVED = 'preserved'  # kept in a namespace of its own; the way back restores it
+LOSSY = 'lossy'  # means something else now, or is gone
 
 
 class Line(int):
@@ -76,13 +76,13 @@ class Report:
     source: str = ''
     notes: list[Note] = field(default_factory=list)
 
-    def carry(self, element: str, name: str, line: int, message: str) -> None:
+    def preserve(self, element: str, name: str, line: int, message: str) -> None:
         """Note what was kept in a namespace of its own."""
-        self._note(CARRIED, element, name, line, message)
+        self._note(PRESERVED, element, name, line, message)
 
     def warn(self, element: str, name: str, line: int, message: str) -> None:
         """Note what means something else now, or is gone."""
-        self._note(REPORTED, element, name, line, message)
+        self._note(LOSSY, element, name, line, message)
 
     def _note(self, level: str, element: str, name: str, line: int, message: str) -> None:
         source = line.source if isinstance(line, Line) else ''
@@ -91,10 +91,10 @@ class Report:
     @property
     def warnings(self) -> list[Note]:
         """Give what means something else now, or is gone."""
-        return [note for note in self.notes if note.level == REPORTED]
+        return [note for note in self.notes if note.level == LOSSY]
 
     def as_json(self) -> dict[str, Any]:
         """Give both lists as JSON has them."""
         return {level: [{key: value for key, value in asdict(note).items() if key != 'level'}
                         for note in self.notes if note.level == level]
-                for level in (REPORTED, CARRIED)}
+                for level in (LOSSY, PRESERVED)}

@@ -24,7 +24,7 @@ from lxml import etree
 _Element = etree._Element
 
 # Marks what is left of an element that was read, apart from elements that were not read at all.
-PART = '{urn:opencv_tools:carried}part'
+PART = '{urn:opencv_tools:preserved}part'
 TEXT = 'text'  # its value where the text was read
 
 
