@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from opencv_tools.robot.kinematics import DOF, joint_transform, Kinematics, with_mimics
+from opencv_tools.robot.kinematics import joint_transform, Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, JOINT_TYPES, Link, Mimic, MODEL, Placement, Robot)
+    Axis, Frame, FrameId, Joint, JOINT_KINDS, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import IDENTITY, Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
@@ -155,11 +155,11 @@ def test_the_plane_of_an_axis_as_people_write_it_does_not_depend_on_its_length()
                 joint_transform(written, (1.0, 0.0, 0.0)).translation)
 
 
-@pytest.mark.parametrize('type_', JOINT_TYPES)
+@pytest.mark.parametrize('type_', JOINT_KINDS)
 def test_a_joint_without_a_position_is_at_zero(type_: str) -> None:
     one = joint('j', 'base', 'a', type_=type_)
     assert joint_transform(one, ()) == IDENTITY
-    zero = joint_transform(one, (0.0,) * DOF[JOINT_TYPES[type_]])
+    zero = joint_transform(one, (0.0,) * one.kind.dof)
     assert zero.pose().is_identity
     poses = Kinematics(chain([one])).at({})
     assert poses[link_id('a')].pose().xyz == ODD.xyz

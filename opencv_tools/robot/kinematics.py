@@ -18,15 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from opencv_tools.robot.model import FrameId, Joint, JOINT_TYPES, MODEL, Placement, Robot
+from opencv_tools.robot.model import FrameId, Joint, MODEL, Placement, Robot
 from opencv_tools.robot.pose import (
     IDENTITY, normalised, Pose, rotation_about, rotation_of_rpy, Transform, Vector, ZERO)
 from opencv_tools.robot.xml.document import DescriptionError
-
-# How many numbers say where a joint of each kind is.
-DOF = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 3, 'plane': 3, 'free': 6}
-# How many of a joint's axes each kind turns about or moves along.
-AXES = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 0, 'plane': 1, 'free': 0}
 
 
 class Kinematics:
@@ -104,7 +99,7 @@ class Kinematics:
         """
         Give where links, joints and frames are in the model, the root where it is at zero.
 
-        :param positions: of each joint by name, as many numbers as `DOF` says; where none
+        :param positions: of each joint by name, as many numbers as its ``kind.dof``; where none
             are given the joint is at zero. What mimics has to be in it: see `with_mimics`.
         :returns: a joint's frame is the one that it moves; that of a joint that closes a loop
             moves with the child.
@@ -187,23 +182,23 @@ def joint_transform(joint: Joint, position: Sequence[float]) -> Transform:
         floating one's x, y, z and those, and a planar one's two shifts in its plane and turn.
         Empty for zero.
     """
-    kind = JOINT_TYPES[joint.type]
-    if not position or not kind:
+    kind = joint.kind.name
+    if not position or not joint.kind.dof:
         return IDENTITY
     axes = [axis.xyz for axis in joint.axes] or [(0.0, 0.0, 1.0)]
-    if kind == 'turn':
+    if kind == 'revolute':
         return Transform(rotation_about(axes[0], position[0]))
-    if kind == 'two turns':
+    if kind == 'universal':
         return (Transform(rotation_about(axes[0], position[0]))
                 @ Transform(rotation_about(axes[-1], position[1])))
-    if kind == 'shift':
+    if kind == 'prismatic':
         return Transform(translation=_scaled_axis(axes[0], position[0]))
-    if kind == 'plane':
+    if kind == 'planar':
         one, other = _plane(axes[0])
         return (Transform(translation=_scaled_axis(one, position[0]))
                 @ Transform(translation=_scaled_axis(other, position[1]))
                 @ Transform(rotation_about(axes[0], position[2])))
-    x, y, z = position[:3] if kind == 'free' else ZERO
+    x, y, z = position[:3] if kind == 'floating' else ZERO
     roll, pitch, yaw = position[-3:]
     return Transform(rotation_of_rpy((roll, pitch, yaw)), (x, y, z))
 
@@ -242,7 +237,7 @@ def with_mimics(robot: Robot, positions: Mapping[str, Sequence[float]]
 def _following(joint: Joint, positions: Mapping[str, Sequence[float]]) -> tuple[float, ...]:
     """Give the position of a joint that mimics, from those that it follows."""
     position = [*positions.get(joint.name, ())]
-    position += [0.0] * (DOF[JOINT_TYPES[joint.type]] - len(position))
+    position += [0.0] * (joint.kind.dof - len(position))
     for index, axis in enumerate(joint.axes[:len(position)]):
         if axis.mimic:
             leader = (positions.get(axis.mimic.joint) or (0.0,))[0]

@@ -23,7 +23,7 @@ import math
 from lxml import etree
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
+    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_KINDS, Limit, Link, Mimic, MODEL,
     Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.sdf.joint_reader import axis_from_element
@@ -154,7 +154,7 @@ def _joint(element: Taken, source: _ReadContext) -> Joint:
         axes = _axes(element, kind, source)
         return Joint(name, kind, parent, child, placement, axes, is_loop,
                      _carried(element, extra), line_of(element))
-    if own not in JOINT_TYPES:
+    if own not in JOINT_KINDS:
         raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
     kept = _carried(element, extra)
     more = Taken(etree.Element('joint') if kept.sdf is None else kept.sdf)
