@@ -282,13 +282,13 @@ class Robot:
     extension: Extension = NO_EXTENSION
     source: str = ''
 
-    def framed(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
+    def frame_owners(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
         """Give all that has a frame of its own, with what names it."""
         for kind, things in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
             for thing in things:
                 yield FrameId(kind, thing.name), thing
 
-    def placed(self, place: Callable[[Placement], Placement]) -> Robot:
+    def map_placements(self, place: Callable[[Placement], Placement]) -> Robot:
         """Give the robot with every placement in it as a function has it."""
         def shapes(things: tuple[Shape, ...]) -> tuple[Shape, ...]:
             return tuple(replace(shape, placement=place(shape.placement)) for shape in things)

@@ -149,14 +149,14 @@ class _Side:
     def poses(self, base: str, positions: Mapping[str, Sequence[float]]
               ) -> dict[FrameId, Transform]:
         """Give where links, joints and frames are in the base that both robots have."""
-        poses = self.kinematics.at(positions)
+        poses = self.kinematics.forward(positions)
         home = poses.get(self._frame(base), IDENTITY).inverse()
         return {frame: home @ pose for frame, pose in poses.items()}
 
     def is_loose_world(self, key: str) -> bool:
         """Tell whether this is a link that says nothing: a world that nothing is fastened to."""
         link = self.links[key]
-        return link.is_world and not self.kinematics.joints_below[link.name]
+        return link.is_world and not self.kinematics.child_joints[link.name]
 
     def _frame(self, base: str) -> FrameId:
         return FrameId('link', self.links[base].name) if base else MODEL

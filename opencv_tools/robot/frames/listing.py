@@ -54,7 +54,7 @@ def frames(robot: Robot, positions: Mapping[str, float], report: Report | None =
     result: dict[str, Any] = {
         'robot': robot.name,
         'root': listing.root,
-        'links': {name: listing.link(name) for name in listing.kinematics.links_below(
+        'links': {name: listing.link(name) for name in listing.kinematics.subtree(
             [listing.root, *(name for name in listing.kinematics.roots if name != listing.root)])},
         'joints': {joint.name: listing.joint(joint) for joint in robot.joints},
     }
@@ -73,7 +73,7 @@ class _Listing:
         self.kinematics = Kinematics(robot)
         self._links = {link.name: link for link in robot.links}
         moved = with_mimics(robot, {name: (value,) for name, value in positions.items()})
-        poses = self.kinematics.at(moved)
+        poses = self.kinematics.forward(moved)
         self.root = self._first_root(robot)
         home = poses[FrameId('link', self.root)].inverse()
         self._poses = {frame: home @ pose for frame, pose in poses.items()}
@@ -84,20 +84,20 @@ class _Listing:
     def _first_root(self, robot: Robot) -> str:
         """Name the first root, but not a world that nothing is fastened to."""
         roots = self.kinematics.roots or [robot.links[0].name]
-        return next((name for name in roots if self.kinematics.joints_below[name]
+        return next((name for name in roots if self.kinematics.child_joints[name]
                      or not self._links[name].is_world), roots[0])
 
     def _moved_links(self) -> set[str]:
         """Name the links below a joint that is not at zero."""
         names: set[str] = set()
-        for name in self.kinematics.links_below(self.kinematics.roots):
-            above = self.kinematics.joint_above.get(name)
+        for name in self.kinematics.subtree(self.kinematics.roots):
+            above = self.kinematics.parent_joint.get(name)
             if above and (above.parent in names or any(self._positions.get(above.name, ()))):
                 names.add(name)
         return names
 
     def link(self, name: str) -> dict[str, Any]:
-        link, above = self._links[name], self.kinematics.joint_above.get(name)
+        link, above = self._links[name], self.kinematics.parent_joint.get(name)
         inertial = link.inertial
         return {
             'parent': above.parent if above else None,

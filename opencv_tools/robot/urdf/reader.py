@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.kinematics import with_mimics
+from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_KINDS, Limit, Link, Mimic, MODEL,
     Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
@@ -98,7 +98,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         extras = Extension(kept, extras.sdf)
     robot = select_root(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
                      root_link, report)
-    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    check_mimic_cycles(robot)
     return robot
 
 

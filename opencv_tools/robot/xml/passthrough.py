@@ -116,7 +116,7 @@ def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
 
     :param own: the prefix of what the writer notes.
     """
-    things = [robot, *(thing for _, thing in robot.framed()), *(
+    things = [robot, *(thing for _, thing in robot.frame_owners()), *(
         shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
     found: dict[str, str] = {}
     for thing in things:
