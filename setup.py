@@ -41,8 +41,8 @@ setup(
     zip_safe=True,
     maintainer='opencv_tools maintainers',
     maintainer_email='opencv-tools@example.org',
-    description='Publish cameras, videos and images, record image topics, and convert robots between '
-                'URDF and SDF',
+    description='Publish cameras, videos and images, record image topics, and convert robots '
+                'between URDF and SDF',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
