@@ -38,8 +38,8 @@ from opencv_tools.capture.sequence import natural_order
 from opencv_tools.capture.source import check_source, expected_size, open_source
 from opencv_tools.capture.video import VideoSource
 import pytest
+from special_files import KINDS
 from stepped_clock import BEGAN, SteppedClock
-from test_regular_files import KINDS
 
 
 def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytest.fail,

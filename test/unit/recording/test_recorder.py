@@ -595,7 +595,7 @@ def test_a_file_that_comes_from_elsewhere_is_not_touched(tmp_path: Path) -> None
 DIE_WITHIN = """
 import os, pathlib, sys
 from opencv_tools.recording.manifest import Manifest
-from test_recording import gray_frame, picture_files
+from test_recorder import gray_frame, picture_files
 owner, name = {'link': (os, 'link'), 'unlink': (pathlib.Path, 'unlink'),
                'append': (Manifest, 'append')}[sys.argv[2]]
 setattr(owner, name, lambda *_: os._exit(9))
@@ -608,7 +608,8 @@ files.commit(frame, files.prepare(frame))
 def leave_behind(folder: Path, kill_in: str) -> None:
     """Record a frame, and stop as a killed process does: at once, in the middle of a call."""
     died = subprocess.run([sys.executable, '-c', DIE_WITHIN, str(folder), kill_in], check=False,
-                          cwd=Path(__file__).parent, timeout=DEADLINE)
+                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+                          timeout=DEADLINE)
     assert died.returncode == 9
 
 

@@ -33,7 +33,7 @@ import pytest
 
 Start = Callable[..., NodeProcess]
 Count = Callable[..., NodeProcess]
-COUNTER = Path(__file__).with_name('frame_counter.py')
+COUNTER = Path(__file__).parents[1] / 'support' / 'frame_counter.py'
 RELIABILITY = 'qos_overrides./video_frames.publisher.reliability'
 # Small frames, after a signal five large ones, and then small ones again. The five fit into the
 # segment and are 1900 pieces, of which Fast DDS lets 512 wait.

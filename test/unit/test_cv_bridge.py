@@ -383,7 +383,7 @@ def test_more_than_four_channels() -> None:
 
 @pytest.mark.process
 def test_the_example_of_the_readme_runs() -> None:
-    readme = (Path(__file__).parent.parent / 'README.md').read_text()
+    readme = (Path(__file__).parents[2] / 'README.md').read_text()
     (example,) = re.findall(r'```python\n(.*?)```', readme, re.DOTALL)
     (comment,) = re.findall(r'print\(err\)  # (.*)', example)
     finished = subprocess.run([sys.executable, '-c', example], capture_output=True, text=True,

@@ -25,7 +25,7 @@ import xml.etree.ElementTree as ElementTree
 from catkin_pkg.package import parse_package
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 # What package.xml may depend on. Each key was looked up in ros/rosdistro of 2026-08-22 and has an
 # apt package on Ubuntu 24.04: the first in jazzy/distribution.yaml, the others in rosdep/base.yaml
 # and rosdep/python.yaml. Before a key is added here: rosdep resolve KEY --os ubuntu:noble

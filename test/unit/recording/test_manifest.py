@@ -29,7 +29,7 @@ from opencv_tools.recording.naming import FileNames, NANO
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.writers import EncoderSettings
 import pytest
-from test_regular_files import KINDS
+from special_files import KINDS
 
 FIELDS = {
     'seq': 0, 'file': 'a.png', 'stamp': {'sec': 1, 'nanosec': 0},

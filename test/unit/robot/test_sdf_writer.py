@@ -36,7 +36,7 @@ from opencv_tools.robot.xml import DescriptionError, Element, parse, to_bytes
 import pytest
 import robots
 
-DATA = Path(__file__).parent / 'data' / 'robots'
+DATA = Path(__file__).parents[2] / 'data' / 'robots'
 BLACK = (0.0, 0.0, 0.0, 1.0)
 HALF = math.pi / 2
 TURNED = Pose((0.1, 0.2, 0.3), (0.0, 0.0, 1.5708))

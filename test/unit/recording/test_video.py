@@ -489,7 +489,6 @@ def test_a_disk_that_is_full_at_the_beginning(tmp_path: Path, suffix: str) -> No
 
 WRITE_UNTIL_KILLED = """
 import itertools, pathlib, sys, time
-sys.path.insert(0, sys.argv[2])
 from test_video import draw
 from opencv_tools.recording.video import VideoWriter
 from opencv_tools.recording.video_picture import to_video_frame
@@ -511,7 +510,8 @@ def test_a_writer_that_is_killed_leaves_a_video(
         tmp_path: Path, moment: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     with subprocess.Popen(
-            [sys.executable, '-c', WRITE_UNTIL_KILLED, str(path), str(Path(__file__).parent)],
+            [sys.executable, '-c', WRITE_UNTIL_KILLED, str(path)],
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
             stdout=subprocess.PIPE, text=True) as process:
         for line in process.stdout:
             if int(line) == moment:

@@ -27,7 +27,7 @@ import xml.etree.ElementTree as ElementTree
 from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 MY_ROBOT = ROOT / 'urdf' / 'my_robot.urdf'
 XACRO = ROOT / 'urdf' / 'my_robot.urdf.xacro'
 MODEL = ROOT / 'sdf' / 'my_robot' / 'model.sdf'

@@ -44,8 +44,8 @@ import pytest
 
 Element = etree._Element
 
-TABLES = Path(__file__).parent.parent / 'docs' / 'element_mapping.md'
-ROBOTS = Path(__file__).parent / 'data' / 'robots'
+TABLES = Path(__file__).parents[3] / 'docs' / 'element_mapping.md'
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
 CONVERTED = 'converted'
 FATES = {CONVERTED, CARRIED, REPORTED}
 

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
 
-DATA = Path(__file__).parent / 'data'
+DATA = Path(__file__).parents[1] / 'data'
 RANDOM = np.random.default_rng(2)
 
 # Letters of the recorded outcomes, and the text of the error of each one.

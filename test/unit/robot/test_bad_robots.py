@@ -30,8 +30,8 @@ from conftest import DEADLINE, PRINT_PEAK_MEMORY
 from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
 import pytest
 
-ROOT = Path(__file__).parent.parent
-ROBOTS = Path(__file__).parent / 'data' / 'robots'
+ROOT = Path(__file__).parents[3]
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
 # Seconds of processor time, thirty times what it takes: how fast the machine is must not decide.
 AT_ONCE = 15.0
 SECRET = 'not for everyone'

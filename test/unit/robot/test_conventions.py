@@ -38,7 +38,7 @@ from opencv_tools.robot.read import read_robot
 from opencv_tools.robot.report import Report
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 # The joints are not where their links are; the second one's parent is such a link.
 SHIFTED = """<sdf version="1.9"><model name="shifted"><link name="base"/>
 <link name="arm"><pose>0.5 0 0.3 0 0 0</pose></link>

@@ -33,7 +33,7 @@ from opencv_tools.robot.shapes import Box, Mesh
 from opencv_tools.robot.xacro import expand
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 XACRO = ROOT / 'urdf' / 'my_robot.urdf.xacro'
 URDF = ROOT / 'urdf' / 'my_robot.urdf'
 SDF = ROOT / 'sdf' / 'my_robot' / 'model.sdf'

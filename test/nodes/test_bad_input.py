@@ -269,7 +269,7 @@ def test_a_params_file_of_a_launch_file_that_there_is_not(
     check_params_file('p.yaml')
     with pytest.raises(ParameterError, match=f'params_file is {name!r}: give a file that exists'):
         check_params_file(name)
-    for launch_file in (Path(__file__).parent.parent / 'launch').glob('*.launch.py'):
+    for launch_file in (Path(__file__).parents[2] / 'launch').glob('*.launch.py'):
         calls = [call for call in ast.walk(ast.parse(launch_file.read_text()))
                  if isinstance(call, ast.Call) and ast.unparse(call.func) == 'check_params_file']
         assert [ast.unparse(argument) for call in calls for argument in call.args] == [

@@ -43,7 +43,7 @@ from opencv_tools.recording.video_picture import VideoError
 from opencv_tools.recording.writers import EncoderSettings, UnwritableError
 import pytest
 from stepped_clock import SteppedClock
-from test_recording import Console
+from test_recorder import Console
 
 NANO = 10**9
 NO_LIMITS = Limits()

@@ -622,10 +622,9 @@ def test_neither_matplotlib_nor_numpy_is_imported_before_it_is_needed() -> None:
 @pytest.mark.process
 def test_neither_a_figure_nor_a_setting_stays(tmp_path: Path) -> None:
     script = ('import matplotlib, sys; before = matplotlib.rcParams.copy(); '
-              'from test_robot_plot import plot, tutorial; '
+              'from test_plot import plot, tutorial; '
               f'plot(tutorial(), {{}}, {str(tmp_path / "robot.svg")!r}); '
               'assert "matplotlib.pyplot" not in sys.modules; '
               'assert matplotlib.rcParams.copy() == before')
-    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     subprocess.run([sys.executable, '-c', script], check=True, timeout=60,
-                   env={**os.environ, 'PYTHONPATH': paths})
+                   env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})

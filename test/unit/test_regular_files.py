@@ -16,28 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import os
 from pathlib import Path
-import socket
 
 from opencv_tools.regular_files import open_regular, read_regular, RefusedFileError, replace_file
 import pytest
+from special_files import KINDS
 
 LIMIT = 1000
-
-
-def make_socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
-
-
-#: Functions that create each kind of file at a path, and the reason in the error.
-KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
-    'fifo': (os.mkfifo, 'is a named pipe, not a regular file'),
-    'socket': (make_socket, 'is a socket, not a regular file'),
-    'device': (lambda path: path.symlink_to('/dev/null'), 'is a device, not a regular file'),
-    'folder': (Path.mkdir, 'Is a directory')}
 
 
 @pytest.fixture

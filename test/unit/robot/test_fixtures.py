@@ -42,7 +42,7 @@ Text = pytest.CaptureFixture[str]
 # Of what is carried: whose it is, the tags that lead to it, its attributes and its text.
 Entry = tuple[str, tuple[str, ...], tuple[tuple[str, str], ...], str]
 
-ROBOTS = Path(__file__).parent / 'data' / 'robots'
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
 FIXTURES = {path.name: path for path in sorted(ROBOTS.iterdir())
             if path.suffix in ('.urdf', '.sdf', '.xacro')}
 ERRORS = [name for name in FIXTURES if name.startswith('error_')]
