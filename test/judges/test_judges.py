@@ -47,7 +47,7 @@ SHIPPED = [ROOT / 'urdf' / 'my_robot.urdf.xacro', ROOT / 'urdf' / 'my_robot.urdf
            ROOT / 'sdf' / 'my_robot' / 'model.sdf', ROOT / 'urdf' / 'my_arm.urdf',
            ROOT / 'sdf' / 'my_arm' / 'model.sdf']
 ROBOTS = [*SHIPPED, *sorted(
-    path for path in DATA.glob('*.*')
+    path for path in DATA.glob('*/*.*')
     if path.name.startswith(('ok_', 'warning_', 'tutorial_')))]
 SDF = [path for path in ROBOTS if path.suffix == '.sdf']
 
@@ -286,7 +286,7 @@ def test_the_command_says_the_same(written: Mapping[Path, Written],
         finished = ign_check(case.path)
         assert (finished.returncode, finished.stdout) == (0, 'Valid.\n')
         assert judge(case.path)['valid']
-    wrong = sorted(DATA.glob('error_*_unknown*.sdf'))
+    wrong = sorted(DATA.glob('sdf/error_*_unknown*.sdf'))
     assert len(wrong) > 3
     verdicts = ask_libsdformat(wrong)
     for path in wrong:

@@ -31,7 +31,7 @@ from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urd
 import pytest
 
 ROOT = Path(__file__).parents[3]
-ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots' / 'urdf'
 # Seconds of processor time, thirty times what it takes: how fast the machine is must not decide.
 AT_ONCE = 15.0
 SECRET = 'not for everyone'

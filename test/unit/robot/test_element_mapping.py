@@ -364,7 +364,7 @@ def _read(language: str, root: Element, report: Report) -> Robot:
     root = parse(to_bytes(deepcopy(root)), 'robot', report)
     if language == 'urdf':
         return read_urdf(root, report)
-    return with_own_names(read_sdf(root, report, search=[str(ROBOTS)]))
+    return with_own_names(read_sdf(root, report, search=[str(ROBOTS / 'sdf')]))
 
 
 def _converted(language: str, root: Element) -> tuple[Element, Report]:

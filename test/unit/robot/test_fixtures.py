@@ -43,8 +43,7 @@ Text = pytest.CaptureFixture[str]
 Entry = tuple[str, tuple[str, ...], tuple[tuple[str, str], ...], str]
 
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
-FIXTURES = {path.name: path for path in sorted(ROBOTS.iterdir())
-            if path.suffix in ('.urdf', '.sdf', '.xacro')}
+FIXTURES = {path.name: path for path in sorted(ROBOTS.glob('*/*.*'))}
 ERRORS = [name for name in FIXTURES if name.startswith('error_')]
 WARNINGS = [name for name in FIXTURES if name.startswith('warning_')]
 FINE = [name for name in FIXTURES if name.startswith('ok_')]
@@ -153,7 +152,7 @@ def test_warnings(name: str, tmp_path: Path, capfd: Text) -> None:
     etree.fromstring(output.encode())
     for note in message.splitlines():
         _, _, place = note.partition(f'{command.__name__}: warning: ')
-        assert place.startswith((f'{path}', f'{ROBOTS / "parts"}'))
+        assert place.startswith((f'{path}', f'{ROBOTS / "sdf" / "parts"}'))
     for words in _expected(name):
         assert words in message
     line = _expected_line(name)

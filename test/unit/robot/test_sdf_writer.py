@@ -377,7 +377,7 @@ def checked_names(element: Element) -> None:
     'warning_contact_of_a_renamed_collision.urdf'])
 @pytest.mark.parametrize('version', ['1.4', '1.9', '1.12'])
 def test_names_that_sdf_allows_and_those_of_before(fixture: str, version: str) -> None:
-    path = DATA / fixture
+    path = DATA / 'urdf' / fixture
     robot, _ = read_robot(str(path), Report())
     root = convert_to_sdf(robot, Report(), version=version)
     model = root[0]
@@ -472,8 +472,8 @@ def test_revolute_joint_without_limits_comes_back() -> None:
 
 
 @pytest.mark.parametrize(('fixture', 'names'), [
-    ('ok_contact_of_a_visuals_name.sdf', ['body']),
-    ('warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
+    ('sdf/ok_contact_of_a_visuals_name.sdf', ['body']),
+    ('urdf/warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
 def test_contact_sensors_name_the_collision_that_is_written(fixture: str, names: list[str]
                                                             ) -> None:
     robot, _ = read_robot(str(DATA / fixture), Report())

@@ -40,8 +40,8 @@ SDF = ROOT / 'sdf' / 'my_robot' / 'model.sdf'
 ARM_URDF = ROOT / 'urdf' / 'my_arm.urdf'
 ARM_SDF = ROOT / 'sdf' / 'my_arm' / 'model.sdf'
 MESH = ROOT / 'meshes' / 'my_robot' / 'robot_base.stl'
-TUTORIAL_URDF = ROOT / 'test' / 'data' / 'robots' / 'tutorial_my_robot.urdf'
-TUTORIAL_SDF = ROOT / 'test' / 'data' / 'robots' / 'tutorial_my_robot.sdf'
+TUTORIAL_URDF = ROOT / 'test' / 'data' / 'robots' / 'urdf' / 'tutorial_my_robot.urdf'
+TUTORIAL_SDF = ROOT / 'test' / 'data' / 'robots' / 'sdf' / 'tutorial_my_robot.sdf'
 
 ROUNDING = 4e-6  # the tutorial writes 1.5708 for pi/2, which is 3.7e-6 more
 
