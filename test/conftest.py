@@ -53,7 +53,7 @@ DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
 #: Folders of tests that run only within a command of their own, and the variable that it sets.
 OWN_COMMAND = {'camera': 'OPENCV_TOOLS_CAMERA_MACHINE', 'network': 'OPENCV_TOOLS_NETWORK',
-               'judges': 'OPENCV_TOOLS_JUDGES'}
+               'interop': 'OPENCV_TOOLS_INTEROP'}
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
 # `make` says where ROS is; in a virtual environment that was merely activated it stands there.

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Run the tests by outside judges: python run.py [arguments for pytest].
+Run the tests with other parsers: python run.py [arguments for pytest].
 
-The judges are the parsers that Gazebo and ROS read robots with, libsdformat and urdfdom. Where
-they are missing, they are installed from Debian if apt-get and root are there.
+They are those that Gazebo and ROS read robots with, libsdformat and urdfdom. Where they are
+missing, they are installed from Debian if apt-get and root are there.
 """
 
 from __future__ import annotations
@@ -92,19 +92,19 @@ class Figures:
 
 
 def main() -> int:
-    """Give the exit status of pytest; 1 where a judge is missing."""
-    os.environ['PATH'] += ':/usr/bin:/bin'  # where Debian keeps the judges
+    """Return the exit status of pytest; 1 where a parser is missing."""
+    os.environ['PATH'] += ':/usr/bin:/bin'  # where Debian keeps the parsers
     if missing():
         install(missing())
     packages = missing()
     if packages:
-        print(f'what the judges need is missing: sudo apt install {" ".join(packages)}',
+        print(f'the parsers or their tools are missing: sudo apt install {" ".join(packages)}',
               file=sys.stderr)
         return 1
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / 'poses'
         build(program)
-        os.environ['OPENCV_TOOLS_JUDGES'] = str(program)
+        os.environ['OPENCV_TOOLS_INTEROP'] = str(program)
         return pytest.main(['-q', str(SOURCE.parent), *sys.argv[1:]], plugins=[Figures()])
 
 

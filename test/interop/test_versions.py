@@ -24,7 +24,7 @@ from opencv_tools.robot.report import Report
 from opencv_tools.robot.sdf_reader import read_sdf
 from opencv_tools.robot.xml import parse
 import pytest
-from test_judges import ask_libsdformat, compare
+from test_parsers import ask_libsdformat, compare
 
 VERSIONS = ('1.4', '1.5', '1.6', '1.7', '1.8', '1.9')
 MASS = '<inertial><mass>1</mass></inertial>'

@@ -146,7 +146,7 @@ def ask_libsdformat(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """Have files read by libsdformat, 50 ms each, by as many processes as there are cores."""
     cores = len(os.sched_getaffinity(0))
     processes = [
-        subprocess.Popen([os.environ['OPENCV_TOOLS_JUDGES'], *map(str, files[number::cores])],
+        subprocess.Popen([os.environ['OPENCV_TOOLS_INTEROP'], *map(str, files[number::cores])],
                          stdout=subprocess.PIPE) for number in range(cores)]
     verdicts: dict[str, dict[str, Any]] = {}
     for process in processes:

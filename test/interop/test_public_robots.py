@@ -64,7 +64,7 @@ class LibSdformat:
         self._process = self._started()
 
     def _started(self) -> subprocess.Popen[str]:
-        return subprocess.Popen([os.environ['OPENCV_TOOLS_JUDGES'], '-'], stdin=subprocess.PIPE,
+        return subprocess.Popen([os.environ['OPENCV_TOOLS_INTEROP'], '-'], stdin=subprocess.PIPE,
                                 stdout=subprocess.PIPE, text=True)
 
     def __call__(self, path: Path) -> dict[str, Any]:
@@ -143,7 +143,7 @@ def urdf_through(bench: Bench, written: ElementTree.Element, random: Random) -> 
     """Convert URDF to SDF and back; all outputs are read by their own parsers, and are right."""
     path = bench.put('in.urdf', ElementTree.tostring(written))
     accepted, report = bench.urdf(path), Report()
-    bench.counts['read by the judge'] += accepted
+    bench.counts['read by libsdformat'] += accepted
     try:
         robot, _ = read_robot(str(path), report)
         version = random.choice(VERSIONS)
@@ -177,7 +177,7 @@ def sdf_through(bench: Bench, written: ElementTree.Element, random: Random) -> N
     """Convert SDF to URDF and back; all outputs are read by their own parsers, and are right."""
     path = bench.put('in.sdf', ElementTree.tostring(written))
     model = bench.model(path, 'loaded')
-    bench.counts['read by the judge'] += model is not None
+    bench.counts['read by libsdformat'] += model is not None
     try:
         robot, _ = read_robot(str(path), Report())
         there = bench.put('there.urdf', to_bytes(convert_to_urdf(robot, Report())))
