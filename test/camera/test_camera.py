@@ -105,7 +105,7 @@ class Viewer:
         self.published.append(info['source_timestamp'] / 1e9)
 
     def wait_for(self, count: int) -> list[Image]:
-        """Give the next images."""
+        """Receive the next images."""
         first = len(self.images)
         spin_until(self.node, lambda: len(self.images) >= first + count)
         return self.images[first:first + count]
@@ -114,7 +114,7 @@ class Viewer:
         return [Time.from_msg(image.header.stamp).nanoseconds / 1e9 for image in self.images]
 
     def ages(self) -> np.ndarray:
-        """Give how old the images were when they were published, in seconds."""
+        """Return the ages of the images at publication in s."""
         return np.array(self.published) - self.stamps()
 
 
@@ -295,7 +295,7 @@ def test_fresh_frame_after_a_pause(start: Start, viewer: Viewer) -> None:
 
 @contextmanager
 def trace(event: str) -> Iterator[None]:
-    """Let the kernel write down an event."""
+    """Trace an event in the kernel."""
     if not TRACE.joinpath('events').exists():
         run('mount', '-t', 'tracefs', 'tracefs', TRACE)
     switch = TRACE / 'events' / event / 'enable'
@@ -333,7 +333,7 @@ def test_driver_timestamps(start: Start, viewer: Viewer) -> None:
 
 @pytest.fixture(scope='class')
 def by_id(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a link to the camera, as udev makes it."""
+    """Create a symbolic link to the camera, like udev."""
     link = tmp_path_factory.mktemp('by-id') / 'camera'
     link.symlink_to(VIDEO)
     return link
@@ -341,7 +341,7 @@ def by_id(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='class')
 def survivor(by_id: Path) -> Iterator[tuple[NodeProcess, Viewer]]:
-    """Give one publisher that lives through all that goes wrong with its camera, and a viewer."""
+    """Start a publisher for all failures of its camera, and a subscriber."""
     environment = {**os.environ, 'ROS_DOMAIN_ID': '101',
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     publisher = NodeProcess(

@@ -47,14 +47,14 @@ NOTHING = 'table inet cut { chain in { type filter hook input priority -1; drop;
 
 @pytest.fixture
 def hosts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hosts]:
-    """Give the publisher's host and the subscriber's, which look for one another."""
+    """Create the hosts of publisher and subscriber, which discover one another."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     with two_hosts(getattr(request, 'param', 'datagrams')) as pair:
         yield pair
 
 
 def describe(subscriber: NodeProcess, sent: int, seconds: float, near: Host, far: Host) -> str:
-    """Say how a transfer went."""
+    """Return a text with the result of a transfer."""
     received, rate = re.search(r'Received (\d+) frames at ([\d.]+) Hz', subscriber.output).groups()
     return (f'{received} of {sent} received at {rate} Hz in {seconds:.1f} s, '
             f'{near.sent_bytes() / 1e6:.1f} MB there and {far.sent_bytes() / 1e6:.2f} MB back, '

@@ -128,7 +128,7 @@ CASES = {'img_publisher': PUBLISHER, 'img_subscriber': SUBSCRIBER}
 
 @pytest.fixture
 def files(tmp_path: Path) -> None:
-    """Make the files that cases name."""
+    """Create the files of the cases."""
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mp4').write_text('hello')
     (tmp_path / 'text.png').write_text('hello')

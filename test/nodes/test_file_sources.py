@@ -56,7 +56,7 @@ class Run:
         return [deserialize_message(message, Image) for message in self.arrived]
 
     def is_over(self) -> bool:
-        """Tell whether the publisher has published all, and all has come."""
+        """Return whether all frames were published and received."""
         ended = re.search(r'Published (\d+) frames', self.publisher.output)
         return ended is not None and len(self.arrived) >= int(ended[1])
 
@@ -70,7 +70,7 @@ def finish(node: Node, *runs: Run, status: int = 0) -> str:
 
 
 def gaps(messages: list[Image]) -> np.ndarray:
-    """Give the milliseconds from each stamp to the next."""
+    """Return the intervals between stamps in ms."""
     return np.diff([Time.from_msg(message.header.stamp).nanoseconds for message in messages]) / 1e6
 
 
@@ -146,7 +146,7 @@ def test_frames_without_times_use_the_rate_of_the_file(
 
 
 def damage(kind: str) -> bytes:
-    """Give the clip with the last 40 % of its pictures overwritten, or cut off."""
+    """Create the clip with the last 40 % of its frames overwritten or cut off."""
     content = bytearray(CLIP.read_bytes())
     data, index = content.index(b'mdat') - 4, content.index(b'moov') - 4
     begin = data + (index - data) * 6 // 10
@@ -199,7 +199,7 @@ def test_video_without_index(start: Start, tmp_path: Path) -> None:
 
 
 def jpeg(kind: str) -> bytes:
-    """Give a JPEG with a thumbnail, which is a JPEG in it; or half of what follows that."""
+    """Return a JPEG with an embedded JPEG thumbnail, complete or cut off behind it."""
     noise = np.random.default_rng(6).integers(0, 256, (60, 80, 3), np.uint8)
     whole = cv2.imencode('.jpg', noise)[1].tobytes()
     thumbnail = b'\xff\xe1' + (len(whole) + 2).to_bytes(2, 'big') + whole

@@ -152,7 +152,7 @@ FORMATS = ('jpeg', '', ESCAPES, 'bgr8; jpeg compressed ' + ESCAPES, 'a' * 10**5)
 
 
 def stamped(message: bytes, sec: int) -> bytes:
-    """Give a message a stamp by which its line in the manifest is known."""
+    """Set the stamp that identifies a message in the manifest."""
     if len(message) < 8 or message[:2] != b'\0\1':
         return message
     return message[:4] + struct.pack('<i', sec) + message[8:]

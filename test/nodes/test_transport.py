@@ -101,7 +101,7 @@ def count(tmp_path: Path) -> Iterator[Count]:
 
 @cache
 def checksums(width: int, height: int, frames: int) -> dict[int, int]:
-    """Give the numbers of the pattern's frames by their checksums."""
+    """Return the frame numbers of the pattern by checksum."""
     source = PatternSource(PatternSpec(width, height))
     numbers = {zlib.crc32(source.read().image): number for number in range(frames)}
     assert len(numbers) == frames
