@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Run every benchmark, and write one table of their figures."""
+"""Run all benchmarks and write one table of their figures."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The figures of the benchmarks: how they are handed over, and the one table of all."""
+"""Figures of the benchmarks and their common table."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the publisher costs while nobody subscribes, and what each kind of subscriber adds."""
+"""CPU time of the publisher without subscribers, and for each kind of subscriber."""
 
 from __future__ import annotations
 

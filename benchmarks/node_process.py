@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node in a process of its own, as the benchmarks start it."""
+"""A node in its own process."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time of urdf_to_sdf beside libsdformat's own conversion, and how it grows with the robot."""
+"""Time of urdf_to_sdf against libsdformat, and its growth with the robot."""
 
 from __future__ import annotations
 

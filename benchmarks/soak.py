@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ten minutes through both nodes: no frame is missed, and nothing that they hold grows."""
+"""Ten minutes of both nodes: no lost frames, no growth of memory, files or threads."""
 
 from __future__ import annotations
 

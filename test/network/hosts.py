@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Hosts on this machine: each has a network and a /dev/shm of its own, and a cable joins two."""
+"""Network namespaces as hosts, each with its own /dev/shm, and a link between them."""
 
 from __future__ import annotations
 

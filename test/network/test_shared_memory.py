@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A container's small /dev/shm, and a user's own profile of Fast DDS."""
+"""Small /dev/shm of containers, and Fast DDS profiles of users."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What users get wrong: one sentence with the value and the remedy, and an exit status."""
+"""Invalid arguments and parameters: one sentence with value and remedy, and an exit status."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files through the publisher's executable, as a subscriber in another process sees them."""
+"""Videos and image files, published by the executable and received in another process."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Publisher process to subscriber process to disk: every frame, in order, pixel for pixel."""
+"""Frames from the publisher process through the subscriber process to disk."""
 
 from __future__ import annotations
 

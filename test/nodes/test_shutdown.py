@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals in the middle and at the end: exit status 0, whole files, nothing left behind."""
+"""Signals at any time: exit status 0, complete files, no leftovers."""
 
 from __future__ import annotations
 

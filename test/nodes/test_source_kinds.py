@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every kind of source, through the publisher's executable and real DDS."""
+"""Every kind of source, published by the executable."""
 
 from __future__ import annotations
 

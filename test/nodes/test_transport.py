@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames from process to process: in order, none twice, pixel for pixel, ours without a gap."""
+"""Transport between processes: order, no duplicates, right pixels, no losses."""
 
 from __future__ import annotations
 

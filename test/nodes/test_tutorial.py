@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What followers of the tutorial have: its publisher, its subscriber, its names."""
+"""Compatibility with nodes, topics and names of the tutorial."""
 
 from __future__ import annotations
 

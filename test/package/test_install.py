@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an installed package has, where ROS 2 looks for it."""
+"""Contents of the installed package."""
 
 from __future__ import annotations
 

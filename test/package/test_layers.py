@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which room may import what: the pure ones work without ROS and without OpenCV."""
+"""Allowed imports of each package; pure packages work without ROS and OpenCV."""
 
 from __future__ import annotations
 

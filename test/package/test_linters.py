@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The linters of ROS 2 Jazzy, ruff, and mypy on the rooms that do not import ROS."""
+"""Linters of ROS 2 Jazzy, ruff, and mypy for packages that do not import ROS."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the tests of robots share: robots made up of whatever is allowed, and counted calls."""
+"""Random robots, and a check that a conversion has linear cost."""
 
 from __future__ import annotations
 
