@@ -16,31 +16,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (
-    Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic, SDF_TYPES)
-from opencv_tools.robot.pose import normalised, Vector, ZERO
-from opencv_tools.robot.sdf.joint_writer import AXES
+from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_TYPES, Mimic, SDF_TYPES
+from opencv_tools.robot.pose import ZERO
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Turn
 from opencv_tools.robot.sdf.link_reader import Place
 from opencv_tools.robot.sdf.names import JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, required_name
-from opencv_tools.robot.xml.numbers import limit_number, number, vector
+from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
+from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
+from opencv_tools.robot.xml.numbers import number
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.taken import Taken
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
-_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
 # How many axes a joint has; a planar or floating one may have one or none.
 _AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
-# What turns a direction into the joint's frame; None where it is in it already.
-Turn = Callable[[Vector], Vector] | None
 
 
 def read_joint(element: Taken, place: Place) -> Joint:
@@ -93,31 +88,6 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
     if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
     return replace(joint, axes=tuple(axes), extension=place.carried(element))
-
-
-def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
-    """
-    Read an axis.
-
-    :param kind: type of the joint; the positions of a continuous one have no limits.
-    :param turn: what turns its direction into the joint's frame, where it is in another one.
-    :raises DescriptionError: it has no direction, or a number that is none.
-    """
-    child = element.find('xyz')
-    xyz: Vector = (0.0, 0.0, 1.0) if child is None else vector(child.text, child)
-    if xyz == ZERO:
-        raise DescriptionError('the axis is 0 0 0, which is no direction',
-                               element if child is None else child)
-    xyz = turn(xyz) if turn else xyz
-    if child is not None and child.get(_XYZ):
-        written = vector(child.get(_XYZ), child, 'urdf:xyz')
-        # Someone may have changed the axis since; what was written says nothing then.
-        if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
-            xyz = written
-    limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
-    return Axis(xyz, None if limit is None else _limit(limit, kind),
-                None if dynamics is None else _dynamics(dynamics),
-                None if mimic is None else _plain_mimic(mimic))
 
 
 def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
@@ -219,42 +189,3 @@ def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> 
         element.leave(own)
         return None
     return replace(mimic, joint=leader.name)
-
-
-def _plain_mimic(element: Element | Taken) -> Mimic:
-    values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
-              if (child := element.find(tag)) is not None}
-    multiplier = values.get('multiplier', 1.0)
-    reference = values.get('reference', 0.0)
-    return Mimic(element.get('joint', ''), multiplier,
-                 values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
-
-
-def _limit(element: Element | Taken, kind: str) -> Limit:
-    values = {}
-    positions = () if kind == 'continuous' else ('lower', 'upper')
-    for tag in (*positions, 'effort', 'velocity'):
-        child = element.find(tag)
-        if child is not None:
-            values[tag] = limit_number(child.text, child)
-    lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
-    effort, velocity = (_limit_or_inf(values[tag]) if tag in values else kept[tag] for tag in kept)
-    return Limit(lower, upper, effort, velocity)
-
-
-def _limit_or_inf(value: float) -> float:
-    """Give an effort or a velocity, which is not enforced where it is negative."""
-    return math.inf if value < 0 else abs(value)
-
-
-def _negative(limit: Element | Taken, tag: str) -> float:
-    """Read the negative number by which URDF said that there is no limit."""
-    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
-    value = limit_number(text, limit, f'urdf:{tag}')
-    return value if value < 0 else math.inf
-
-
-def _dynamics(element: Element | Taken) -> Dynamics:
-    return Dynamics(*(None if child is None else number(child.text, child)
-                      for child in map(element.find, ('damping', 'friction'))))

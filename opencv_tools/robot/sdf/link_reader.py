@@ -23,10 +23,10 @@ from pathlib import Path
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, MODEL, Placement, Shape
-from opencv_tools.robot.sdf.link_writer import COLORS
 from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope
-from opencv_tools.robot.sdf.values import color_of, flag, FRAMES, pose_of, poses_in, text_of
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import (
+    color_of, flag, FRAMES, MATERIAL_COLORS, MODEL_FRAME, pose_of, poses_in, text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.numbers import number, number_text, vector
@@ -226,7 +226,7 @@ def _warn_of_default(element: Taken, tag: str, default: str, place: Place) -> No
 
 
 def _material(element: Taken, place: Place) -> Material:
-    colors = {field: color_of(child) for tag, field in COLORS.items()
+    colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
               if (child := element.find(tag)) is not None}
     kept = element.first(f'{{{URDF_NAMESPACE}}}texture')
     pbr = element.find('pbr')

@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from opencv_tools.robot.model import FrameId, WORLD
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, SEPARATOR
-from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, text_of
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, MODEL_FRAME, SEPARATOR, text_of
 from opencv_tools.robot.xml.document import DescriptionError, Element, local_name, required_name
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.taken import Taken

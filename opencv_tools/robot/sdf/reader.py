@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lxml import etree
@@ -24,14 +24,15 @@ from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
+from opencv_tools.robot.sdf.fragments import frame_from_element
 from opencv_tools.robot.sdf.includes import first_file, ModelLoader
 from opencv_tools.robot.sdf.joint_reader import marked_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import Place, read_link
 from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, scopes_of
+from opencv_tools.robot.sdf.scopes import Scope, scopes_of
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Either, Element, line_of, local_name, required_name, source_of)
+    DescriptionError, Element, line_of, local_name, source_of)
 from opencv_tools.robot.xml.passthrough import carried
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import detached, Taken
@@ -74,30 +75,6 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
                     extension=_model_rest(places[0], in_world))
     with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
     return robot
-
-
-def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId],
-                       model: FrameId = MODEL) -> Frame:
-    """
-    Read a frame.
-
-    :param lookup: gives the frame of a name; it is asked with the element that has the name.
-    :param model: the frame of the model that it stands in.
-    """
-    name = element.get('attached_to') or MODEL_FRAME
-    home = model if name == MODEL_FRAME else lookup(name, element)
-    pose = element.find('pose')
-    start = home if pose is None else _named_frame(pose, lookup, model, home)
-    return Frame(required_name(element), home, Placement(pose_of(pose), start),
-                 line=line_of(element))
-
-
-def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
-                 default: FrameId) -> FrameId:
-    name = pose.get('relative_to')
-    if not name:
-        return default
-    return model if name == MODEL_FRAME else lookup(name, pose)
 
 
 def _parts(places: Sequence[Place]

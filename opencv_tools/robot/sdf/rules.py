@@ -31,11 +31,10 @@ from opencv_tools.robot.sdf.value_rules import (
 from opencv_tools.robot.sdf.values import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import cut, numbers_text
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
 _URDF = f'{{{URDF_NAMESPACE}}}'
-NAME = f'{_URDF}name'
 # Elements that may not be called as SDF calls its own frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # `names.with_valid_sdf_names` has seen to these; others that have one of their names give way.
@@ -83,7 +82,7 @@ def _change_names(element: Element, report: Report) -> None:
             new = next_free(more.setdefault((wanted, tag), numbered(f'{wanted}_{tag}')), taken)
         taken.add(new)
         if new != name:
-            child.set(NAME, child.get(NAME, name))
+            child.set(URDF_NAME, child.get(URDF_NAME, name))
             child.set('name', new)
             report.warn(tag, name, line_of(child), 'SDF wants each name once and '
                         f'has some for itself; it is called {new!r} there')

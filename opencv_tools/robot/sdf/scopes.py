@@ -22,14 +22,13 @@ from pathlib import Path
 
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
-from opencv_tools.robot.sdf.values import file_version, flag, text_of, Version
+from opencv_tools.robot.sdf.values import (
+    file_version, flag, MODEL_FRAME, SEPARATOR, text_of, Version)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.taken import Taken
 
-MODEL_FRAME = '__model__'
-SEPARATOR = '::'
 _MODELS = ('model', 'include')
 
 

@@ -31,6 +31,9 @@ from opencv_tools.robot.xml.taken import Taken
 
 Version = tuple[int, int]
 
+MODEL_FRAME = '__model__'
+SEPARATOR = '::'
+
 OLDEST: Version = (1, 4)  # that is written
 OLDEST_READ: Version = (1, 2)  # in which a robot is written as in 1.4
 NEWEST: Version = (1, 12)
@@ -44,6 +47,10 @@ MIMIC: Version = (1, 11)
 
 # The attribute that keeps a colour of which SDF took only a part.
 CUT = f'{{{URDF_NAMESPACE}}}color'
+
+# The colours of a material, with the field that has each.
+MATERIAL_COLORS = {
+    'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
 _HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
@@ -108,6 +115,13 @@ def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
         subject = f'{what}=' if what else ''
         raise DescriptionError(f'{subject}{word!r} is neither true nor false', element)
     return _FLAGS.get(word, False)
+
+
+def text_element(parent: Element, tag: str, text: str) -> Element:
+    """Write a child that has a text."""
+    element = etree.SubElement(parent, tag)
+    element.text = text
+    return element
 
 
 def text_of(element: Element | Taken, tag: str) -> str:

@@ -21,6 +21,7 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
+from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.joint_writer import joint_element
 from opencv_tools.robot.sdf.link_writer import inertial_element, shape_element
 from opencv_tools.robot.sdf.values import (
@@ -67,16 +68,6 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     if wanted < FRAMES:
         _rename_references(root)
     return root
-
-
-def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
-    """Write a frame, placed in what it is attached to."""
-    home = frame.attached_to
-    element = etree.Element('frame', name=frame.name)
-    if home != MODEL:
-        element.set('attached_to', home.name)
-    pose_element(element, kinematics.between(home, FrameId('frame', frame.name)))
-    return element
 
 
 def _check(robot: Robot, kinematics: Kinematics) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.value_rules import flaw_of, looked_at
+from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import pose_of
 from opencv_tools.robot.urdf.tree import TreeOfLinks
 from opencv_tools.robot.xml.document import Element, line_of, local_name
@@ -53,7 +53,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
         remains.text = None
         for part in list(remains):
             owner = next((owner for owner in owners if part.tag in GAZEBO[owner.kind]), None)
-            flaw = owner and next(filter(None, map(flaw_of, (part, *looked_at(part)))), '')
+            flaw = fragment_flaw(part) if owner else ''
             if flaw:
                 report.warn(local_name(part), name or '', line_of(part), f'{flaw}; it is kept as '
                             'it is')

@@ -26,16 +26,12 @@ from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
     Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose, ZERO
-from opencv_tools.robot.sdf.joint_reader import axis_from_element
-from opencv_tools.robot.sdf.joint_writer import AXES
-from opencv_tools.robot.sdf.reader import frame_from_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import pose_of
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf.link_reader import (
-    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors,
-    shapes_of)
+    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors, shapes_of)
 from opencv_tools.robot.urdf.tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name, source_of)

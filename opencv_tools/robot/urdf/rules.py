@@ -28,11 +28,11 @@ import re
 
 from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.renaming import next_free, numbered
-from opencv_tools.robot.sdf.rules import NAME
 from opencv_tools.robot.sdf.values import CUT as CUT_SDF
 from opencv_tools.robot.urdf.link_reader import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import cut, number_text, numbers_text, uncut
+from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 
 # Numbers of the parts of a joint that the parser reads, and those that have to be there.
@@ -65,8 +65,8 @@ def _restore(root: Element, _: str, __: Report) -> None:
     """Restore what the rules of SDF changed in elements of Gazebo."""
     for block in root.iterfind('gazebo'):
         for element in block.iter():
-            if NAME in element.attrib:
-                element.set('name', element.attrib.pop(NAME))
+            if URDF_NAME in element.attrib:
+                element.set('name', element.attrib.pop(URDF_NAME))
             if CUT_SDF in element.attrib:
                 element.text = uncut(element.text or '', element.attrib.pop(CUT_SDF))
 

@@ -26,10 +26,8 @@ from opencv_tools.robot.model import (
     Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, UNLIMITED, URDF_TYPES,
     WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.joint_writer import AXES, axis_to_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import NEWEST, pose_of
-from opencv_tools.robot.sdf.writer import frame_to_element
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.link_writer import (
     inertial_element, Materials, origin_element, shape_element)

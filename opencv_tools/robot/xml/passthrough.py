@@ -28,8 +28,8 @@ URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
-# The name that a thing had before it was renamed is a note, too.
-_NAME = f'{{{URDF_NAMESPACE}}}name'
+# The name that an element has in URDF, if SDF does not allow it.
+URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
 
 
 def restore(element: Element, rest: Element | None, *, marked: bool = False) -> None:
@@ -74,7 +74,7 @@ def carry(element: Element, rest: Element | None, language: str, report: Report,
     copy = detached(rest)
     copy.tag = f'{{{_PRESERVED}}}{language}'
     if language == 'urdf' and 'name' in copy.attrib:
-        element.set(_NAME, copy.attrib.pop('name'))
+        element.set(URDF_NAME, copy.attrib.pop('name'))
     if not len(copy) and not copy.attrib and not copy.text:
         return
     element.append(copy)
@@ -91,7 +91,7 @@ def carried(taken: Taken, language: str) -> Element | None:
 
     :returns: an element of the same tag; None where nothing is carried.
     """
-    own = taken.get(_NAME) if language == 'urdf' else None
+    own = taken.get(URDF_NAME) if language == 'urdf' else None
     found = taken.first(f'{{{_PRESERVED}}}{language}')
     if found is None and own is None:
         return None
