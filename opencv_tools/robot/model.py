@@ -31,8 +31,6 @@ from opencv_tools.robot.geometry import Geometry, Material
 from opencv_tools.robot.pose import Pose, Tensor, Vector
 
 WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
-# |limit| from here on means none, as older SDF has it and as URDF, which has no infinity, is told.
-UNLIMITED = 1e16
 
 # Degrees of freedom of each type of joint: how many turns and shifts, by way of its axes.
 JOINT_TYPES: Mapping[str, str] = {
@@ -240,6 +238,15 @@ class Robot:
         for kind, things in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
             for thing in things:
                 yield FrameId(kind, thing.name), thing
+
+    def extension_elements(self) -> Iterator[etree._Element]:
+        """Return the XML that the model does not represent, of the robot and of all its parts."""
+        shapes = (shape for link in self.links for shape in (*link.visuals, *link.collisions))
+        parts: tuple[Robot | Link | Joint | Frame | Shape, ...] = (
+            self, *self.links, *self.joints, *self.frames, *shapes)
+        for extension in (part.extension for part in parts):
+            yield from (element for element in (extension.urdf, extension.sdf)
+                        if element is not None)
 
     def placed(self, place: Callable[[Placement], Placement]) -> Robot:
         """Give the robot with every placement in it as a function has it."""

@@ -27,10 +27,9 @@ from opencv_tools.robot.sdf.value_rules import flaw_of, looked_at
 from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Either, Element, line_of, required_name)
+    AnyElement, DescriptionError, Element, ElementT, line_of, required_name)
 from opencv_tools.robot.xml.numbers import limit_number, number, number_text, numbers_text, vector
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.taken import Taken
 
 AXES = ('axis', 'axis2')
 _XYZ = f'{{{URDF_NAMESPACE}}}xyz'
@@ -38,7 +37,7 @@ _XYZ = f'{{{URDF_NAMESPACE}}}xyz'
 Turn = Callable[[Vector], Vector] | None
 
 
-def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
+def axis_from_element(element: AnyElement, turn: Turn = None, *, kind: str = '') -> Axis:
     """
     Read an axis.
 
@@ -63,7 +62,7 @@ def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str 
                 None if mimic is None else _plain_mimic(mimic))
 
 
-def _plain_mimic(element: Element | Taken) -> Mimic:
+def _plain_mimic(element: AnyElement) -> Mimic:
     values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
               if (child := element.find(tag)) is not None}
     multiplier = values.get('multiplier', 1.0)
@@ -72,7 +71,7 @@ def _plain_mimic(element: Element | Taken) -> Mimic:
                  values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
 
 
-def _limit(element: Element | Taken, kind: str) -> Limit:
+def _limit(element: AnyElement, kind: str) -> Limit:
     values = {}
     positions = () if kind == 'continuous' else ('lower', 'upper')
     for tag in (*positions, 'effort', 'velocity'):
@@ -90,14 +89,14 @@ def _limit_or_inf(value: float) -> float:
     return math.inf if value < 0 else abs(value)
 
 
-def _negative(limit: Element | Taken, tag: str) -> float:
+def _negative(limit: AnyElement, tag: str) -> float:
     """Read the negative number by which URDF said that there is no limit."""
     text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
     value = limit_number(text, limit, f'urdf:{tag}')
     return value if value < 0 else math.inf
 
 
-def _dynamics(element: Element | Taken) -> Dynamics:
+def _dynamics(element: AnyElement) -> Dynamics:
     return Dynamics(*(None if child is None else number(child.text, child)
                       for child in map(element.find, ('damping', 'friction'))))
 
@@ -146,7 +145,7 @@ def _dynamics_element(axis: Element, dynamics: Dynamics) -> None:
             text_element(element, tag, number_text(value))
 
 
-def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId],
+def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], FrameId],
                        model: FrameId = MODEL) -> Frame:
     """
     Read a frame.
@@ -162,7 +161,7 @@ def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId]
                  line=line_of(element))
 
 
-def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
+def _named_frame(pose: ElementT, lookup: Callable[[str, ElementT], FrameId], model: FrameId,
                  default: FrameId) -> FrameId:
     name = pose.get('relative_to')
     if not name:

@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
 from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
 from opencv_tools.robot.xml.numbers import number
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
@@ -38,7 +38,7 @@ _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
 _AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
 
 
-def read_joint(element: Taken, place: Place) -> Joint:
+def read_joint(element: TrackedElement, place: Place) -> Joint:
     """Read what a joint connects and where it is, without its axes."""
     name = place.scope.qualified(required_name(element))
     names, scope = place.names, place.scope
@@ -55,7 +55,8 @@ def read_joint(element: Taken, place: Place) -> Joint:
                  place.placement(element, child), line=line_of(element))
 
 
-def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics) -> Joint:
+def with_axes(joint: Joint, element: TrackedElement, place: Place, kinematics: Kinematics
+              ) -> Joint:
     """
     Read the axes of a joint, and keep what else there is of it.
 
@@ -79,7 +80,7 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
     own = element.get(_TYPE)
     if own == 'fixed':
-        element.first(AXES[0])  # an old version wants one of a fixed joint
+        element.take_first(AXES[0])  # an old version wants one of a fixed joint
     limit = axes[0].limit if axes else None
     limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if limits[0] > limits[1]:
@@ -141,7 +142,7 @@ class _DisjointSets:
         return one != other
 
 
-def _type(element: Taken) -> str:
+def _type(element: TrackedElement) -> str:
     written = element.get('type', '')
     text = element.get(_TYPE, written).strip().lower()
     # In the namespace of URDF stand those that SDF does not have.
@@ -152,7 +153,7 @@ def _type(element: Taken) -> str:
     return text
 
 
-def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
+def _turn(axis: TrackedElement, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
     """Give what turns an axis into the joint's frame, by the rules of its version."""
     version, xyz = place.scope.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
@@ -171,9 +172,10 @@ def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Tu
     return None if pose.rpy == ZERO else pose.transform().rotate
 
 
-def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
+def _mimic(joint: TrackedElement, element: TrackedElement, tag: str, axis: Axis, place: Place
+           ) -> Mimic | None:
     mimic, own = axis.mimic, element.find('mimic')
-    for kept in joint.each(_MIMIC):
+    for kept in joint.take_all(_MIMIC):
         if kept.get('axis', AXES[0]) == tag:
             mimic = Mimic(kept.get('joint', ''),
                           number(kept.get('multiplier', '1'), kept, 'multiplier'),
@@ -186,6 +188,6 @@ def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> 
             raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
         place.report.warn('mimic', place.scope.qualified(required_name(joint)), line_of(own),
                           f'joint={mimic.joint!r} is no joint of the model; it follows none')
-        element.leave(own)
+        element.put_back(own)
         return None
     return replace(mimic, joint=leader.name)

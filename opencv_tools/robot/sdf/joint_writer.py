@@ -27,7 +27,7 @@ from opencv_tools.robot.sdf.values import (
     CONTINUOUS, JOINT_AXES, MIMIC, pose_element, text_element, Version, version_text)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
 
@@ -52,10 +52,10 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             _mimic_element(element, axis.mimic, tag)
             report.preserve('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.extension.sdf)
+    merge_unread(element, joint.extension.sdf)
     if joint.type == 'continuous' and version < CONTINUOUS:
         _remove_positions(element, joint, version, report)
-    carry(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
+    embed_foreign(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
 
 
 def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:

@@ -24,7 +24,7 @@ from opencv_tools.robot.sdf.values import (
     CAPSULE, MATERIAL_COLORS, PBR, pose_element, text_element, Version, version_text)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
 
@@ -57,8 +57,8 @@ def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Ve
     _geometry_element(element, shape, version, report)
     if shape.material is not None:
         _material_element(element, shape, shape.material, version, report)
-    restore(element, shape.extension.sdf)
-    carry(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
+    merge_unread(element, shape.extension.sdf)
+    embed_foreign(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
 
 
 def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:

@@ -33,9 +33,9 @@ from opencv_tools.robot.sdf.scopes import Scope, scopes_of
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, source_of)
-from opencv_tools.robot.xml.passthrough import carried
+from opencv_tools.robot.xml.passthrough import extract_foreign
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached, Taken
+from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # What is read of an <include>, or of another one that overrides it.
 _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
@@ -57,7 +57,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF, whose root is <sdf>', root)
     scopes = scopes_of(root, ModelLoader(search, report), model, report)
-    if not any(scope.element.each('link') for scope in scopes):
+    if not any(scope.element.take_all('link') for scope in scopes):
         raise DescriptionError(f'model {scopes[0].part.name!r} has no links', scopes[0].element)
     names = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
@@ -86,19 +86,19 @@ def _parts(places: Sequence[Place]
     around = {place.scope.frame: place for place in places}
     for place in places:
         element, scope = place.scope.element, place.scope
-        links.extend(read_link(child, place) for child in element.each('link'))
-        joints.extend(read_joint(child, place) for child in element.each(*JOINTS))
+        links.extend(read_link(child, place) for child in element.take_all('link'))
+        joints.extend(read_joint(child, place) for child in element.take_all(*JOINTS))
         if scope.parent is not None:
             frames.append(_model_frame(place, around[scope.parent.frame]))
             _note_rest(place)
-        frames.extend(_frame(child, place) for child in element.each(*FRAME_TAGS))
+        frames.extend(_frame(child, place) for child in element.take_all(*FRAME_TAGS))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(WORLD, Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)
 
 
-def _frame(element: Taken, place: Place) -> Frame:
-    def lookup(name: str, holder: Taken) -> FrameId:
+def _frame(element: TrackedElement, place: Place) -> Frame:
+    def lookup(name: str, holder: TrackedElement) -> FrameId:
         what = 'relative_to' if holder.tag == 'pose' else 'attached_to'
         return place.names.lookup(place.scope, name, holder, what)
 
@@ -119,9 +119,9 @@ def _model_frame(place: Place, around: Place) -> Frame:
 def _note_rest(place: Place) -> None:
     """Note what is left out of a model that is no longer a model."""
     part = place.scope.part
-    kept = carried(part.element, 'urdf')
+    kept = extract_foreign(part.element, 'urdf')
     for one in (part.element, *part.includes):
-        one.each(*_INCLUDE)
+        one.take_all(*_INCLUDE)
     for found in (place.rest(part.element), kept, *map(place.rest, part.includes)):
         for child in () if found is None else found:
             # A model is not static anyway.
@@ -194,7 +194,7 @@ def _with_world(robot: Robot, in_world: Pose) -> Robot:
 
 def _with_axes(robot: Robot, places: Sequence[Place]) -> Robot:
     elements = ((element, place) for place in places
-                for element in place.scope.element.each(*JOINTS))
+                for element in place.scope.element.take_all(*JOINTS))
     kinematics = Kinematics(robot)
     return replace(robot, joints=tuple(
         with_axes(joint, element, place, kinematics)
@@ -208,7 +208,7 @@ def _model_rest(place: Place, in_world: Pose) -> Extension:
     :param in_world: where the model's own frame is in the world.
     """
     part = place.scope.part
-    kept, rest = carried(part.element, 'urdf'), place.rest(part.element)
+    kept, rest = extract_foreign(part.element, 'urdf'), place.rest(part.element)
     if rest is None:
         rest = etree.Element('model')
     for include in reversed(part.includes):

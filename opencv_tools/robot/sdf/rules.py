@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf.value_rules import (
     COLORS, flaw_of, is_passed_over, looked_at, read_number)
 from opencv_tools.robot.sdf.values import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
-from opencv_tools.robot.xml.numbers import cut, numbers_text
+from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
@@ -96,10 +96,10 @@ def _cut_color(element: Element, report: Report) -> None:
     """Cut the parts of a colour to 0 and 1."""
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := read_number(word)) is not None)
-    if len(values) == len(words) and cut(values) != values:
+    if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
         element.set(CUT, text)
-        element.text = numbers_text(cut(values))
+        element.text = numbers_text(clamped(values))
         before = element.getprevious()
         if before is not None and before.get(CUT) == text:
             return  # the same colour, which URDF has once

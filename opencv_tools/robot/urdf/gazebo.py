@@ -26,13 +26,13 @@ from opencv_tools.robot.xml.document import Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import numbers_text
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import GAZEBO, POSED
-from opencv_tools.robot.xml.taken import detached, Taken
+from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # What turning a pose there and back leaves of nothing.
 _NOTHING_LEFT = 1e-12
 
 
-def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
+def sorted_blocks(root: TrackedElement, tree: TreeOfLinks, report: Report
                   ) -> tuple[dict[FrameId, list[Element]], list[Element]]:
     """
     Sort what stands in ``<gazebo>`` blocks.
@@ -41,7 +41,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
     """
     found: dict[FrameId, list[Element]] = {}
     rest = []
-    for block in root.each('gazebo'):
+    for block in root.take_all('gazebo'):
         name = block.get('reference')
         owners = [MODEL] if name is None else [
             FrameId(kind, name) for kind, names in (('link', tree.links), ('joint', tree.joints))

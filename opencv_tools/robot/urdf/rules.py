@@ -26,12 +26,11 @@ from collections.abc import Callable, Iterator, Mapping
 import math
 import re
 
-from opencv_tools.robot.model import UNLIMITED
 from opencv_tools.robot.renaming import next_free, numbered
 from opencv_tools.robot.sdf.values import CUT as CUT_SDF
 from opencv_tools.robot.urdf.link_reader import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import cut, number_text, numbers_text, uncut
+from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 
@@ -68,7 +67,7 @@ def _restore(root: Element, _: str, __: Report) -> None:
             if URDF_NAME in element.attrib:
                 element.set('name', element.attrib.pop(URDF_NAME))
             if CUT_SDF in element.attrib:
-                element.text = uncut(element.text or '', element.attrib.pop(CUT_SDF))
+                element.text = unclamped(element.text or '', element.attrib.pop(CUT_SDF))
 
 
 def _complete_limits(root: Element, _: str, __: Report) -> None:
@@ -102,8 +101,8 @@ def _cut_color(color: Element, report: Report) -> None:
     if not all(map(_NUMBER.fullmatch, text.split())):
         return
     values = tuple(map(float, text.split()))
-    if cut(values) != values:
-        color.set('rgba', numbers_text(cut(values)))
+    if clamped(values) != values:
+        color.set('rgba', numbers_text(clamped(values)))
         color.set(CUT, text)
         material = color.getparent()
         name = '' if material is None else material.get('name', '')
