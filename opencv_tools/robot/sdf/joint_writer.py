@@ -31,7 +31,6 @@ from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF
 from opencv_tools.robot.xml.report import Report
 
 
-
 def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version: Version,
                   report: Report) -> None:
     """Write a joint into a model; in the namespace of URDF where SDF has no such joint."""

@@ -29,7 +29,6 @@ from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
 
 
-
 def inertial_element(link: Element, inertial: Inertial, pose: Pose) -> None:
     """
     Write an ``<inertial>`` into a link.

@@ -22,13 +22,13 @@ A name is changed and a colour is cut where they break a rule. What was there is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 
 from opencv_tools.robot.model import Inertial, Robot, WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name, next_free, numbered
+from opencv_tools.robot.renaming import allowed_name, flat_name
 from opencv_tools.robot.sdf.value_rules import (
     COLORS, flaw_of, is_passed_over, looked_at, read_number)
 from opencv_tools.robot.sdf.values import CUT
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
@@ -68,7 +68,7 @@ def _change_names(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     taken = {child.get('name', '') for child in named if _keeps_name(child)}
-    more: dict[tuple[str, str], Iterator[str]] = {}
+    counts: dict[str, int] = {}
     for child in named:
         if _keeps_name(child):
             continue
@@ -79,7 +79,7 @@ def _change_names(element: Element, report: Report) -> None:
             wanted = flat_name(name)
         tag, new = local_name(child), wanted
         if wanted in taken:
-            new = next_free(more.setdefault((wanted, tag), numbered(f'{wanted}_{tag}')), taken)
+            new = unique_name(f'{wanted}_{tag}', taken, counts)
         taken.add(new)
         if new != name:
             child.set(URDF_NAME, child.get(URDF_NAME, name))

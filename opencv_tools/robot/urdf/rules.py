@@ -22,12 +22,12 @@ cannot be mended is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 import math
 import re
 
-from opencv_tools.robot.renaming import next_free, numbered
 from opencv_tools.robot.sdf.values import CUT as CUT_SDF
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.urdf.link_reader import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
@@ -115,11 +115,11 @@ def _name_materials(root: Element, _: str, report: Report) -> None:
     materials = root.findall('material')
     taken = {material.get('name', '') for material in materials}
     seen: set[str] = set()
-    more: dict[str, Iterator[str]] = {}
+    counts: dict[str, int] = {}
     for material in materials:
         name = material.get('name', '')
         if name in seen:
-            new = next_free(more.setdefault(name, numbered(f'{name}_again')), taken)
+            new = unique_name(f'{name}_again', taken, counts)
             taken.add(new)
             material.set('name', new)
             report.warn('material', name, line_of(material), 'URDF wants each name once; it is '
