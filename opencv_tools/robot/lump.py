@@ -44,8 +44,8 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
     kept = _preserved(robot)
     hosts = {name: name for name in kinematics.roots}
     lumped: dict[str, Joint] = {}
-    for name in kinematics.links_below(kinematics.roots):
-        for joint in kinematics.joints_below[name]:
+    for name in kinematics.subtree(kinematics.roots):
+        for joint in kinematics.child_joints[name]:
             stays = joint.type != 'fixed' or joint.name in kept or links[name].is_world
             hosts[joint.child] = joint.child if stays else hosts[name]
             if not stays:
@@ -81,7 +81,7 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
     whole = replace(whole, frames=tuple(
         replace(frame, attached_to=now.get(frame.attached_to, frame.attached_to))
         for frame in whole.frames))
-    return whole.placed(lambda placement: replace(
+    return whole.map_placements(lambda placement: replace(
         placement, relative_to=now.get(placement.relative_to, placement.relative_to)))
 
 

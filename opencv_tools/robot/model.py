@@ -32,11 +32,42 @@ from opencv_tools.robot.pose import Pose, Tensor, Vector
 
 WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
 
-# Degrees of freedom of each type of joint: how many turns and shifts, by way of its axes.
-JOINT_TYPES: Mapping[str, str] = {
-    'fixed': '', 'revolute': 'turn', 'continuous': 'turn', 'prismatic': 'shift',
-    'screw': 'turn', 'floating': 'free', 'planar': 'plane', 'ball': 'ball',
-    'universal': 'two turns', 'revolute2': 'two turns', 'gearbox': 'two turns',
+
+@dataclass(frozen=True, kw_only=True)
+class JointKind:
+    """
+    Motion that all joint types of one kind have in common.
+
+    :param name: name of the kind.
+    :param axes: number of axes along or about which the joint moves.
+    :param max_axes: largest number of axes that the joint may have in a file.
+    :param random_span: for each number of a position, the distance from zero in radians or metres
+        within which a random position of an unlimited joint lies.
+    """
+
+    name: str
+    axes: int = 0
+    max_axes: int = 0
+    random_span: tuple[float, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: the number of values of a position."""
+        return len(self.random_span)
+
+
+_REVOLUTE = JointKind(name='revolute', axes=1, max_axes=1, random_span=(math.pi,))
+_UNIVERSAL = JointKind(name='universal', axes=2, max_axes=2, random_span=(math.pi,) * 2)
+# The kind of each joint type of URDF and SDF. The pitch of a screw joint is not modelled.
+JOINT_KINDS: Mapping[str, JointKind] = {
+    'fixed': JointKind(name='fixed'),
+    'revolute': _REVOLUTE, 'continuous': _REVOLUTE, 'screw': _REVOLUTE,
+    'prismatic': JointKind(name='prismatic', axes=1, max_axes=1, random_span=(1.0,)),
+    'floating': JointKind(name='floating', max_axes=1,
+                          random_span=(1.0, 1.0, 1.0, math.pi, math.pi, math.pi)),
+    'planar': JointKind(name='planar', axes=1, max_axes=1, random_span=(1.0, 1.0, math.pi)),
+    'ball': JointKind(name='ball', random_span=(math.pi,) * 3),
+    'universal': _UNIVERSAL, 'revolute2': _UNIVERSAL, 'gearbox': _UNIVERSAL,
 }
 URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
 WITHOUT_AXIS = ('fixed', 'floating')  # of those of URDF
@@ -188,7 +219,7 @@ class Joint:
     """
     A joint between two links.
 
-    :param type: one of ``JOINT_TYPES``.
+    :param type: a key of ``JOINT_KINDS``.
     :param child: the link that moves with the joint's frame.
     :param axes: none, one, or two for those types that have two.
     :param is_loop: whether it closes a loop of links, of which URDF has none.
@@ -203,6 +234,22 @@ class Joint:
     is_loop: bool = False
     extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
+
+    @property
+    def kind(self) -> JointKind:
+        """Kind of the joint's motion."""
+        return JOINT_KINDS[self.type]
+
+    @property
+    def limit(self) -> Limit:
+        """Limit of the first axis; a limit without bounds if there is none."""
+        return (self.axes[0].limit if self.axes else None) or Limit()
+
+    @property
+    def has_position_limits(self) -> bool:
+        """Whether the limits of the axes bound the position of the joint."""
+        return self.type != 'continuous' and self.kind.name in (
+            'revolute', 'prismatic', 'universal')
 
 
 @dataclass(frozen=True)
@@ -233,7 +280,7 @@ class Robot:
     extension: Extension = NO_EXTENSION
     source: str = ''
 
-    def framed(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
+    def frame_owners(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
         """Give all that has a frame of its own, with what names it."""
         for kind, things in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
             for thing in things:
@@ -248,7 +295,7 @@ class Robot:
             yield from (element for element in (extension.urdf, extension.sdf)
                         if element is not None)
 
-    def placed(self, place: Callable[[Placement], Placement]) -> Robot:
+    def map_placements(self, place: Callable[[Placement], Placement]) -> Robot:
         """Give the robot with every placement in it as a function has it."""
         def shapes(things: tuple[Shape, ...]) -> tuple[Shape, ...]:
             return tuple(replace(shape, placement=place(shape.placement)) for shape in things)

@@ -28,9 +28,9 @@ import random
 from opencv_tools.robot.compare.properties import (
     axis_properties, Facts, geometry_properties, is_continuous, of_material, texts)
 from opencv_tools.robot.compare.sampling import random_position
-from opencv_tools.robot.kinematics import AXES, Kinematics, with_mimics
+from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    FrameId, Inertial, Joint, JOINT_TYPES, Link, MODEL, Placement, Robot, Shape)
+    FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import IDENTITY, Transform, turned_tensor
 from opencv_tools.robot.renaming import flat_name, with_original_names
 
@@ -149,14 +149,14 @@ class _Side:
     def poses(self, base: str, positions: Mapping[str, Sequence[float]]
               ) -> dict[FrameId, Transform]:
         """Give where links, joints and frames are in the base that both robots have."""
-        poses = self.kinematics.at(positions)
+        poses = self.kinematics.forward(positions)
         home = poses.get(self._frame(base), IDENTITY).inverse()
         return {frame: home @ pose for frame, pose in poses.items()}
 
     def is_loose_world(self, key: str) -> bool:
         """Tell whether this is a link that says nothing: a world that nothing is fastened to."""
         link = self.links[key]
-        return link.is_world and not self.kinematics.joints_below[link.name]
+        return link.is_world and not self.kinematics.child_joints[link.name]
 
     def _frame(self, base: str) -> FrameId:
         return FrameId('link', self.links[base].name) if base else MODEL
@@ -183,7 +183,7 @@ class _Side:
             'type': 'continuous' if endless else joint.type,
             'parent': flat_name(joint.parent), 'child': flat_name(joint.child),
             'closes a loop': 'yes' if joint.is_loop else 'no'}
-        for index, axis in enumerate(joint.axes[:AXES[JOINT_TYPES[joint.type]]]):
+        for index, axis in enumerate(joint.axes[:joint.kind.axes]):
             suffix = '' if index == 0 else ' of axis2'
             facts.update((f'{what}{suffix}', fact)
                          for what, fact in axis_properties(axis, turn).items()
@@ -245,7 +245,7 @@ def _positions(a: _Side, b: _Side, generator: random.Random
             continue
         position = random_position(first, generator)
         for chosen, joint in zip(result, joints):
-            if joint and JOINT_TYPES[joint.type] == JOINT_TYPES[first.type]:
+            if joint and joint.kind == first.kind:
                 chosen[joint.name] = position
     return with_mimics(a.robot, result[0]), with_mimics(b.robot, result[1])
 

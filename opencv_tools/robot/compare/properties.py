@@ -99,9 +99,8 @@ def axis_properties(axis: Axis, turn: Transform) -> Facts:
 
 def is_continuous(joint: Joint) -> bool:
     """Tell whether a joint turns without end, which SDF may call revolute."""
-    limit = (joint.axes[0].limit if joint.axes else None) or Limit()
     return joint.type == 'continuous' or (
-        joint.type == 'revolute' and min(-limit.lower, limit.upper) >= UNLIMITED)
+        joint.type == 'revolute' and min(-joint.limit.lower, joint.limit.upper) >= UNLIMITED)
 
 
 def texts(a: Value, b: Value) -> tuple[str, str]:

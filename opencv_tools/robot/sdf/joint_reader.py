@@ -21,7 +21,7 @@ from dataclasses import replace
 import math
 
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_TYPES, Mimic, SDF_TYPES
+from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_KINDS, Mimic, SDF_TYPES
 from opencv_tools.robot.pose import ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Turn
 from opencv_tools.robot.sdf.link_reader import Place
@@ -34,8 +34,6 @@ from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
-# How many axes a joint has; a planar or floating one may have one or none.
-_AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
 
 
 def read_joint(element: TrackedElement, place: Place) -> Joint:
@@ -63,10 +61,8 @@ def with_axes(joint: Joint, element: TrackedElement, place: Place, kinematics: K
     :param joint: as `read_joint` gives it.
     :param kinematics: of the robot, with all its frames.
     """
-    kind = JOINT_TYPES[joint.type]
-    tags = AXES[:_AXIS_COUNT[kind]]
     axes = []
-    for tag in tags:
+    for tag in AXES[:joint.kind.max_axes]:
         child = element.find(tag)
         if child is None:
             # The second axis may be left out, so may that of a joint that SDF does not have.
@@ -81,14 +77,14 @@ def with_axes(joint: Joint, element: TrackedElement, place: Place, kinematics: K
     own = element.get(_TYPE)
     if own == 'fixed':
         element.take_first(AXES[0])  # an old version wants one of a fixed joint
-    limit = axes[0].limit if axes else None
-    limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
+    joint = replace(joint, axes=tuple(axes))
+    limits = joint.limit.lower, joint.limit.upper
     if limits[0] > limits[1]:
         place.report.warn('limit', joint.name, joint.line,
                           f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
     if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
-    return replace(joint, axes=tuple(axes), extension=place.carried(element))
+    return replace(joint, extension=place.carried(element))
 
 
 def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
@@ -146,7 +142,7 @@ def _type(element: TrackedElement) -> str:
     written = element.get('type', '')
     text = element.get(_TYPE, written).strip().lower()
     # In the namespace of URDF stand those that SDF does not have.
-    types = tuple(JOINT_TYPES) if element.tag != JOINTS[0] else SDF_TYPES
+    types = tuple(JOINT_KINDS) if element.tag != JOINTS[0] else SDF_TYPES
     if text not in types:
         raise DescriptionError(f'type={text!r} is not a type of joint; write one of '
                                f'{", ".join(types)}', element)

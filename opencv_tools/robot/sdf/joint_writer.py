@@ -60,9 +60,8 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
 def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:
     """Name the type, or in older versions the one that means the same."""
     written = joint.type
-    limit = joint.axes[0].limit if joint.axes else None
-    if joint.type == 'revolute' and (
-            limit is None or (limit.lower, limit.upper) == (-math.inf, math.inf)):
+    limits = joint.limit.lower, joint.limit.upper
+    if joint.type == 'revolute' and limits == (-math.inf, math.inf):
         # Without limits it means a continuous one, which URDF has another word for.
         element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
     elif joint.type == 'continuous' and version < CONTINUOUS:

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
@@ -73,7 +73,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     links = tuple(link.name for link in robot.links)
     robot = replace(robot, joints=marked_loops(robot.joints, links, canonical),
                     extension=_model_rest(places[0], in_world))
-    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    check_mimic_cycles(robot)
     return robot
 
 
@@ -136,7 +136,7 @@ def _check_placements(robot: Robot, names: FrameRegistry) -> None:
 
     :raises DescriptionError: one is placed in itself.
     """
-    placed_in = {frame: thing.placement.relative_to for frame, thing in robot.framed()}
+    placed_in = {frame: thing.placement.relative_to for frame, thing in robot.frame_owners()}
     good = {MODEL}
     for start in placed_in:
         chain: dict[FrameId, None] = {}

@@ -75,7 +75,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
 def _check(robot: Robot, kinematics: Kinematics) -> None:
     if all(link.is_world for link in robot.links):
         raise DescriptionError(f'robot {robot.name!r} has no links', source=robot.source)
-    above = kinematics.joint_above.get(WORLD)
+    above = kinematics.parent_joint.get(WORLD)
     if above and any(link.is_world for link in robot.links):
         raise DescriptionError(f'joint {above.name!r} has the world as its child, which SDF '
                                'forbids; make the world its parent', source=robot.source,
@@ -95,7 +95,7 @@ def _link_element(model: Element, link: Link, kinematics: Kinematics, version: V
                   relative: bool, report: Report) -> None:
     element = etree.SubElement(model, 'link', name=link.name)
     frame = FrameId('link', link.name)
-    above = kinematics.joint_above.get(link.name) if relative else None
+    above = kinematics.parent_joint.get(link.name) if relative else None
     home = FrameId('link', above.parent) if above and above.parent != WORLD else MODEL
     pose_element(element, kinematics.between(home, frame), home.name)
     if link.inertial is not None:
