@@ -25,7 +25,7 @@ from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
-from opencv_tools.robot.xml.taken import detached
+from opencv_tools.robot.xml.tracked import detached
 
 # What a <gazebo reference> says of a joint that is to stay.
 _KEEPERS = ('preserveFixedJoint', 'disableFixedJointLumping')

@@ -31,8 +31,6 @@ from opencv_tools.robot.geometry import Geometry, Material
 from opencv_tools.robot.pose import Pose, Tensor, Vector
 
 WORLD = 'world'  # name of the inertial frame in both formats; SDF does not declare it as a link
-# Limits of this absolute value or more are infinite, as in older SDF. URDF has no infinity.
-UNLIMITED = 1e16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,6 +291,15 @@ class Robot:
         for kind, owners in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
             for owner in owners:
                 yield FrameId(kind, owner.name), owner
+
+    def extension_elements(self) -> Iterator[etree._Element]:
+        """Return the XML that the model does not represent, of the robot and of all its parts."""
+        shapes = (shape for link in self.links for shape in (*link.visuals, *link.collisions))
+        parts: tuple[Robot | Link | Joint | Frame | Shape, ...] = (
+            self, *self.links, *self.joints, *self.frames, *shapes)
+        for extension in (part.extension for part in parts):
+            yield from (element for element in (extension.urdf, extension.sdf)
+                        if element is not None)
 
     def map_placements(self, change: Callable[[Placement], Placement]) -> Robot:
         """Return the robot with every placement replaced by the result of a function."""

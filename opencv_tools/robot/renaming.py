@@ -27,7 +27,7 @@ from opencv_tools.robot.model import (
     Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached
+from opencv_tools.robot.xml.tracked import detached
 
 Named = TypeVar('Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]

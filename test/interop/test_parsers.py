@@ -31,12 +31,12 @@ import xml.etree.ElementTree as ElementTree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.model import (
-    Axis, FrameId, Inertial, Link, MODEL, Placement, Robot, UNLIMITED)
+from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.renaming import with_valid_sdf_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.numbers import UNLIMITED
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots

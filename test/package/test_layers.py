@@ -69,6 +69,8 @@ def imported(module: str) -> set[str]:
             names.update(alias.name for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
             names.add(statement.module)
+            names.update(name for alias in statement.names
+                         if (name := f'{statement.module}.{alias.name}') in MODULES)
     return names
 
 
@@ -79,6 +81,14 @@ def test_imports_point_down(module: str) -> None:
     wrong = [name for name in imported(module) if name.partition('.')[0] not in free
              and not any(f'{name}.'.startswith(f'{allowed}.') for allowed in ALLOWED[room])]
     assert not wrong
+
+
+@pytest.mark.parametrize('module', [
+    name for name in MODULES if name.startswith('opencv_tools.robot.urdf.')])
+def test_urdf_imports_of_sdf_only_fragments_and_values(module: str) -> None:
+    package = 'opencv_tools.robot.sdf'
+    assert {name for name in imported(module) if f'{name}.'.startswith(f'{package}.')} <= {
+        f'{package}.fragments', f'{package}.values'}
 
 
 @pytest.mark.process

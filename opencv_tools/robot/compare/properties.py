@@ -20,10 +20,11 @@ from dataclasses import fields
 
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, LIGHT_COLORS, Material, Mesh
-from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape, UNLIMITED
+from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape
 from opencv_tools.robot.pose import normalised, Transform
 from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.xml.document import local_name
+from opencv_tools.robot.xml.numbers import UNLIMITED
 
 Value = str | tuple[float, ...]
 Properties = dict[str, Value]

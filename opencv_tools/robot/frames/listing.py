@@ -22,10 +22,11 @@ from typing import Any
 
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, Shape, UNLIMITED)
+    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.numbers import UNLIMITED
 from opencv_tools.robot.xml.report import Report
 
 

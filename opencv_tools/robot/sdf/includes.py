@@ -26,7 +26,7 @@ from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, local_name, parse, read_bytes, required_name, source_of)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 # Folders with models, in the order in which they are searched after what the caller names.
 SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PATH',
@@ -55,10 +55,10 @@ class ModelFile:
         model overrides what it says itself, and the outermost one overrides the others.
     """
 
-    element: Taken
+    element: TrackedElement
     version: Version
     files: tuple[Path, ...]
-    includes: tuple[Taken, ...] = ()
+    includes: tuple[TrackedElement, ...] = ()
 
     @property
     def name(self) -> str:
@@ -67,7 +67,7 @@ class ModelFile:
         return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
     @property
-    def placed_by(self) -> Taken:
+    def placed_by(self) -> TrackedElement:
         """Give the element that has the ``<pose>`` of the model, if one has."""
         return next((include for include in self.includes
                      if include.element.find('pose') is not None), self.element)
@@ -97,7 +97,7 @@ class ModelLoader:
         self._count = 0
         self._elements = 0
 
-    def part(self, include: Taken, files: tuple[Path, ...]) -> ModelFile:
+    def part(self, include: TrackedElement, files: tuple[Path, ...]) -> ModelFile:
         """
         Give the model that an ``<include>`` names.
 
@@ -116,7 +116,7 @@ class ModelLoader:
                 raise DescriptionError(f'{path} includes itself', includes[-1])
             root, version = self._root(path, includes[-1])
             files = (*files, path)
-            element = Taken(only_model(root, includes[-1]))
+            element = TrackedElement(only_model(root, includes[-1]))
             if local_name(element) == 'model':
                 part = ModelFile(element, version, files, tuple(includes))
                 _check_placement(part)
@@ -134,7 +134,7 @@ class ModelLoader:
             raise DescriptionError(f'the models that are included have more than {MAX_ELEMENTS} '
                                    'elements; no robot has so many', part.includes[0])
 
-    def _root(self, path: Path, include: Taken) -> tuple[Element, Version]:
+    def _root(self, path: Path, include: TrackedElement) -> tuple[Element, Version]:
         if path not in self._read:
             root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':
@@ -146,7 +146,7 @@ class ModelLoader:
             self._read[path] = root, file_version(root, self._report)
         return self._read[path]
 
-    def _file(self, include: Taken, folder: Path) -> Path:
+    def _file(self, include: TrackedElement, folder: Path) -> Path:
         uri = text_of(include, 'uri')
         candidates = self._candidates(uri, include, folder)
         for candidate in candidates:
@@ -159,7 +159,7 @@ class ModelLoader:
         raise DescriptionError(f'<uri> {uri!r} is not found; there is no {searched}: name the '
                                'folder that has it by --path', include)
 
-    def _candidates(self, uri: str, include: Taken, folder: Path) -> list[Path]:
+    def _candidates(self, uri: str, include: TrackedElement, folder: Path) -> list[Path]:
         scheme, separator, rest = uri.partition('://')
         if not uri or (separator and not rest):
             raise DescriptionError(f'<uri> {uri!r} names no file', include)
@@ -182,7 +182,7 @@ def first_file(root: Element) -> Path:
     return Path(os.path.realpath(source)) if source else Path.cwd() / '<stdin>'
 
 
-def only_model(root: Element, include: Taken) -> Element:
+def only_model(root: Element, include: TrackedElement) -> Element:
     """
     Give the ``<model>`` of an included file, or the ``<include>`` that stands for it.
 
@@ -219,7 +219,7 @@ def file_of_model(path: str) -> str:
     return str(_file_in(folder, None))
 
 
-def _file_in(folder: Path, include: Taken | None) -> Path:
+def _file_in(folder: Path, include: TrackedElement | None) -> Path:
     """Give the SDF of a model's folder that is the newest one of those that are read."""
     config = folder / _CONFIG
     if not config.is_file():

@@ -16,32 +16,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (
-    Axis, Dynamics, FrameId, Joint, JOINT_KINDS, Limit, Mimic, SDF_TYPES)
-from opencv_tools.robot.pose import normalised, Vector, ZERO
-from opencv_tools.robot.sdf.joint_writer import AXES
+from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_KINDS, Mimic, SDF_TYPES
+from opencv_tools.robot.pose import ZERO
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Turn
 from opencv_tools.robot.sdf.link_reader import Place
 from opencv_tools.robot.sdf.names import JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, required_name
-from opencv_tools.robot.xml.numbers import limit_number, number, vector
+from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
+from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
+from opencv_tools.robot.xml.numbers import number
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
-_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
-# What turns a direction into the joint's frame; None where it is in it already.
-Turn = Callable[[Vector], Vector] | None
 
 
-def read_joint(element: Taken, place: Place) -> Joint:
+def read_joint(element: TrackedElement, place: Place) -> Joint:
     """Read what a joint connects and where it is, without its axes."""
     name = place.scope.qualified(required_name(element))
     names, scope = place.names, place.scope
@@ -58,7 +53,8 @@ def read_joint(element: Taken, place: Place) -> Joint:
                  place.placement(element, child), line=line_of(element))
 
 
-def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics) -> Joint:
+def with_axes(joint: Joint, element: TrackedElement, place: Place, kinematics: Kinematics
+              ) -> Joint:
     """
     Read the axes of a joint, and keep what else there is of it.
 
@@ -80,7 +76,7 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
         axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
     own = element.get(_TYPE)
     if own == 'fixed':
-        element.first(AXES[0])  # an old version wants one of a fixed joint
+        element.take_first(AXES[0])  # an old version wants one of a fixed joint
     joint = replace(joint, axes=tuple(axes))
     limits = joint.limit.lower, joint.limit.upper
     if limits[0] > limits[1]:
@@ -89,31 +85,6 @@ def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics
     if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
         joint = replace(joint, type='continuous')
     return replace(joint, extension=place.carried(element))
-
-
-def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
-    """
-    Read an axis.
-
-    :param kind: type of the joint; the positions of a continuous one have no limits.
-    :param turn: what turns its direction into the joint's frame, where it is in another one.
-    :raises DescriptionError: it has no direction, or a number that is none.
-    """
-    child = element.find('xyz')
-    xyz: Vector = (0.0, 0.0, 1.0) if child is None else vector(child.text, child)
-    if xyz == ZERO:
-        raise DescriptionError('the axis is 0 0 0, which is no direction',
-                               element if child is None else child)
-    xyz = turn(xyz) if turn else xyz
-    if child is not None and child.get(_XYZ):
-        written = vector(child.get(_XYZ), child, 'urdf:xyz')
-        # Someone may have changed the axis since; what was written says nothing then.
-        if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
-            xyz = written
-    limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
-    return Axis(xyz, None if limit is None else _limit(limit, kind),
-                None if dynamics is None else _dynamics(dynamics),
-                None if mimic is None else _plain_mimic(mimic))
 
 
 def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
@@ -167,7 +138,7 @@ class _DisjointSets:
         return one != other
 
 
-def _type(element: Taken) -> str:
+def _type(element: TrackedElement) -> str:
     written = element.get('type', '')
     text = element.get(_TYPE, written).strip().lower()
     # In the namespace of URDF stand those that SDF does not have.
@@ -178,7 +149,7 @@ def _type(element: Taken) -> str:
     return text
 
 
-def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
+def _turn(axis: TrackedElement, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
     """Give what turns an axis into the joint's frame, by the rules of its version."""
     version, xyz = place.scope.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
@@ -197,9 +168,10 @@ def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Tu
     return None if pose.rpy == ZERO else pose.transform().rotate
 
 
-def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
+def _mimic(joint: TrackedElement, element: TrackedElement, tag: str, axis: Axis, place: Place
+           ) -> Mimic | None:
     mimic, own = axis.mimic, element.find('mimic')
-    for kept in joint.each(_MIMIC):
+    for kept in joint.take_all(_MIMIC):
         if kept.get('axis', AXES[0]) == tag:
             mimic = Mimic(kept.get('joint', ''),
                           number(kept.get('multiplier', '1'), kept, 'multiplier'),
@@ -212,45 +184,6 @@ def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> 
             raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
         place.report.warn('mimic', place.scope.qualified(required_name(joint)), line_of(own),
                           f'joint={mimic.joint!r} is no joint of the model; it follows none')
-        element.leave(own)
+        element.put_back(own)
         return None
     return replace(mimic, joint=leader.name)
-
-
-def _plain_mimic(element: Element | Taken) -> Mimic:
-    values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
-              if (child := element.find(tag)) is not None}
-    multiplier = values.get('multiplier', 1.0)
-    reference = values.get('reference', 0.0)
-    return Mimic(element.get('joint', ''), multiplier,
-                 values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
-
-
-def _limit(element: Element | Taken, kind: str) -> Limit:
-    values = {}
-    positions = () if kind == 'continuous' else ('lower', 'upper')
-    for tag in (*positions, 'effort', 'velocity'):
-        child = element.find(tag)
-        if child is not None:
-            values[tag] = limit_number(child.text, child)
-    lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
-    effort, velocity = (_limit_or_inf(values[tag]) if tag in values else kept[tag] for tag in kept)
-    return Limit(lower, upper, effort, velocity)
-
-
-def _limit_or_inf(value: float) -> float:
-    """Give an effort or a velocity, which is not enforced where it is negative."""
-    return math.inf if value < 0 else abs(value)
-
-
-def _negative(limit: Element | Taken, tag: str) -> float:
-    """Read the negative number by which URDF said that there is no limit."""
-    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
-    value = limit_number(text, limit, f'urdf:{tag}')
-    return value if value < 0 else math.inf
-
-
-def _dynamics(element: Element | Taken) -> Dynamics:
-    return Dynamics(*(None if child is None else number(child.text, child)
-                      for child in map(element.find, ('damping', 'friction'))))

@@ -21,17 +21,14 @@ import math
 
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, Dynamics, FrameId, Joint, Limit, Mimic, SDF_TYPES, WORLD
-from opencv_tools.robot.pose import normalised, Vector
-from opencv_tools.robot.sdf.link_writer import text_element
+from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, Mimic, SDF_TYPES, WORLD
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element
 from opencv_tools.robot.sdf.values import (
-    CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version, version_text)
+    CONTINUOUS, JOINT_AXES, MIMIC, pose_element, text_element, Version, version_text)
 from opencv_tools.robot.xml.document import Element
-from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.numbers import number_text
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-
-AXES = ('axis', 'axis2')
 
 
 def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version: Version,
@@ -54,35 +51,10 @@ def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version:
             _mimic_element(element, axis.mimic, tag)
             report.preserve('mimic', joint.name, joint.line,
                          f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.extension.sdf)
+    merge_unread(element, joint.extension.sdf)
     if joint.type == 'continuous' and version < CONTINUOUS:
         _remove_positions(element, joint, version, report)
-    carry(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
-
-
-def axis_to_element(axis: Axis, tag: str, version: Version,
-                    direction: Vector | None = None) -> Element:
-    """
-    Write an axis, of unit length.
-
-    :param tag: ``axis`` or ``axis2``.
-    :param direction: the axis in the frame that this version wants it in; None for the joint's.
-    """
-    element = etree.Element(tag)
-    unit = normalised(axis.xyz if direction is None else direction)
-    xyz = text_element(element, 'xyz', numbers_text(unit))
-    if unit != axis.xyz:
-        xyz.set(f'{{{URDF_NAMESPACE}}}xyz', numbers_text(axis.xyz))
-    if axis.limit is not None:
-        _limit_element(element, axis.limit)
-    if axis.dynamics is not None:
-        _dynamics_element(element, axis.dynamics)
-    if axis.mimic is not None and version >= MIMIC:
-        mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
-        text_element(mimic, 'multiplier', number_text(axis.mimic.multiplier))
-        text_element(mimic, 'offset', number_text(axis.mimic.offset))
-        text_element(mimic, 'reference', '0')
-    return element
+    embed_foreign(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
 
 
 def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:
@@ -124,25 +96,6 @@ def _remove_positions(element: Element, joint: Joint, version: Version, report: 
             report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
                         f'SDF {version_text(version)} has no continuous joints, and a '
                         'revolute one would be limited by it')
-
-
-def _limit_element(axis: Element, limit: Limit) -> None:
-    element = etree.SubElement(axis, 'limit')
-    for tag in ('lower', 'upper', 'effort', 'velocity'):
-        value = getattr(limit, tag)
-        # No limit is what SDF means where it has none.
-        if tag in ('effort', 'velocity') and value < 0:
-            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
-        elif math.isfinite(value):
-            text_element(element, tag, number_text(value))
-
-
-def _dynamics_element(axis: Element, dynamics: Dynamics) -> None:
-    element = etree.SubElement(axis, 'dynamics')
-    for tag in ('damping', 'friction'):
-        value = getattr(dynamics, tag)
-        if value is not None:
-            text_element(element, tag, number_text(value))
 
 
 def _mimic_element(joint: Element, mimic: Mimic, tag: str) -> None:

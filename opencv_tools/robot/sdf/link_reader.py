@@ -23,17 +23,17 @@ from pathlib import Path
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, MODEL, Placement, Shape
-from opencv_tools.robot.sdf.link_writer import COLORS
 from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope
-from opencv_tools.robot.sdf.values import color_of, flag, FRAMES, pose_of, poses_in, text_of
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import (
+    color_of, flag, FRAMES, MATERIAL_COLORS, MODEL_FRAME, pose_of, poses_in, text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.numbers import number, number_text, vector
-from opencv_tools.robot.xml.passthrough import carried, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
@@ -52,7 +52,7 @@ class Place:
     report: Report
     folder: str
 
-    def placement(self, holder: Taken, default: FrameId) -> Placement:
+    def placement(self, holder: TrackedElement, default: FrameId) -> Placement:
         """
         Read the ``<pose>`` of an element.
 
@@ -70,13 +70,13 @@ class Place:
         frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
         return Placement(pose_of(pose), frame)
 
-    def carried(self, element: Taken) -> Extension:
+    def carried(self, element: TrackedElement) -> Extension:
         """Return what was not taken of an element."""
-        return Extension(urdf=carried(element, 'urdf'), sdf=self.rest(element))
+        return Extension(urdf=extract_foreign(element, 'urdf'), sdf=self.rest(element))
 
-    def rest(self, element: Taken) -> Element | None:
+    def rest(self, element: TrackedElement) -> Element | None:
         """Return what was not taken of an element, in the words of SDF 1.7 and later."""
-        rest = element.rest()
+        rest = element.unread()
         if rest is None:
             return None
         for axis in rest.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
@@ -115,22 +115,22 @@ def _to_expressed_in(axis: Element) -> None:
         axis.remove(old)
 
 
-def read_link(element: Taken, place: Place) -> Link:
+def read_link(element: TrackedElement, place: Place) -> Link:
     """Read a link."""
     name = place.scope.qualified(required_name(element))
     frame = FrameId('link', name)
     shapes: dict[str, tuple[Shape, ...]] = {}
     for tag in ('visual', 'collision'):
-        shapes[tag] = tuple(_shape(child, frame, place) for child in element.each(tag))
+        shapes[tag] = tuple(_shape(child, frame, place) for child in element.take_all(tag))
         _check_names(element, tag, place)
     placement, inertial = place.placement(element, place.scope.frame), element.find('inertial')
     return Link(name, placement, None if inertial is None else _inertial(inertial, frame, place),
                 shapes['visual'], shapes['collision'], place.carried(element), line_of(element))
 
 
-def _check_names(link: Taken, tag: str, place: Place) -> None:
+def _check_names(link: TrackedElement, tag: str, place: Place) -> None:
     names = set()
-    for child in link.each(tag) if place.scope.version >= FRAMES else ():
+    for child in link.take_all(tag) if place.scope.version >= FRAMES else ():
         name = child.get('name')
         if name in names:
             raise DescriptionError(f'{name!r} is the name of another {tag} of link '
@@ -138,7 +138,7 @@ def _check_names(link: Taken, tag: str, place: Place) -> None:
         names.add(name)
 
 
-def _inertial(element: Taken, link: FrameId, place: Place) -> Inertial:
+def _inertial(element: TrackedElement, link: FrameId, place: Place) -> Inertial:
     """Read an inertial; what it does not say is as SDF has it by default."""
     moments = element.find('inertia')
     values = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]
@@ -154,7 +154,7 @@ def _inertial(element: Taken, link: FrameId, place: Place) -> Inertial:
         mass.text, mass), (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def _shape(element: Taken, link: FrameId, place: Place) -> Shape:
+def _shape(element: TrackedElement, link: FrameId, place: Place) -> Shape:
     tag = local_name(element)
     look = element.find('material') if tag == 'visual' else None
     geometry, placement = _geometry(element, place), place.placement(element, link)
@@ -173,15 +173,15 @@ def _with_geometry(rest: Extension, tag: str) -> Extension:
     return Extension(rest.urdf, element)
 
 
-def _geometry(shape: Taken, place: Place) -> Geometry | None:
+def _geometry(shape: TrackedElement, place: Place) -> Geometry | None:
     element = shape.find('geometry')
     if element is None:
         place.report.warn(local_name(shape), required_name(shape), line_of(shape),
                           'has no <geometry>')
         return None
-    capsule = element.first(_KEPT_CAPSULE)
+    capsule = element.take_first(_KEPT_CAPSULE)
     if capsule is not None:
-        element.first('cylinder')  # which stands for it
+        element.take_first('cylinder')  # which stands for it
         return Capsule(number(capsule.get('radius'), capsule, 'radius'),
                        number(capsule.get('length'), capsule, 'length'))
     forms = list(element.element.iterchildren(*_FORMS))
@@ -192,7 +192,7 @@ def _geometry(shape: Taken, place: Place) -> Geometry | None:
     return _shape_geometry(form, place) if form else None
 
 
-def _shape_geometry(element: Taken, place: Place) -> Geometry:
+def _shape_geometry(element: TrackedElement, place: Place) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
@@ -213,22 +213,22 @@ def _shape_geometry(element: Taken, place: Place) -> Geometry:
     return form(radius, _length(element, 'length', 1.0, place))
 
 
-def _length(element: Taken, tag: str, default: float, place: Place) -> float:
+def _length(element: TrackedElement, tag: str, default: float, place: Place) -> float:
     child = element.find(tag)
     if child is None:
         _warn_of_default(element, tag, number_text(default), place)
     return default if child is None else number(child.text, child)
 
 
-def _warn_of_default(element: Taken, tag: str, default: str, place: Place) -> None:
+def _warn_of_default(element: TrackedElement, tag: str, default: str, place: Place) -> None:
     place.report.warn(element.tag, '', line_of(element),
                       f'has no <{tag}>; it is {default}, as SDF has it')
 
 
-def _material(element: Taken, place: Place) -> Material:
-    colors = {field: color_of(child) for tag, field in COLORS.items()
+def _material(element: TrackedElement, place: Place) -> Material:
+    colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
               if (child := element.find(tag)) is not None}
-    kept = element.first(f'{{{URDF_NAMESPACE}}}texture')
+    kept = element.take_first(f'{{{URDF_NAMESPACE}}}texture')
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     texture = place.uri(text_of(metal, 'albedo_map')) if metal else ''

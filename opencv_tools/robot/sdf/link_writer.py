@@ -20,22 +20,13 @@ from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.model import Inertial, Shape
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.values import CAPSULE, PBR, pose_element, Version, version_text
+from opencv_tools.robot.sdf.values import (
+    CAPSULE, MATERIAL_COLORS, PBR, pose_element, text_element, Version, version_text)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
-
-# The colours of a material, with the field that has each.
-COLORS = {'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
-
-
-def text_element(parent: Element, tag: str, text: str) -> Element:
-    """Write a child that has a text."""
-    element = etree.SubElement(parent, tag)
-    element.text = text
-    return element
 
 
 def inertial_element(link: Element, inertial: Inertial, pose: Pose) -> None:
@@ -65,8 +56,8 @@ def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Ve
     _geometry_element(element, shape, version, report)
     if shape.material is not None:
         _material_element(element, shape, shape.material, version, report)
-    restore(element, shape.extension.sdf)
-    carry(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
+    merge_unread(element, shape.extension.sdf)
+    embed_foreign(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
 
 
 def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:
@@ -109,7 +100,7 @@ def _material_element(element: Element, shape: Shape, material: Material, versio
     target = etree.SubElement(element, 'material')
     if material.name:
         target.set(f'{{{URDF_NAMESPACE}}}name', material.name)
-    for tag, field in COLORS.items():
+    for tag, field in MATERIAL_COLORS.items():
         color = getattr(material, field)
         if color is not None:
             text_element(target, tag, numbers_text(color))

@@ -19,11 +19,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from opencv_tools.robot.model import FrameId, WORLD
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, SEPARATOR
-from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, text_of
-from opencv_tools.robot.xml.document import DescriptionError, Element, local_name, required_name
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, MODEL_FRAME, SEPARATOR, text_of
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError, local_name, required_name
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 # Joints and frames that SDF has no word for are written in the namespace of URDF.
 JOINTS = ('joint', f'{{{URDF_NAMESPACE}}}joint')
@@ -42,14 +42,14 @@ class FrameRegistry:
 
         :raises DescriptionError: a name is there twice, or is none that may be given.
         """
-        self.elements: dict[FrameId, Taken] = {}
+        self.elements: dict[FrameId, TrackedElement] = {}
         self._scopes: dict[FrameId, Scope] = {}  # by the frame of each model
         self._homes: dict[FrameId, Scope] = {}  # the model that each frame is declared in
         self._frames: dict[str, FrameId] = {}
         self._links: dict[FrameId, str] = {}
         for scope in scopes:
             for tags, kind in ((('link',), 'link'), (JOINTS, 'joint'), (FRAME_TAGS, 'frame')):
-                for element in scope.element.each(*tags):
+                for element in scope.element.take_all(*tags):
                     name = scope.qualified(_allowed(element, scope))
                     self._declare(name, FrameId(kind, name), element, scope)
         for scope in scopes:
@@ -59,7 +59,7 @@ class FrameRegistry:
                 self._declare(name, scope.frame, scope.element, scope.parent)
                 self._frames[scope.frame.name] = scope.frame
 
-    def lookup(self, scope: Scope, name: str, element: Element | Taken, what: str) -> FrameId:
+    def lookup(self, scope: Scope, name: str, element: AnyElement, what: str) -> FrameId:
         """
         Give the frame that a name means in a model.
 
@@ -91,7 +91,7 @@ class FrameRegistry:
         self._links.update(dict.fromkeys(chain, link))
         return link
 
-    def child_frame(self, element: Taken, scope: Scope) -> FrameId:
+    def child_frame(self, element: TrackedElement, scope: Scope) -> FrameId:
         """
         Give the frame that is the child of a joint.
 
@@ -103,7 +103,7 @@ class FrameRegistry:
                                    element)
         return self.lookup(scope, name, element, '<child>')
 
-    def parent_frame(self, element: Taken, scope: Scope) -> FrameId:
+    def parent_frame(self, element: TrackedElement, scope: Scope) -> FrameId:
         """
         Give the frame that is the parent of a joint; the link `WORLD` for the world.
 
@@ -134,7 +134,7 @@ class FrameRegistry:
         """Give the first link of a model, or else the first model inside it."""
         inner = iter(scope.inner)
         nested = None
-        for child in scope.element.each('link', 'model', 'include'):
+        for child in scope.element.take_all('link', 'model', 'include'):
             if local_name(child) == 'link':
                 return FrameId('link', scope.qualified(required_name(child)))
             other = next(inner)
@@ -153,7 +153,7 @@ class FrameRegistry:
         name = element.get('attached_to') or MODEL_FRAME
         return self.lookup(scope, name, element, 'attached_to')
 
-    def _declare(self, name: str, frame: FrameId, element: Taken, scope: Scope) -> None:
+    def _declare(self, name: str, frame: FrameId, element: TrackedElement, scope: Scope) -> None:
         other = self._frames.get(name)
         if frame in self.elements or (other and scope.version >= FRAMES):
             before = self.elements[frame if frame in self.elements else other or frame]
@@ -166,7 +166,7 @@ class FrameRegistry:
             self._frames[name] = frame
 
 
-def _allowed(element: Taken, scope: Scope) -> str:
+def _allowed(element: TrackedElement, scope: Scope) -> str:
     name = required_name(element)
     is_reserved = len(name) > 3 and name.startswith('__') and name.endswith('__')
     if name == WORLD or (is_reserved and scope.version >= FRAMES):
@@ -177,7 +177,7 @@ def _allowed(element: Taken, scope: Scope) -> str:
     return name
 
 
-def _end(joint: Taken, tag: str) -> str:
+def _end(joint: TrackedElement, tag: str) -> str:
     name = text_of(joint, tag)
     if not name:
         raise DescriptionError(f'has no <{tag}>', joint)

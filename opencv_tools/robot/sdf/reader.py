@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from lxml import etree
@@ -24,17 +24,18 @@ from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
+from opencv_tools.robot.sdf.fragments import frame_from_element
 from opencv_tools.robot.sdf.includes import first_file, ModelLoader
 from opencv_tools.robot.sdf.joint_reader import marked_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import Place, read_link
 from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, scopes_of
+from opencv_tools.robot.sdf.scopes import Scope, scopes_of
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Either, Element, line_of, local_name, required_name, source_of)
-from opencv_tools.robot.xml.passthrough import carried
+    DescriptionError, Element, line_of, local_name, source_of)
+from opencv_tools.robot.xml.passthrough import extract_foreign
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached, Taken
+from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # What is read of an <include>, or of another one that overrides it.
 _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
@@ -56,7 +57,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF, whose root is <sdf>', root)
     scopes = scopes_of(root, ModelLoader(search, report), model, report)
-    if not any(scope.element.each('link') for scope in scopes):
+    if not any(scope.element.take_all('link') for scope in scopes):
         raise DescriptionError(f'model {scopes[0].part.name!r} has no links', scopes[0].element)
     names = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
@@ -76,30 +77,6 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     return robot
 
 
-def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId],
-                       model: FrameId = MODEL) -> Frame:
-    """
-    Read a frame.
-
-    :param lookup: gives the frame of a name; it is asked with the element that has the name.
-    :param model: the frame of the model that it stands in.
-    """
-    name = element.get('attached_to') or MODEL_FRAME
-    home = model if name == MODEL_FRAME else lookup(name, element)
-    pose = element.find('pose')
-    start = home if pose is None else _named_frame(pose, lookup, model, home)
-    return Frame(required_name(element), home, Placement(pose_of(pose), start),
-                 line=line_of(element))
-
-
-def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
-                 default: FrameId) -> FrameId:
-    name = pose.get('relative_to')
-    if not name:
-        return default
-    return model if name == MODEL_FRAME else lookup(name, pose)
-
-
 def _parts(places: Sequence[Place]
            ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Frame, ...]]:
     """Read all links, joints and frames; the world is a link if a joint is fastened to it."""
@@ -109,19 +86,19 @@ def _parts(places: Sequence[Place]
     around = {place.scope.frame: place for place in places}
     for place in places:
         element, scope = place.scope.element, place.scope
-        links.extend(read_link(child, place) for child in element.each('link'))
-        joints.extend(read_joint(child, place) for child in element.each(*JOINTS))
+        links.extend(read_link(child, place) for child in element.take_all('link'))
+        joints.extend(read_joint(child, place) for child in element.take_all(*JOINTS))
         if scope.parent is not None:
             frames.append(_model_frame(place, around[scope.parent.frame]))
             _note_rest(place)
-        frames.extend(_frame(child, place) for child in element.each(*FRAME_TAGS))
+        frames.extend(_frame(child, place) for child in element.take_all(*FRAME_TAGS))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(WORLD, Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)
 
 
-def _frame(element: Taken, place: Place) -> Frame:
-    def lookup(name: str, holder: Taken) -> FrameId:
+def _frame(element: TrackedElement, place: Place) -> Frame:
+    def lookup(name: str, holder: TrackedElement) -> FrameId:
         what = 'relative_to' if holder.tag == 'pose' else 'attached_to'
         return place.names.lookup(place.scope, name, holder, what)
 
@@ -142,9 +119,9 @@ def _model_frame(place: Place, around: Place) -> Frame:
 def _note_rest(place: Place) -> None:
     """Note what is left out of a model that is no longer a model."""
     part = place.scope.part
-    kept = carried(part.element, 'urdf')
+    kept = extract_foreign(part.element, 'urdf')
     for one in (part.element, *part.includes):
-        one.each(*_INCLUDE)
+        one.take_all(*_INCLUDE)
     for found in (place.rest(part.element), kept, *map(place.rest, part.includes)):
         for child in () if found is None else found:
             # A model is not static anyway.
@@ -217,7 +194,7 @@ def _with_world(robot: Robot, in_world: Pose) -> Robot:
 
 def _with_axes(robot: Robot, places: Sequence[Place]) -> Robot:
     elements = ((element, place) for place in places
-                for element in place.scope.element.each(*JOINTS))
+                for element in place.scope.element.take_all(*JOINTS))
     kinematics = Kinematics(robot)
     return replace(robot, joints=tuple(
         with_axes(joint, element, place, kinematics)
@@ -231,7 +208,7 @@ def _model_rest(place: Place, in_world: Pose) -> Extension:
     :param in_world: where the model's own frame is in the world.
     """
     part = place.scope.part
-    kept, rest = carried(part.element, 'urdf'), place.rest(part.element)
+    kept, rest = extract_foreign(part.element, 'urdf'), place.rest(part.element)
     if rest is None:
         rest = etree.Element('model')
     for include in reversed(part.includes):

@@ -22,20 +22,19 @@ A name is changed and a colour is cut where they break a rule. What was there is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 
 from opencv_tools.robot.model import Inertial, Robot, WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name, next_free, numbered
+from opencv_tools.robot.renaming import allowed_name, flat_name
 from opencv_tools.robot.sdf.value_rules import (
     COLORS, flaw_of, is_passed_over, looked_at, read_number)
 from opencv_tools.robot.sdf.values import CUT
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
-from opencv_tools.robot.xml.numbers import cut, numbers_text
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.numbers import clamped, numbers_text
+from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
 _URDF = f'{{{URDF_NAMESPACE}}}'
-NAME = f'{_URDF}name'
 # Elements that may not be called as SDF calls its own frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # `names.with_valid_sdf_names` has seen to these; others that have one of their names give way.
@@ -69,7 +68,7 @@ def _change_names(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     taken = {child.get('name', '') for child in named if _keeps_name(child)}
-    more: dict[tuple[str, str], Iterator[str]] = {}
+    counts: dict[str, int] = {}
     for child in named:
         if _keeps_name(child):
             continue
@@ -80,10 +79,10 @@ def _change_names(element: Element, report: Report) -> None:
             wanted = flat_name(name)
         tag, new = local_name(child), wanted
         if wanted in taken:
-            new = next_free(more.setdefault((wanted, tag), numbered(f'{wanted}_{tag}')), taken)
+            new = unique_name(f'{wanted}_{tag}', taken, counts)
         taken.add(new)
         if new != name:
-            child.set(NAME, child.get(NAME, name))
+            child.set(URDF_NAME, child.get(URDF_NAME, name))
             child.set('name', new)
             report.warn(tag, name, line_of(child), 'SDF wants each name once and '
                         f'has some for itself; it is called {new!r} there')
@@ -97,10 +96,10 @@ def _cut_color(element: Element, report: Report) -> None:
     """Cut the parts of a colour to 0 and 1."""
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := read_number(word)) is not None)
-    if len(values) == len(words) and cut(values) != values:
+    if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
         element.set(CUT, text)
-        element.text = numbers_text(cut(values))
+        element.text = numbers_text(clamped(values))
         before = element.getprevious()
         if before is not None and before.get(CUT) == text:
             return  # the same colour, which URDF has once

@@ -22,14 +22,13 @@ from pathlib import Path
 
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
-from opencv_tools.robot.sdf.values import file_version, flag, text_of, Version
+from opencv_tools.robot.sdf.values import (
+    file_version, flag, MODEL_FRAME, SEPARATOR, text_of, Version)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
-MODEL_FRAME = '__model__'
-SEPARATOR = '::'
 _MODELS = ('model', 'include')
 
 
@@ -51,7 +50,7 @@ class Scope:
     inner: list[Scope] = field(default_factory=list)
 
     @property
-    def element(self) -> Taken:
+    def element(self) -> TrackedElement:
         """Give its ``<model>``."""
         return self.part.element
 
@@ -88,13 +87,13 @@ def scopes_of(root: Element, library: ModelLoader, name: str, report: Report) ->
     while pending:
         scope = pending.pop()
         result.append(scope)
-        for child in scope.element.each(*_MODELS):
+        for child in scope.element.take_all(*_MODELS):
             scope.inner.append(_inner(scope, child, library, report))
         pending.extend(reversed(scope.inner))
     return result
 
 
-def _inner(scope: Scope, element: Taken, library: ModelLoader, report: Report) -> Scope:
+def _inner(scope: Scope, element: TrackedElement, library: ModelLoader, report: Report) -> Scope:
     if local_name(element) == 'model':
         part = ModelFile(element, scope.version, scope.part.files)
     else:
@@ -128,8 +127,8 @@ def _chosen(root: Element, library: ModelLoader, name: str, report: Report) -> M
     _note_rest(root, element, report)
     files = (first_file(root),)
     if local_name(element) == 'include':
-        return library.part(Taken(element), files)
-    return ModelFile(Taken(element), version, files)
+        return library.part(TrackedElement(element), files)
+    return ModelFile(TrackedElement(element), version, files)
 
 
 def _candidates(root: Element, library: ModelLoader) -> Iterator[tuple[str, Element]]:
@@ -145,7 +144,7 @@ def _candidates(root: Element, library: ModelLoader) -> Iterator[tuple[str, Elem
 def _include_name(element: Element, library: ModelLoader, file: Path) -> str:
     """Name what is included; empty for lights and the like, which are no models."""
     try:
-        return library.part(Taken(element), (file,)).name
+        return library.part(TrackedElement(element), (file,)).name
     except NoModelError:
         return ''
     except DescriptionError:

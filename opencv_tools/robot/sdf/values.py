@@ -22,14 +22,16 @@ import math
 from lxml import etree
 from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import numbers, numbers_text, uncut
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
+from opencv_tools.robot.xml.numbers import numbers, numbers_text, unclamped
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
-from opencv_tools.robot.xml.taken import Taken
 
 Version = tuple[int, int]
+
+MODEL_FRAME = '__model__'
+SEPARATOR = '::'
 
 OLDEST: Version = (1, 4)  # that is written
 OLDEST_READ: Version = (1, 2)  # in which a robot is written as in 1.4
@@ -44,6 +46,10 @@ MIMIC: Version = (1, 11)
 
 # The attribute that keeps a colour of which SDF took only a part.
 CUT = f'{{{URDF_NAMESPACE}}}color'
+
+# The colours of a material, with the field that has each.
+MATERIAL_COLORS = {
+    'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
 _HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
@@ -97,7 +103,7 @@ def _range(oldest: Version) -> str:
     return f'{version_text(oldest)} to {version_text(NEWEST)}'
 
 
-def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
+def flag(text: str | None, element: AnyElement, what: str = '') -> bool:
     """
     Read a bool; False where there is none.
 
@@ -110,12 +116,19 @@ def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
     return _FLAGS.get(word, False)
 
 
-def text_of(element: Element | Taken, tag: str) -> str:
+def text_element(parent: Element, tag: str, text: str) -> Element:
+    """Write a child that has a text."""
+    element = etree.SubElement(parent, tag)
+    element.text = text
+    return element
+
+
+def text_of(element: AnyElement, tag: str) -> str:
     """Give the text of a child; empty where there is no such child."""
     return (element.findtext(tag) or '').strip()
 
 
-def pose_of(element: Element | Taken | None) -> Pose:
+def pose_of(element: AnyElement | None) -> Pose:
     """
     Read the numbers of a ``<pose>``, of six numbers or of a quaternion.
 
@@ -136,7 +149,7 @@ def pose_of(element: Element | Taken | None) -> Pose:
     return Pose((x, y, z), (roll, pitch, yaw))
 
 
-def _quaternion_pose(element: Element | Taken, degrees: bool) -> Pose:
+def _quaternion_pose(element: AnyElement, degrees: bool) -> Pose:
     if degrees:
         raise DescriptionError('degrees="true" says nothing about a quaternion', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
@@ -166,8 +179,8 @@ def poses_in(element: Element) -> Iterator[Element]:
             yield from poses_in(child)
 
 
-def color_of(element: Element | Taken) -> Color:
+def color_of(element: AnyElement) -> Color:
     """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
-    text = uncut(element.text or '', element.get(CUT))
+    text = unclamped(element.text or '', element.get(CUT))
     red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, rest[0] if rest else 1.0

@@ -21,12 +21,14 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
+from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.joint_writer import joint_element
 from opencv_tools.robot.sdf.link_writer import inertial_element, shape_element
 from opencv_tools.robot.sdf.values import (
     FRAMES, pose_element, poses_in, Version, version_text, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.passthrough import carry, prefixes, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import (
+    embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 
 
@@ -49,7 +51,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
                                f'{version_text(FRAMES)} or newer, or for poses in the model frame')
     kinematics = Kinematics(robot)
     _check(robot, kinematics)
-    root = etree.Element('sdf', version=version_text(wanted), nsmap=prefixes(robot, 'urdf'))
+    root = etree.Element('sdf', version=version_text(wanted),
+                         nsmap=namespaces(robot.extension_elements(), 'urdf'))
     model = etree.SubElement(root, 'model', name=robot.name)
     if robot.canonical_link:
         _set_canonical_link(model, robot, wanted, report)
@@ -62,21 +65,11 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     for frame in robot.frames:
         home = stand_ins.get(frame.attached_to, frame.attached_to)
         _add_frame(model, replace(frame, attached_to=home), kinematics, wanted, report)
-    restore(model, robot.extension.sdf)
-    carry(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
+    merge_unread(model, robot.extension.sdf)
+    embed_foreign(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
     if wanted < FRAMES:
         _rename_references(root)
     return root
-
-
-def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
-    """Write a frame, placed in what it is attached to."""
-    home = frame.attached_to
-    element = etree.Element('frame', name=frame.name)
-    if home != MODEL:
-        element.set('attached_to', home.name)
-    pose_element(element, kinematics.between(home, FrameId('frame', frame.name)))
-    return element
 
 
 def _check(robot: Robot, kinematics: Kinematics) -> None:
@@ -112,15 +105,15 @@ def _link_element(model: Element, link: Link, kinematics: Kinematics, version: V
         for shape in shapes:
             pose = kinematics.within(frame, shape.placement)
             shape_element(element, tag, shape, pose, version, report)
-    restore(element, link.extension.sdf)
-    carry(element, link.extension.urdf, 'urdf', report, link.name, link.line)
+    merge_unread(element, link.extension.sdf)
+    embed_foreign(element, link.extension.urdf, 'urdf', report, link.name, link.line)
 
 
 def _add_frame(model: Element, frame: Frame, kinematics: Kinematics, version: Version,
                report: Report) -> None:
     element = frame_to_element(frame, kinematics)
-    restore(element, frame.extension.sdf)
-    carry(element, frame.extension.urdf, 'urdf', report, frame.name, frame.line)
+    merge_unread(element, frame.extension.sdf)
+    embed_foreign(element, frame.extension.urdf, 'urdf', report, frame.name, frame.line)
     if version < FRAMES:
         element.tag = f'{{{URDF_NAMESPACE}}}frame'
         report.warn('frame', frame.name, frame.line,

@@ -19,20 +19,20 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.value_rules import flaw_of, looked_at
+from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import pose_of
 from opencv_tools.robot.urdf.tree import TreeOfLinks
 from opencv_tools.robot.xml.document import Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import numbers_text
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import GAZEBO, POSED
-from opencv_tools.robot.xml.taken import detached, Taken
+from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # What turning a pose there and back leaves of nothing.
 _NOTHING_LEFT = 1e-12
 
 
-def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
+def sorted_blocks(root: TrackedElement, tree: TreeOfLinks, report: Report
                   ) -> tuple[dict[FrameId, list[Element]], list[Element]]:
     """
     Sort what stands in ``<gazebo>`` blocks.
@@ -41,7 +41,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
     """
     found: dict[FrameId, list[Element]] = {}
     rest = []
-    for block in root.each('gazebo'):
+    for block in root.take_all('gazebo'):
         name = block.get('reference')
         owners = [MODEL] if name is None else [
             FrameId(kind, name) for kind, names in (('link', tree.links), ('joint', tree.joints))
@@ -53,7 +53,7 @@ def sorted_blocks(root: Taken, tree: TreeOfLinks, report: Report
         remains.text = None
         for part in list(remains):
             owner = next((owner for owner in owners if part.tag in GAZEBO[owner.kind]), None)
-            flaw = owner and next(filter(None, map(flaw_of, (part, *looked_at(part)))), '')
+            flaw = fragment_flaw(part) if owner else ''
             if flaw:
                 report.warn(local_name(part), name or '', line_of(part), f'{flaw}; it is kept as '
                             'it is')

@@ -25,12 +25,12 @@ from opencv_tools.robot.geometry import (
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_child, required_name)
-from opencv_tools.robot.xml.numbers import number, numbers, uncut, vector
-from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
+    AnyElement, DescriptionError, Element, line_of, local_name, required_child, required_name)
+from opencv_tools.robot.xml.numbers import number, numbers, unclamped, vector
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 # The attribute that keeps a colour of which URDF took only a part.
@@ -47,12 +47,12 @@ class MaterialTable:
     :param single: the names that one element has and no other.
     """
 
-    each: Mapping[Taken, Material]
+    each: Mapping[TrackedElement, Material]
     defined: Mapping[str, Material]
     single: frozenset[str]
 
 
-def origin_of(element: Taken) -> Pose:
+def origin_of(element: TrackedElement) -> Pose:
     """Read ``<origin>`` in an element; without one it is the identity."""
     origin = element.find('origin')
     if origin is None:
@@ -67,7 +67,8 @@ def origin_of(element: Taken) -> Pose:
     return Transform(rotation_of_quaternion((w, x, y, z)), xyz).pose()
 
 
-def inertial_from_element(element: Taken, home: FrameId, report: Report, link: str) -> Inertial:
+def inertial_from_element(element: TrackedElement, home: FrameId, report: Report, link: str
+                          ) -> Inertial:
     """
     Read ``<inertial>``.
 
@@ -89,8 +90,8 @@ def inertial_from_element(element: Taken, home: FrameId, report: Report, link: s
     return Inertial(Placement(origin_of(element), home), value, (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def shapes_of(element: Taken, tag: str, home: FrameId, looks: MaterialTable, report: Report
-              ) -> tuple[Shape, ...]:
+def shapes_of(element: TrackedElement, tag: str, home: FrameId, looks: MaterialTable,
+              report: Report) -> tuple[Shape, ...]:
     """
     Read each ``<visual>`` or ``<collision>`` of a link, and what the writer of URDF noted of one.
 
@@ -100,18 +101,18 @@ def shapes_of(element: Taken, tag: str, home: FrameId, looks: MaterialTable, rep
     :param looks: see `collect_materials`.
     """
     link, shapes = required_name(element), []
-    for child in element.each(tag, f'{_SDF}{tag}'):
+    for child in element.take_all(tag, f'{_SDF}{tag}'):
         problem = _problem(child) if child.tag == tag else ''
         if problem:
             report.warn(tag, child.element.get('name') or link, line_of(child),
                         f'{problem}; it is left out')
-            element.leave(child)
+            element.put_back(child)
         else:
             shapes.append(_shape(child, home, link, looks, report))
     return tuple(shapes)
 
 
-def _problem(shape: Taken) -> str:
+def _problem(shape: TrackedElement) -> str:
     """Return why urdfdom has no such geometry; empty where it has."""
     geometry = shape.element.find('geometry')
     if geometry is None:
@@ -129,22 +130,22 @@ def _forms(geometry: Element) -> list[Element]:
     return [child for child in geometry if not str(child.tag).startswith('{')]
 
 
-def _shape(element: Taken, home: FrameId, link: str, looks: MaterialTable,
+def _shape(element: TrackedElement, home: FrameId, link: str, looks: MaterialTable,
            report: Report) -> Shape:
     tag = local_name(element)
-    kept = carried(element, 'sdf')
+    kept = extract_foreign(element, 'sdf')
     material = None
     if tag == 'visual':
-        more = None if kept is None else Taken(kept)
+        more = None if kept is None else TrackedElement(kept)
         material = _material(element, more, looks, report, link)
-        kept = None if more is None else more.rest()
+        kept = None if more is None else more.unread()
     geometry = None if element.tag != tag else _geometry(element, report, link)
     placement = Placement(origin_of(element), home)
     return Shape(element.get('name', ''), placement, geometry, material,
-                 Extension(element.rest(), kept), line_of(element))
+                 Extension(element.unread(), kept), line_of(element))
 
 
-def _geometry(shape: Taken, report: Report, link: str) -> Geometry:
+def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     geometry = required_child(shape, 'geometry')
     first, *others = _forms(geometry.element)
     for other in others:
@@ -169,11 +170,11 @@ def _floats(text: str) -> list[float]:
         return []
 
 
-def _box(element: Taken) -> Box:
+def _box(element: TrackedElement) -> Box:
     return Box(vector(_attribute(element, 'size'), element, 'size'))
 
 
-def _mesh(element: Taken) -> Mesh:
+def _mesh(element: TrackedElement) -> Mesh:
     scale = element.get('scale')
     if scale is not None and len(scale.split()) == 1:
         scale = ' '.join([scale] * 3)
@@ -181,7 +182,7 @@ def _mesh(element: Taken) -> Mesh:
                 None if scale is None else vector(scale, element, 'scale'))
 
 
-_GEOMETRIES: Mapping[str, Callable[[Taken], Geometry]] = {
+_GEOMETRIES: Mapping[str, Callable[[TrackedElement], Geometry]] = {
     'box': _box,
     'sphere': lambda element: Sphere(_number(element, 'radius')),
     'cylinder': lambda element: Cylinder(_number(element, 'radius'), _number(element, 'length')),
@@ -191,19 +192,19 @@ _GEOMETRIES: Mapping[str, Callable[[Taken], Geometry]] = {
 _KINDS = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
 
 
-def collect_materials(root: Taken, report: Report) -> MaterialTable:
+def collect_materials(root: TrackedElement, report: Report) -> MaterialTable:
     """
     Collect the materials that are defined, those of the robot first.
 
     A visual may name what another one defines, for urdfdom and RViz find that too.
     """
-    each: dict[Taken, Material] = {}
+    each: dict[TrackedElement, Material] = {}
     found: dict[str, Material] = {}
     names: Counter[str] = Counter()
-    visuals = [visual for tag in ('visual', f'{_SDF}visual') for link in root.each('link')
-               for visual in link.each(tag)]
+    visuals = [visual for tag in ('visual', f'{_SDF}visual') for link in root.take_all('link')
+               for visual in link.take_all(tag)]
     # Those of the robot itself stay what they are, beside the visuals that name them.
-    shared = map(Taken, root.element.iterchildren('material'))
+    shared = map(TrackedElement, root.element.iterchildren('material'))
     for element in (*shared, *filter(None, (visual.find('material') for visual in visuals))):
         each[element] = look = read_material(element, report)
         names[look.name] += 1
@@ -219,10 +220,10 @@ def restore_colors(root: Element) -> None:
     """Write colours as they were before `urdf_rules` took a part of them."""
     for color in root.iter('color'):
         if CUT in color.attrib:
-            color.set('rgba', uncut(color.get('rgba', ''), color.attrib.pop(CUT)))
+            color.set('rgba', unclamped(color.get('rgba', ''), color.attrib.pop(CUT)))
 
 
-def read_material(element: Taken, report: Report) -> Material:
+def read_material(element: TrackedElement, report: Report) -> Material:
     """Read ``<material>``."""
     color, texture = element.find('color'), element.find('texture')
     name = (element.get('name') or '').strip()
@@ -233,8 +234,8 @@ def read_material(element: Taken, report: Report) -> Material:
                     texture='' if texture is None else _attribute(texture, 'filename'))
 
 
-def _material(visual: Taken, kept: Taken | None, looks: MaterialTable, report: Report, link: str
-              ) -> Material | None:
+def _material(visual: TrackedElement, kept: TrackedElement | None, looks: MaterialTable,
+              report: Report, link: str) -> Material | None:
     """Read what a visual looks like, by its own definition or by the name of another one."""
     element = visual.find('material')
     lights = None if kept is None else kept.find('material')
@@ -268,17 +269,17 @@ def material_name(link: str, visual: str) -> str:
     return f'{link}_{visual or "visual"}'
 
 
-def _color(text: str | None, element: Element | Taken, what: str = '') -> Color:
+def _color(text: str | None, element: AnyElement, what: str = '') -> Color:
     red, green, blue, alpha = numbers(text, 4, element, what)
     return red, green, blue, alpha
 
 
-def _attribute(element: Element | Taken, name: str) -> str:
+def _attribute(element: AnyElement, name: str) -> str:
     value = element.get(name)
     if value is None:
         raise DescriptionError(f'has no {name}=', element)
     return value
 
 
-def _number(element: Taken, name: str) -> float:
+def _number(element: TrackedElement, name: str) -> float:
     return number(_attribute(element, name), element, name)

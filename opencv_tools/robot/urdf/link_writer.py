@@ -26,10 +26,10 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.urdf.link_reader import material_name, read_material, with_default_lights
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
-from opencv_tools.robot.xml.taken import PART, Taken
+from opencv_tools.robot.xml.tracked import PARTLY_READ, TrackedElement
 
 _Look = tuple[Color | None, str]
 
@@ -52,7 +52,7 @@ class Materials:
         shapes = (shape for link in robot.links for shape in link.visuals)
         names = {shape.material.name for shape in shapes if shape.material}
         kept = robot.extension.urdf
-        shared = [] if kept is None else [read_material(Taken(part), Report())
+        shared = [] if kept is None else [read_material(TrackedElement(part), Report())
                                           for part in kept.iterfind('material')]
         looks = {look.name: (look.color, look.texture) for look in reversed(shared) if look.name}
         return Materials(looks, {*names, *looks})
@@ -111,8 +111,8 @@ def shape_element(parent: Element, tag: str, shape: Shape, pose: Pose, link: Lin
     if shape.material:
         _material_element(element, shape.material, shape, link, materials, report)
         rest = _with_lights(shape.material, rest)
-    restore(element, shape.extension.urdf)
-    carry(element, rest, 'sdf', report, name, shape.line)
+    merge_unread(element, shape.extension.urdf)
+    embed_foreign(element, rest, 'sdf', report, name, shape.line)
 
 
 def _missing_geometry(shape: Shape) -> str:
@@ -158,10 +158,10 @@ def _with_lights(material: Material, rest: Element | None) -> Element | None:
     if has_word and not has_more and material == with_default_lights(material):
         return rest
     holder = etree.Element('visual')
-    element = etree.SubElement(holder, 'material', {PART: 'true'})
+    element = etree.SubElement(holder, 'material', {PARTLY_READ: 'true'})
     for tag in LIGHT_COLORS:
         color: Color | None = getattr(material, tag)
         if color:
             etree.SubElement(element, tag).text = numbers_text(color)
-    restore(holder, rest, marked=True)
+    merge_unread(holder, rest, marked=True)
     return holder

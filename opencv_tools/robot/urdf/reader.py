@@ -26,23 +26,19 @@ from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_KINDS, Limit, Link, Mimic, MODEL,
     Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose, ZERO
-from opencv_tools.robot.sdf.joint_reader import axis_from_element
-from opencv_tools.robot.sdf.joint_writer import AXES
-from opencv_tools.robot.sdf.reader import frame_from_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import pose_of
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import in_link_frame, sorted_blocks
 from opencv_tools.robot.urdf.link_reader import (
-    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors,
-    shapes_of)
+    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors, shapes_of)
 from opencv_tools.robot.urdf.tree import tree_of, TreeOfLinks
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of)
+    AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of)
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
-from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 _UNNAMED = 'robot'
@@ -74,7 +70,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     :param root_link: which link to take with all below it, where several hang on nothing.
     :raises DescriptionError: it is no robot, or not a right one.
     """
-    root = Taken(element)
+    root = TrackedElement(element)
     if root.tag != 'robot':
         raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
                                root)
@@ -102,14 +98,14 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     return robot
 
 
-def _canonical_link(root: Taken, source: _ReadContext) -> str:
+def _canonical_link(root: TrackedElement, source: _ReadContext) -> str:
     name = root.get(f'{_SDF}canonical_link', '')
     if name and name not in source.tree.links:
         raise DescriptionError(f'canonical_link={name!r} is no link', root)
     return name
 
 
-def _link(element: Taken, source: _ReadContext) -> Link:
+def _link(element: TrackedElement, source: _ReadContext) -> Link:
     name = required_name(element)
     home = source.home(name)
     inertial = element.find('inertial')
@@ -123,7 +119,7 @@ def _link(element: Taken, source: _ReadContext) -> Link:
         visuals, collisions, _carried(element, extra), line_of(element))
 
 
-def _link_placement(element: Taken, source: _ReadContext) -> Placement:
+def _link_placement(element: TrackedElement, source: _ReadContext) -> Placement:
     """Place a link in the joint above it, the root in the model."""
     name = required_name(element)
     above = source.tree.above.get(name)
@@ -134,13 +130,13 @@ def _link_placement(element: Taken, source: _ReadContext) -> Placement:
     return Placement(pose, FrameId('joint', required_name(above)))
 
 
-def _sdf_pose(element: Taken) -> Pose | None:
+def _sdf_pose(element: TrackedElement) -> Pose | None:
     """Read what the writer of URDF noted of a pose that URDF has no word for."""
     pose = element.find(f'{_SDF}pose')
     return None if pose is None else pose_of(pose)
 
 
-def _joint(element: Taken, source: _ReadContext) -> Joint:
+def _joint(element: TrackedElement, source: _ReadContext) -> Joint:
     name = required_name(element)
     kind = _type(element)
     is_loop = element.tag != 'joint'
@@ -157,13 +153,13 @@ def _joint(element: Taken, source: _ReadContext) -> Joint:
     if own not in JOINT_KINDS:
         raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
     kept = _carried(element, extra)
-    more = Taken(etree.Element('joint') if kept.sdf is None else kept.sdf)
+    more = TrackedElement(etree.Element('joint') if kept.sdf is None else kept.sdf)
     axes = tuple(axis_from_element(axis) for axis in map(more.find, AXES) if axis is not None)
     return Joint(name, own, parent, child, placement, axes, is_loop,
-                 Extension(kept.urdf, more.rest()), line_of(element))
+                 Extension(kept.urdf, more.unread()), line_of(element))
 
 
-def _type(element: Taken) -> str:
+def _type(element: TrackedElement) -> str:
     kind = element.get('type')
     if kind not in URDF_TYPES:
         problem = 'has no type' if kind is None else f'type={kind!r} is no type of joint'
@@ -171,7 +167,7 @@ def _type(element: Taken) -> str:
     return kind
 
 
-def _axes(element: Taken, kind: str, source: _ReadContext) -> tuple[Axis, ...]:
+def _axes(element: TrackedElement, kind: str, source: _ReadContext) -> tuple[Axis, ...]:
     """Read the axis of a joint that has one."""
     if kind in WITHOUT_AXIS:
         return ()
@@ -186,7 +182,7 @@ def _axes(element: Taken, kind: str, source: _ReadContext) -> tuple[Axis, ...]:
                  _mimic(element, source)),)
 
 
-def _limit(element: Taken, kind: str, source: _ReadContext) -> Limit | None:
+def _limit(element: TrackedElement, kind: str, source: _ReadContext) -> Limit | None:
     limit = element.find('limit')
     if limit is None:
         if kind in ('revolute', 'prismatic'):
@@ -208,7 +204,7 @@ def _limit(element: Taken, kind: str, source: _ReadContext) -> Limit | None:
     return Limit(lower, upper, strength[0], strength[1])
 
 
-def _dynamics(element: Taken) -> Dynamics | None:
+def _dynamics(element: TrackedElement) -> Dynamics | None:
     dynamics = element.find('dynamics')
     if dynamics is None:
         return None
@@ -218,7 +214,7 @@ def _dynamics(element: Taken) -> Dynamics | None:
     return Dynamics(damping, friction)
 
 
-def _mimic(element: Taken, source: _ReadContext) -> Mimic | None:
+def _mimic(element: TrackedElement, source: _ReadContext) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None
@@ -234,14 +230,14 @@ def _mimic(element: Taken, source: _ReadContext) -> Mimic | None:
                  number(mimic.get('offset', '0'), mimic, 'offset'))
 
 
-def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
-    elements = root.each(f'{_SDF}frame')
+def _frames(root: TrackedElement, tree: TreeOfLinks) -> tuple[Frame, ...]:
+    elements = root.take_all(f'{_SDF}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
     for kind, names in (('frame', [required_name(element) for element in elements]),
                         ('joint', tree.joints), ('link', tree.links)):
         ids.update((name, FrameId(kind, name)) for name in names)
 
-    def lookup(name: str, element: Element | Taken) -> FrameId:
+    def lookup(name: str, element: AnyElement) -> FrameId:
         if name not in ids:
             raise DescriptionError(f'there is no link, joint or frame {name!r}', element)
         return ids[name]
@@ -249,15 +245,15 @@ def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
     frames = []
     for element in elements:
         frame = frame_from_element(element, lookup)
-        urdf = carried(element, 'urdf')
-        frames.append(replace(frame, extension=Extension(urdf, element.rest())))
+        urdf = extract_foreign(element, 'urdf')
+        frames.append(replace(frame, extension=Extension(urdf, element.unread())))
     return tuple(frames)
 
 
-def _carried(element: Taken, extra: list[Element]) -> Extension:
+def _carried(element: TrackedElement, extra: list[Element]) -> Extension:
     """Return what URDF says beyond a robot, and what is there of SDF."""
-    sdf = carried(element, 'sdf')
+    sdf = extract_foreign(element, 'sdf')
     if extra:
         sdf = etree.Element(local_name(element)) if sdf is None else sdf
         sdf.extend(extra)
-    return Extension(element.rest(), sdf)
+    return Extension(element.unread(), sdf)

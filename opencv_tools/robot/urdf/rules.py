@@ -22,17 +22,16 @@ cannot be mended is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 import math
 import re
 
-from opencv_tools.robot.model import UNLIMITED
-from opencv_tools.robot.renaming import next_free, numbered
-from opencv_tools.robot.sdf.rules import NAME
 from opencv_tools.robot.sdf.values import CUT as CUT_SDF
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.urdf.link_reader import CUT
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import cut, number_text, numbers_text, uncut
+from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
+from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 
 # Numbers of the parts of a joint that the parser reads, and those that have to be there.
@@ -65,10 +64,10 @@ def _restore(root: Element, _: str, __: Report) -> None:
     """Restore what the rules of SDF changed in elements of Gazebo."""
     for block in root.iterfind('gazebo'):
         for element in block.iter():
-            if NAME in element.attrib:
-                element.set('name', element.attrib.pop(NAME))
+            if URDF_NAME in element.attrib:
+                element.set('name', element.attrib.pop(URDF_NAME))
             if CUT_SDF in element.attrib:
-                element.text = uncut(element.text or '', element.attrib.pop(CUT_SDF))
+                element.text = unclamped(element.text or '', element.attrib.pop(CUT_SDF))
 
 
 def _complete_limits(root: Element, _: str, __: Report) -> None:
@@ -102,8 +101,8 @@ def _cut_color(color: Element, report: Report) -> None:
     if not all(map(_NUMBER.fullmatch, text.split())):
         return
     values = tuple(map(float, text.split()))
-    if cut(values) != values:
-        color.set('rgba', numbers_text(cut(values)))
+    if clamped(values) != values:
+        color.set('rgba', numbers_text(clamped(values)))
         color.set(CUT, text)
         material = color.getparent()
         name = '' if material is None else material.get('name', '')
@@ -116,11 +115,11 @@ def _name_materials(root: Element, _: str, report: Report) -> None:
     materials = root.findall('material')
     taken = {material.get('name', '') for material in materials}
     seen: set[str] = set()
-    more: dict[str, Iterator[str]] = {}
+    counts: dict[str, int] = {}
     for material in materials:
         name = material.get('name', '')
         if name in seen:
-            new = next_free(more.setdefault(name, numbered(f'{name}_again')), taken)
+            new = unique_name(f'{name}_again', taken, counts)
             taken.add(new)
             material.set('name', new)
             report.warn('material', name, line_of(material), 'URDF wants each name once; it is '

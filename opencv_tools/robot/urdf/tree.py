@@ -25,7 +25,7 @@ from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class TreeOfLinks:
     :param above: the joint that is above each link, by the link's name.
     """
 
-    links: Mapping[str, Taken]
-    joints: Mapping[str, Taken]
-    above: Mapping[str, Taken]
+    links: Mapping[str, TrackedElement]
+    joints: Mapping[str, TrackedElement]
+    above: Mapping[str, TrackedElement]
 
-    def ends(self, joint: Taken) -> tuple[str, str]:
+    def ends(self, joint: TrackedElement) -> tuple[str, str]:
         """
         Name the parent and the child of a joint.
 
@@ -49,7 +49,7 @@ class TreeOfLinks:
         """
         return self._end(joint, 'parent'), self._end(joint, 'child')
 
-    def _end(self, joint: Taken, tag: str) -> str:
+    def _end(self, joint: TrackedElement, tag: str) -> str:
         end = joint.find(tag)
         if end is None:
             raise DescriptionError(f'joint {required_name(joint)!r} has no <{tag} link=>', joint)
@@ -60,7 +60,7 @@ class TreeOfLinks:
         return name
 
 
-def tree_of(root: Taken, report: Report) -> TreeOfLinks:
+def tree_of(root: TrackedElement, report: Report) -> TreeOfLinks:
     """
     Find the links and joints of a robot, and which hangs on which.
 
@@ -68,14 +68,14 @@ def tree_of(root: Taken, report: Report) -> TreeOfLinks:
 
     :raises DescriptionError: there are none, a name occurs twice, or they are no trees.
     """
-    links = _by_name(root.each('link'))
+    links = _by_name(root.take_all('link'))
     if not links:
         raise DescriptionError('has no <link>', root)
     loops = f'{{{SDF_NAMESPACE}}}joint'
-    joints = _by_name(root.each('joint', loops))
+    joints = _by_name(root.take_all('joint', loops))
     if WORLD not in links:
         _add_world(links, joints, report)
-    above: dict[str, Taken] = {}
+    above: dict[str, TrackedElement] = {}
     tree = TreeOfLinks(links, joints, above)
     for name, joint in joints.items():
         parent, child = tree.ends(joint)
@@ -92,18 +92,19 @@ def tree_of(root: Taken, report: Report) -> TreeOfLinks:
     return tree
 
 
-def _add_world(links: dict[str, Taken], joints: Mapping[str, Taken], report: Report) -> None:
+def _add_world(links: dict[str, TrackedElement], joints: Mapping[str, TrackedElement],
+               report: Report) -> None:
     for name, joint in joints.items():
         parent = joint.element.find('parent')
         if parent is not None and parent.get('link', '').strip() == WORLD:
             report.warn('joint', name, line_of(parent),
                         f'there is no link {WORLD!r}; it is taken for an empty one')
-            links[WORLD] = Taken(etree.Element('link', name=WORLD))
+            links[WORLD] = TrackedElement(etree.Element('link', name=WORLD))
             return
 
 
-def _by_name(elements: list[Taken]) -> dict[str, Taken]:
-    found: dict[str, Taken] = {}
+def _by_name(elements: list[TrackedElement]) -> dict[str, TrackedElement]:
+    found: dict[str, TrackedElement] = {}
     for element in elements:
         name = required_name(element)
         if name in found:

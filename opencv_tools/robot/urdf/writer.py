@@ -23,23 +23,20 @@ import math
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, UNLIMITED, URDF_TYPES,
-    WITHOUT_AXIS)
+    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.joint_writer import AXES, axis_to_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import NEWEST, pose_of
-from opencv_tools.robot.sdf.writer import frame_to_element
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.link_writer import (
     inertial_element, Materials, origin_element, shape_element)
 from opencv_tools.robot.xml.document import Element, line_of
-from opencv_tools.robot.xml.numbers import number_text, numbers_text
+from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import (
-    carry, note_preserved, prefixes, restore, SDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import GAZEBO, POSED
-from opencv_tools.robot.xml.taken import detached
+from opencv_tools.robot.xml.tracked import detached
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
@@ -73,24 +70,26 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     robot = select_root(robot, '', report)
     kinematics = Kinematics(robot)
     target = _WriteContext(kinematics, report, Materials.of(robot), _frames_by_name(robot))
-    root = etree.Element('robot', {'name': robot.name}, nsmap=prefixes(robot, 'sdf'))
+    root = etree.Element('robot', name=robot.name,
+                         nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
         root.set(f'{_SDF}canonical_link', robot.canonical_link)
-        note_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
+        report_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
         _link_element(root, link, target)
     for joint in robot.joints:
         _joint_element(root, joint, target)
     for frame in robot.frames:
         element = frame_to_element(frame, kinematics)
-        restore(element, frame.extension.sdf)
-        carry(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
+        merge_unread(element, frame.extension.sdf)
+        embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
         element.tag = f'{_SDF}frame'
         root.append(element)
-        note_preserved(report, 'sdf', frame.name, frame.line, 'frame')
+        report_preserved(report, 'sdf', frame.name, frame.line, 'frame')
     _gazebo_elements(root, robot, target)
-    restore(root, robot.extension.urdf)
-    carry(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report, robot.name, 0)
+    merge_unread(root, robot.extension.urdf)
+    embed_foreign(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report,
+                  robot.name, 0)
     return root
 
 
@@ -112,16 +111,16 @@ def _link_element(root: Element, link: Link, target: _WriteContext) -> None:
                           target.materials, target.report)
     if home.kind == 'link':
         _note_pose(element, kinematics.between(MODEL, home), link.name, link.line, target.report)
-    restore(element, link.extension.urdf)
-    carry(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', target.report, link.name,
-          link.line)
+    merge_unread(element, link.extension.urdf)
+    embed_foreign(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', target.report,
+                  link.name, link.line)
 
 
 def _note_pose(element: Element, pose: Pose, name: str, line: int, report: Report) -> None:
     """Keep a pose that URDF has no word for."""
     if not pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-        note_preserved(report, 'sdf', name, line, 'pose')
+        report_preserved(report, 'sdf', name, line, 'pose')
 
 
 def _joint_element(root: Element, joint: Joint, target: _WriteContext) -> None:
@@ -142,14 +141,14 @@ def _joint_element(root: Element, joint: Joint, target: _WriteContext) -> None:
     if joint.is_loop and pose.is_identity:
         etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
     _note_pose(element, pose, joint.name, joint.line, report)
-    restore(element, joint.extension.urdf)
+    merge_unread(element, joint.extension.urdf)
     rest = joint.extension.sdf
     if joint.type != kind:
         report.warn('joint', joint.name, joint.line, f'URDF has no {joint.type} joints; it is a '
                     'floating one there')
         element.set(f'{_SDF}type', joint.type)
         rest = _with_axes(joint)
-    carry(element, _without(rest, _in_gazebo(joint.name, 'joint', target)), 'sdf', report,
+    embed_foreign(element, _without(rest, _in_gazebo(joint.name, 'joint', target)), 'sdf', report,
           joint.name, joint.line)
 
 
@@ -182,7 +181,7 @@ def _with_axes(joint: Joint) -> Element:
     holder = etree.Element('joint')
     for axis, tag in zip(joint.axes, AXES):
         holder.append(axis_to_element(axis, tag, NEWEST))
-    restore(holder, joint.extension.sdf, marked=True)
+    merge_unread(holder, joint.extension.sdf, marked=True)
     return holder
 
 

@@ -39,7 +39,7 @@ from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, sentence, XacroProblem)
 from opencv_tools.robot.xml.document import (
     DescriptionError, display_name, Element, parse, read_bytes)
-from opencv_tools.robot.xml.report import Line, Report
+from opencv_tools.robot.xml.report import Report, SourceLine
 
 _XACRO = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
 _FOUND_URI = re.compile(f'(?i:file:(?://localhost)?)/*{PACKAGE_MARKER.pattern}')
@@ -252,6 +252,6 @@ def _warn_of_paths(document: minidom.Document, report: Report) -> None:
             texts += [value for _, value in element.attributes.items()]
         for found in PACKAGE_MARKER.finditer(_FOUND_URI.sub('', ' '.join(texts))):
             source, line = place_of(element)
-            report.warn(element.tagName, element.getAttribute('name'), Line(line, source),
+            report.warn(element.tagName, element.getAttribute('name'), SourceLine(line, source),
                         f'$(find {found[1]}) is written as package://{found[1]}, because the path '
                         'is one of this machine')

@@ -24,11 +24,12 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.regular_files import read_regular
-from opencv_tools.robot.xml.report import Line, Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.report import Report, SourceLine
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 Element = etree._Element
-Either = TypeVar('Either', Element, Taken)
+AnyElement = Element | TrackedElement
+ElementT = TypeVar('ElementT', Element, TrackedElement)
 
 MAX_BYTES = 100_000_000
 # Tags, attributes and comments, which bound the memory and the time that a file takes.
@@ -43,7 +44,7 @@ _BLANKS = bytes(byte if byte == ord('\n') else ord(' ') for byte in range(256))
 class DescriptionError(ValueError):
     """A robot description that cannot be read, or cannot be written as asked."""
 
-    def __init__(self, message: str, element: Element | Taken | None = None, *, source: str = '',
+    def __init__(self, message: str, element: AnyElement | None = None, *, source: str = '',
                  line: int = 0, tag: str = '') -> None:
         """
         Say what is wrong and where.
@@ -55,23 +56,23 @@ class DescriptionError(ValueError):
         if element is not None:
             source = source or source_of(element)
             line, tag = line_of(element), local_name(element)
-        elif isinstance(line, Line):
+        elif isinstance(line, SourceLine):
             source = line.source or source
         place = ':'.join([*filter(None, [source]), *([str(line)] if line else [])])
         super().__init__(': '.join(filter(None, [place, f'<{tag}>' if tag else '', message])))
 
 
-def source_of(element: Element | Taken) -> str:
+def source_of(element: AnyElement) -> str:
     """Name the file that an element comes from."""
     return element.getroottree().docinfo.URL or ''
 
 
-def line_of(element: Element | Taken) -> int:
+def line_of(element: AnyElement) -> int:
     """Return the line that an element begins at, 0 when it comes from no file."""
-    return Line(element.sourceline or 0, source_of(element))
+    return SourceLine(element.sourceline or 0, source_of(element))
 
 
-def local_name(element: Element | Taken) -> str:
+def local_name(element: AnyElement) -> str:
     """Give the tag of an element without its namespace."""
     return str(element.tag).rpartition('}')[2]
 
@@ -151,7 +152,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
         root = _parsed(mended, source)
     except etree.XMLSyntaxError as err:
         raise DescriptionError(_sentence(err), source=source, line=err.lineno or 0) from err
-    report.warn(local_name(root), '', Line(flaw.lineno or 0, source),
+    report.warn(local_name(root), '', SourceLine(flaw.lineno or 0, source),
                 f'not well-formed XML, read all the same: {_sentence(flaw)}')
     return root
 
@@ -217,7 +218,7 @@ def _without_dashes(data: bytes) -> bytes:
     return bytes(blanked)
 
 
-def required_name(element: Element | Taken) -> str:
+def required_name(element: AnyElement) -> str:
     """
     Give the name of an element that has to have one.
 
@@ -229,7 +230,7 @@ def required_name(element: Element | Taken) -> str:
     return name
 
 
-def required_child(element: Either, tag: str) -> Either:
+def required_child(element: ElementT, tag: str) -> ElementT:
     """
     Give a child that an element has to have.
 

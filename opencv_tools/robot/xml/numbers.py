@@ -19,13 +19,13 @@ from __future__ import annotations
 import math
 import sys
 
-from opencv_tools.robot.model import UNLIMITED
-from opencv_tools.robot.pose import Vector
-from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError
+
+# A limit of this magnitude or more means no limit, because URDF and older SDF have no infinity.
+UNLIMITED = 1e16
 
 
-def numbers(text: str | None, count: int, element: Element | Taken, what: str = ''
+def numbers(text: str | None, count: int, element: AnyElement, what: str = ''
             ) -> tuple[float, ...]:
     """
     Read numbers that stand in a text.
@@ -45,19 +45,19 @@ def numbers(text: str | None, count: int, element: Element | Taken, what: str = 
     return values
 
 
-def number(text: str | None, element: Element | Taken, what: str = '') -> float:
+def number(text: str | None, element: AnyElement, what: str = '') -> float:
     """Read one number, as `numbers` does."""
     return numbers(text, 1, element, what)[0]
 
 
-def vector(text: str | None, element: Element | Taken, what: str = '') -> Vector:
+def vector(text: str | None, element: AnyElement, what: str = '') -> tuple[float, float, float]:
     """Read three numbers, as `numbers` does."""
     x, y, z = numbers(text, 3, element, what)
     return x, y, z
 
 
-def limit_number(text: str | None, element: Element | Taken, what: str = '') -> float:
-    """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
+def limit_number(text: str | None, element: AnyElement, what: str = '') -> float:
+    """Read a limit; one as large as `UNLIMITED` means none, which is infinite."""
     try:
         value = _float((text or '').strip())
     except ValueError:
@@ -81,7 +81,7 @@ def _float(word: str) -> float:
     return float(word)
 
 
-def uncut(text: str, kept: str | None) -> str:
+def unclamped(text: str, kept: str | None) -> str:
     """
     Return the colour that a writer cut to 0 and 1, unless someone changed it since.
 
@@ -92,10 +92,10 @@ def uncut(text: str, kept: str | None) -> str:
         values, before = (tuple(map(_float, words.split())) for words in (text, kept or ''))
     except ValueError:
         return text
-    return kept if kept and values == cut(before) else text
+    return kept if kept and values == clamped(before) else text
 
 
-def cut(values: tuple[float, ...]) -> tuple[float, ...]:
+def clamped(values: tuple[float, ...]) -> tuple[float, ...]:
     """Cut the parts of a colour to 0 and 1."""
     return tuple(min(max(value, 0.0), 1.0) for value in values)
 

@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from lxml import etree
-from opencv_tools.robot.model import Robot
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached, PART, Taken, TEXT
+from opencv_tools.robot.xml.tracked import detached, PARTLY_READ, TEXT_READ, TrackedElement
 
 # What a writer notes for the reader of the way back has the namespace of the format that it is
 # about. What was not read is in an element of a namespace of its own, in the words of its format.
@@ -28,16 +29,16 @@ URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
-# The name that a thing had before it was renamed is a note, too.
-_NAME = f'{{{URDF_NAMESPACE}}}name'
+# The name that an element has in URDF, if SDF does not allow it.
+URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
 
 
-def restore(element: Element, rest: Element | None, *, marked: bool = False) -> None:
+def merge_unread(element: Element, rest: Element | None, *, marked: bool = False) -> None:
     """
-    Put back into an element what `Taken.rest` left of it.
+    Put back into an element what `TrackedElement.rest` left of it.
 
     :param element: the element as it was written from what was read; it is changed.
-    :param marked: whether ``PART`` stays, because the element is to be carried itself.
+    :param marked: whether ``PARTLY_READ`` stays, because the element is to be carried itself.
     """
     if rest is None:
         return
@@ -45,22 +46,22 @@ def restore(element: Element, rest: Element | None, *, marked: bool = False) -> 
     if rest.text and not element.text:
         element.text = rest.text
     for name, value in rest.attrib.items():
-        if name != PART:
+        if name != PARTLY_READ:
             element.set(name, value)
     for part in rest:
-        target = written.get(part.tag) if PART in part.attrib else None
-        if target is None and part.get(PART) == TEXT:
+        target = written.get(part.tag) if PARTLY_READ in part.attrib else None
+        if target is None and part.get(PARTLY_READ) == TEXT_READ:
             continue  # what has no text any more has no attributes
         if target is None:
             copy = detached(part)
             if not marked:
-                etree.strip_attributes(copy, PART)
+                etree.strip_attributes(copy, PARTLY_READ)
             element.append(copy)
         else:
-            restore(target, part, marked=marked)
+            merge_unread(target, part, marked=marked)
 
 
-def carry(element: Element, rest: Element | None, language: str, report: Report, name: str,
+def embed_foreign(element: Element, rest: Element | None, language: str, report: Report, name: str,
           line: int) -> None:
     """
     Put into an element what only the other format has a word for.
@@ -74,7 +75,7 @@ def carry(element: Element, rest: Element | None, language: str, report: Report,
     copy = detached(rest)
     copy.tag = f'{{{_PRESERVED}}}{language}'
     if language == 'urdf' and 'name' in copy.attrib:
-        element.set(_NAME, copy.attrib.pop('name'))
+        element.set(URDF_NAME, copy.attrib.pop('name'))
     if not len(copy) and not copy.attrib and not copy.text:
         return
     element.append(copy)
@@ -85,14 +86,14 @@ def carry(element: Element, rest: Element | None, language: str, report: Report,
                         f'not supported by {other}; preserved in <preserved:{language}>')
 
 
-def carried(taken: Taken, language: str) -> Element | None:
+def extract_foreign(taken: TrackedElement, language: str) -> Element | None:
     """
-    Take from an element what `carry` put there.
+    Take from an element what `embed_foreign` put there.
 
     :returns: an element of the same tag; None where nothing is carried.
     """
-    own = taken.get(_NAME) if language == 'urdf' else None
-    found = taken.first(f'{{{_PRESERVED}}}{language}')
+    own = taken.get(URDF_NAME) if language == 'urdf' else None
+    found = taken.take_first(f'{{{_PRESERVED}}}{language}')
     if found is None and own is None:
         return None
     tag = local_name(taken)
@@ -103,24 +104,20 @@ def carried(taken: Taken, language: str) -> Element | None:
     return rest
 
 
-def note_preserved(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
+def report_preserved(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
     """Note what is in the namespace of the one format that has a word for it."""
     other = 'SDF' if prefix == 'urdf' else 'URDF'
     kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
     report.preserve(tag, name, line, f'not supported by {other}; preserved as {kept}')
 
 
-def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
+def namespaces(elements: Iterable[Element], own: str) -> dict[str | None, str]:
     """
-    Collect the namespaces that what is carried was written with.
+    Return the namespaces of a document that is written, by prefix.
 
-    :param own: the prefix of what the writer notes.
+    :param elements: unread elements that are in the document; their namespaces are kept.
+    :param own: the prefix of what the writer notes, ``urdf`` or ``sdf``.
     """
-    things = [robot, *(thing for _, thing in robot.frame_owners()), *(
-        shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
-    found: dict[str, str] = {}
-    for thing in things:
-        for rest in (thing.extension.urdf, thing.extension.sdf):
-            if rest is not None:
-                found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
+    found = {prefix: uri for element in elements for prefix, uri in element.nsmap.items()
+             if prefix}
     return {**dict(sorted(found.items())), own: PREFIXES[own], 'preserved': _PRESERVED}

@@ -23,7 +23,7 @@ PRESERVED = 'preserved'  # kept in a namespace of its own; the way back restores
 LOSSY = 'lossy'  # means something else now, or is gone
 
 
-class Line(int):
+class SourceLine(int):
     """
     A line that knows its file, for robots that are read from several.
 
@@ -32,7 +32,7 @@ class Line(int):
 
     source: str
 
-    def __new__(cls, line: int, source: str = '') -> Line:
+    def __new__(cls, line: int, source: str = '') -> SourceLine:
         new = super().__new__(cls, line)
         new.source = source
         return new
@@ -85,7 +85,7 @@ class Report:
         self._note(LOSSY, element, name, line, message)
 
     def _note(self, level: str, element: str, name: str, line: int, message: str) -> None:
-        source = line.source if isinstance(line, Line) else ''
+        source = line.source if isinstance(line, SourceLine) else ''
         self.notes.append(Note(level, source or self.source, element, name, int(line), message))
 
     @property

@@ -34,7 +34,7 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Extension, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import PART
+from opencv_tools.robot.xml.tracked import PARTLY_READ
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]
@@ -324,6 +324,6 @@ def _entries(extension: Extension, owner: str) -> Iterator[Entry]:
     for root in (extension.urdf, extension.sdf):
         for element in () if root is None else root.iter(etree.Element):
             path = [str(step.tag) for step in (element, *element.iterancestors())]
-            attributes = tuple(sorted((str(name), str(value))
-                                      for name, value in element.attrib.items() if name != PART))
+            attributes = tuple(sorted((str(name), str(value)) for name, value
+                                      in element.attrib.items() if name != PARTLY_READ))
             yield owner, tuple(reversed(path)), attributes, (element.text or '').strip()

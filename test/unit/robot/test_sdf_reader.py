@@ -22,8 +22,9 @@ from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Dynamics, FrameId, Joint, Limit, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, Vector
-from opencv_tools.robot.sdf.joint_reader import axis_from_element, marked_loops
-from opencv_tools.robot.sdf.reader import frame_from_element, read_sdf
+from opencv_tools.robot.sdf.fragments import axis_from_element, frame_from_element
+from opencv_tools.robot.sdf.joint_reader import marked_loops
+from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest

@@ -27,9 +27,9 @@ from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
     Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose, Tensor
-from opencv_tools.robot.sdf.joint_writer import axis_to_element
+from opencv_tools.robot.sdf.fragments import axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.sdf.writer import frame_to_element, write_sdf
+from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
 from opencv_tools.robot.xml.numbers import number_text

@@ -24,11 +24,11 @@ from lxml import etree
 _Element = etree._Element
 
 # Marks what is left of an element that was read, apart from elements that were not read at all.
-PART = '{urn:opencv_tools:preserved}part'
-TEXT = 'text'  # its value where the text was read
+PARTLY_READ = '{urn:opencv_tools:preserved}part'
+TEXT_READ = 'text'  # its value where the text was read
 
 
-class Taken:
+class TrackedElement:
     """
     An element as a reader sees it, who takes what it understands by asking for it.
 
@@ -46,7 +46,7 @@ class Taken:
         """
         self.element = element
         self._names: set[str] = set()  # of attributes that were taken; '' for the text
-        self._parts: dict[_Element, Taken] = {}
+        self._parts: dict[_Element, TrackedElement] = {}
         self._is_whole = True  # whether its rest is its own, not its parent's
 
     @property
@@ -86,7 +86,7 @@ class Taken:
         self._names.add(name)
         return value
 
-    def find(self, tag: str) -> Taken | None:
+    def find(self, tag: str) -> TrackedElement | None:
         """Return the first child with a tag, to take parts of it; its rest stays in this one's."""
         child = next(self.element.iterchildren(tag), None)
         return None if child is None else self._part(child)
@@ -96,39 +96,41 @@ class Taken:
         child = self.find(tag)
         return None if child is None else child.text or ''
 
-    def first(self, tag: str) -> Taken | None:
+    def take_first(self, tag: str) -> TrackedElement | None:
         """Take the first child with a tag whole; it has a rest of its own."""
         child = next(self.element.iterchildren(tag), None)
         return None if child is None else self._part(child, whole=True)
 
-    def each(self, *tags: str) -> list[Taken]:
+    def take_all(self, *tags: str) -> list[TrackedElement]:
         """Take all children with one of some tags; each has a rest of its own."""
         return [self._part(child, whole=True) for child in self.element.iterchildren(*tags)]
 
-    def leave(self, child: Taken) -> None:
+    def put_back(self, child: TrackedElement) -> None:
         """Return a child to the rest, with all that was taken of it."""
         self._parts.pop(child.element, None)
 
-    def rest(self) -> _Element | None:
+    def unread(self) -> _Element | None:
         """
         Return a copy of the element with what was not taken; None where nothing is left.
 
-        Children that were read in part have the attribute ``PART``.
+        Children that were read in part have the attribute ``PARTLY_READ``.
         """
         parts, element, names = [], self.element, self._names
         for child in element:
             part = self._parts.get(child)
             if part is None:
                 parts.append(detached(child))
-            elif not part._is_whole and (left := part.rest()) is not None:
+            elif not part._is_whole and (left := part.unread()) is not None:
                 parts.append(left)
-        untaken = [str(name) for name in element.attrib if name not in names and name != PART]
+        untaken = [str(name) for name in element.attrib
+                   if name not in names and name != PARTLY_READ]
         text = '' if '' in names else (element.text or '').strip()
         rest = None
         if parts or untaken or text:
             attributes = {name: element.get(name, '') for name in untaken}
-            if not self._is_whole and (PART in element.attrib or self._is_taken()):
-                attributes[PART] = TEXT if '' in names else element.get(PART, 'true')
+            if not self._is_whole and (PARTLY_READ in element.attrib or self._is_taken()):
+                attributes[PARTLY_READ] = (
+                    TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
             rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
             # Messages about it name the file.
             rest.getroottree().docinfo.URL = element.getroottree().docinfo.URL
@@ -138,10 +140,10 @@ class Taken:
             self._parts = {child: part for child, part in self._parts.items() if part._is_whole}
         return rest
 
-    def _part(self, child: _Element, *, whole: bool = False) -> Taken:
+    def _part(self, child: _Element, *, whole: bool = False) -> TrackedElement:
         part = self._parts.get(child)
         if part is None:
-            part = self._parts[child] = Taken(child)
+            part = self._parts[child] = TrackedElement(child)
             part._is_whole = False
         if whole:
             part._is_whole = True
