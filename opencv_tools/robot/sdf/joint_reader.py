@@ -20,8 +20,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_KINDS, Mimic, SDF_TYPES
+from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic
 from opencv_tools.robot.pose import ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Turn
 from opencv_tools.robot.sdf.link_reader import Place

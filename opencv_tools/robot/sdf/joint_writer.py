@@ -20,8 +20,9 @@ from dataclasses import replace
 import math
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, Mimic, SDF_TYPES, WORLD
+from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, Mimic, WORLD
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element
 from opencv_tools.robot.sdf.values import (
     CONTINUOUS, JOINT_AXES, MIMIC, pose_element, text_element, Version, version_text)

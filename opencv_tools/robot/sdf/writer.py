@@ -19,8 +19,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
+from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, WORLD
 from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.joint_writer import joint_element
 from opencv_tools.robot.sdf.link_writer import inertial_element, shape_element
