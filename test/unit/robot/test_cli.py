@@ -178,7 +178,7 @@ def test_a_model_is_named_by_its_folder(tmp_path: Path, capsys: Text) -> None:
         assert json.loads(report.read_text())['input'] == str(MODEL)
     capsys.readouterr()
     assert urdf_to_sdf([folder]) == 2
-    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is SDF already\n'
+    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is already SDF\n'
 
 
 def test_a_comparison_counts_and_lists_the_differences(tmp_path: Path, capsys: Text) -> None:
@@ -252,7 +252,7 @@ def test_what_is_written_is_whole_or_not_there(arm: str, tmp_path: Path, capsys:
     output = tmp_path / 'out.sdf'
     output.write_text('precious')
     assert urdf_to_sdf([str(MODEL), '-o', str(output)]) == 2
-    assert 'is SDF already' in capsys.readouterr().err
+    assert 'is already SDF' in capsys.readouterr().err
     assert output.read_text() == 'precious'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / 'no' / 'such.sdf')]) == 2
     assert 'cannot be written: No such file' in capsys.readouterr().err
