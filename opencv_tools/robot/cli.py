@@ -245,10 +245,10 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     positions = dict(options.joint)
     listing = frames(robot, positions, report)
     if options.plot:
-        from opencv_tools.robot.frames.plot import plot
+        from opencv_tools.robot.drawing.plot import plot
         plot(robot, positions, options.plot)
     if options.conventions:
-        from opencv_tools.robot.frames.conventions import plot_conventions
+        from opencv_tools.robot.drawing.conventions import plot_conventions
         plot_conventions(robot, positions, options.conventions)
     print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0

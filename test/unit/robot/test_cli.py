@@ -347,7 +347,7 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
         assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
         assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
-    assert "'down'; the movable joints are 'up'\n" in capsys.readouterr().err
+    assert "'down' does not exist; the movable joints are 'up'\n" in capsys.readouterr().err
     for wrong in ('up=nan', 'up', '=1', ':=1'):
         with pytest.raises(SystemExit):
             robot_frames([str(path), '--joint', wrong])
