@@ -12,6 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""Comparison of two robots."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -19,43 +21,17 @@ from itertools import pairwise
 import math
 from typing import Any
 
+from compared_robots import absent, free, HALF, on, RED, shape, urdf, with_axis, with_joint
 from lxml import etree
-from opencv_tools.robot.compare.compare import Difference, differences
-from opencv_tools.robot.compare.table import table
+from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
-    Placement, Robot, Shape)
+    Placement, Robot)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
-
-HALF = math.pi / 2
-RED = (1.0, 0.0, 0.0, 1.0)
-
-
-def on(link: str, pose: Pose = Pose()) -> Placement:  # noqa: B008
-    return Placement(pose, FrameId('link', link))
-
-
-def shape(link: str, name: str = '', **changes: Any) -> Shape:
-    return replace(Shape(name, on(link, Pose((0.1, 0.0, 0.0))), Box((1.0, 2.0, 3.0))), **changes)
-
-
-def urdf() -> Robot:
-    """Build an arm as URDF places it, with one of everything."""
-    arm = Link('arm', Placement(Pose(), FrameId('joint', 'turn')),
-               Inertial(on('arm', Pose((0.0, 0.0, 0.5), (0.0, 0.0, HALF))), 2.0,
-                        (1.0, 0.0, 0.0, 2.0, 0.0, 3.0)),
-               (shape('arm', material=Material('red', RED)),), (shape('arm'),))
-    return Robot('robot', (
-        Link('base', Placement(Pose(), MODEL)), arm,
-        Link('hand', Placement(Pose(), FrameId('joint', 'slide')))), (
-        Joint('turn', 'revolute', 'base', 'arm', on('base', Pose((1.0, 0.0, 0.0), (HALF, 0, 0))), (
-            Axis((0.0, 0.0, 2.0), Limit(-1.0, 2.0, 3.0, 4.0), Dynamics(0.5, 0.25)),)),
-        Joint('slide', 'prismatic', 'arm', 'hand', on('arm', Pose((0.0, 0.0, 1.0))), (
-            Axis((1.0, 0.0, 0.0), Limit(0.0, 0.5), mimic=Mimic('turn', 0.1, 0.2)),))))
 
 
 def sdf() -> Robot:
@@ -70,23 +46,9 @@ def sdf() -> Robot:
         replace(joint, placement=on(joint.child)) for joint in robot.joints))
 
 
-def absent(element: str, name: str) -> Difference:
-    return Difference(element=element, name=name, property='presence', a='yes', b='no')
-
-
 def with_link(robot: Robot, name: str, **changes: Any) -> Robot:
     return replace(robot, links=tuple(replace(link, **changes) if link.name == name else link
                                       for link in robot.links))
-
-
-def with_joint(robot: Robot, which: str, **changes: Any) -> Robot:
-    return replace(robot, joints=tuple(replace(joint, **changes) if joint.name == which else joint
-                                       for joint in robot.joints))
-
-
-def with_axis(robot: Robot, name: str, **changes: Any) -> Robot:
-    joint = next(joint for joint in robot.joints if joint.name == name)
-    return with_joint(robot, name, axes=(replace(joint.axes[0], **changes),))
 
 
 def with_visual(robot: Robot, **changes: Any) -> Robot:
@@ -95,7 +57,7 @@ def with_visual(robot: Robot, **changes: Any) -> Robot:
 
 
 def told(a: Robot, b: Robot, **options: Any) -> list[tuple[str, str, str]]:
-    """Give what is told, the same whichever of both robots is the first."""
+    """Return what is told, the same whichever of both robots is the first."""
     found, other_way = (
         [(one.element, one.name, one.property) for one in differences(*both, **options)]
         for both in ((a, b), (b, a)))
@@ -103,7 +65,7 @@ def told(a: Robot, b: Robot, **options: Any) -> list[tuple[str, str, str]]:
     return found
 
 
-def test_a_robot_is_the_same_as_itself_however_it_is_placed() -> None:
+def test_equal_robots_with_different_placements() -> None:
     assert differences(urdf(), urdf(), tolerance=0.0) == []
     assert differences(urdf(), sdf(), tolerance=1e-12) == []
     assert differences(sdf(), urdf(), tolerance=1e-12) == []
@@ -120,13 +82,13 @@ def test_a_robot_is_the_same_as_itself_however_it_is_placed() -> None:
     ('slide', {'mimic': Mimic('turn', 0.1, 0.3)}, ['offset']),
     ('slide', {'mimic': Mimic('turn', 0.2, 0.2)}, ['multiplier']),
 ])
-def test_what_a_joint_says_is_compared(name: str, changes: dict[str, Any], what: list[str]
+def test_joint_properties(name: str, changes: dict[str, Any], what: list[str]
                                        ) -> None:
     found = told(urdf(), with_axis(sdf(), name, **changes), samples=0)
     assert sorted(found) == sorted(('joint', name, one) for one in what)
 
 
-def test_an_axis_is_compared_in_space_and_by_its_direction() -> None:
+def test_axis_direction_in_space() -> None:
     assert told(urdf(), with_axis(sdf(), 'turn', xyz=(0.0, 0.0, 1e-9))) == []
     other = with_axis(sdf(), 'turn', xyz=(0.0, 1e-6, 1.0))
     assert told(urdf(), other, samples=0) == [('joint', 'turn', 'axis')]
@@ -135,14 +97,14 @@ def test_an_axis_is_compared_in_space_and_by_its_direction() -> None:
     assert ('joint', 'turn', 'axis') in told(urdf(), flipped)
 
 
-def test_a_revolute_without_limits_is_a_continuous() -> None:
+def test_revolute_without_limits_equals_continuous() -> None:
     endless = with_axis(urdf(), 'turn', limit=Limit(-1e16, math.inf, 3.0, 4.0))
     continuous = with_axis(with_joint(sdf(), 'turn', type='continuous'), 'turn',
                            limit=Limit(effort=3.0, velocity=4.0))
     assert told(endless, continuous) == []
 
 
-def test_negative_effort_is_no_limit() -> None:
+def test_negative_effort_means_no_limit() -> None:
     negative, endless = (with_axis(urdf(), 'slide', limit=Limit(0.0, 1.0, *limits)) for limits in (
         (-1.0, -2.5), (math.inf, 1e17)))
     assert told(negative, endless) == []
@@ -151,12 +113,12 @@ def test_negative_effort_is_no_limit() -> None:
         ('joint', 'slide', 'effort'), ('joint', 'slide', 'velocity')]
 
 
-def test_the_axes_of_fixed_joints_mean_nothing() -> None:
+def test_ignored_axes_of_fixed_joints() -> None:
     fixed = with_joint(urdf(), 'turn', type='fixed')
     assert told(fixed, with_joint(sdf(), 'turn', type='fixed', axes=())) == []
 
 
-def test_types_parents_children_and_loops_are_compared() -> None:
+def test_joint_types_parents_and_loops() -> None:
     assert ('joint', 'slide', 'type') in told(urdf(), with_joint(sdf(), 'slide', type='fixed'))
     assert ('joint', 'slide', 'parent') in told(urdf(), with_joint(sdf(), 'slide', parent='base'))
     loop = with_joint(urdf(), 'slide', is_loop=True)
@@ -164,7 +126,7 @@ def test_types_parents_children_and_loops_are_compared() -> None:
 
 
 @pytest.mark.parametrize('pose', [Pose((0.1, 0.0, 1e-6)), Pose((0.1, 0.0, 0.0), (1e-6, 0.0, 0.0))])
-def test_a_pose_that_is_off_is_told_once_with_its_size(pose: Pose) -> None:
+def test_one_difference_for_a_different_pose(pose: Pose) -> None:
     found = differences(urdf(), with_visual(sdf(), placement=on('arm', pose)))
     assert [(one.element, one.name, one.property) for one in found] == [
         ('visual', 'arm/0', 'pose at zero')]
@@ -174,14 +136,14 @@ def test_a_pose_that_is_off_is_told_once_with_its_size(pose: Pose) -> None:
                        tolerance=2e-6) == []
 
 
-def test_an_angle_is_told_exactly_where_it_is_small() -> None:
+def test_precision_of_small_angles() -> None:
     for angle in (1e-12, 1e-9, 1e-3, 1.0, 3.0):
         turned = with_visual(urdf(), placement=on('arm', Pose((0.1, 0.0, 0.0), (0.0, angle, 0.0))))
         one, = differences(urdf(), turned, tolerance=1e-13, samples=0)
         assert one.size == pytest.approx(angle, rel=1e-3)
 
 
-def test_tolerance_is_absolute_up_to_a_metre_and_relative_beyond() -> None:
+def test_absolute_and_relative_tolerance() -> None:
     def at(x: float) -> Robot:
         return with_visual(urdf(), placement=on('arm', Pose((x, 0.0, 0.0))))
 
@@ -191,7 +153,7 @@ def test_tolerance_is_absolute_up_to_a_metre_and_relative_beyond() -> None:
     assert differences(at(1e-6), at(1e-6 + 1e-8), samples=0) != []
 
 
-def test_moments_of_inertia_are_compared_in_space_and_by_their_own_size() -> None:
+def test_moments_of_inertia_in_space() -> None:
     turned = Inertial(on('arm', Pose((0.0, 0.0, 0.5))), 2.0, (2.0, 0.0, 0.0, 1.0, 0.0, 3.0))
     assert told(urdf(), with_link(sdf(), 'arm', inertial=turned)) == []
     off = replace(turned, inertia=(1.0, 0.0, 0.0, 2.0, 0.0, 3.0))
@@ -202,7 +164,7 @@ def test_moments_of_inertia_are_compared_in_space_and_by_their_own_size() -> Non
     assert [what for _, _, what in found] == ['mass', 'inertia']
 
 
-def test_centre_and_presence_of_inertials_are_compared() -> None:
+def test_centre_and_presence_of_inertials() -> None:
     off = Inertial(on('arm', Pose((0.0, 0.1, 0.5))), 2.0, (2.0, 0.0, 0.0, 1.0, 0.0, 3.0))
     assert told(urdf(), with_link(sdf(), 'arm', inertial=off)) == [
         ('inertial', 'arm', 'pose at zero')]
@@ -220,12 +182,12 @@ def test_centre_and_presence_of_inertials_are_compared() -> None:
     ({'material': Material('', RED, emissive=(0.5, 0.0, 0.0, 1.0))}, ['emissive']),
     ({'material': Material('', RED, texture='package://a/b.png')}, ['texture']),
 ])
-def test_geometry_and_look_are_compared(changes: dict[str, Any], what: list[str]) -> None:
+def test_geometry_and_material(changes: dict[str, Any], what: list[str]) -> None:
     found = told(urdf(), with_visual(sdf(), **changes))
     assert sorted(found) == sorted(('visual', 'arm/0', one) for one in what)
 
 
-def test_both_ways_to_name_a_mesh_and_no_scale_are_the_same() -> None:
+def test_equal_mesh_uris_and_default_scale() -> None:
     mesh = with_visual(urdf(), geometry=Mesh('package://robot/meshes/arm.stl'))
     assert told(mesh, with_visual(sdf(), geometry=Mesh('model://robot/meshes/arm.stl',
                                                        (1.0, 1.0, 1.0)))) == []
@@ -236,7 +198,7 @@ def test_both_ways_to_name_a_mesh_and_no_scale_are_the_same() -> None:
         ('visual', 'arm/0', 'scale')]
 
 
-def test_geometry_that_only_sdf_has_is_compared_by_meaning() -> None:
+def test_geometry_that_only_sdf_supports() -> None:
     def plane(text: str) -> Robot:
         rest = etree.fromstring(f'<visual><geometry><plane>{text}</plane></geometry></visual>')
         return with_visual(urdf(), geometry=None, extension=Extension(sdf=rest))
@@ -246,7 +208,7 @@ def test_geometry_that_only_sdf_has_is_compared_by_meaning() -> None:
         ('visual', 'arm/0', 'geometry')]
 
 
-def test_visuals_are_found_by_name_where_all_have_one_and_else_by_order() -> None:
+def test_visuals_matched_by_name_or_order() -> None:
     one, other = shape('arm', 'one'), shape('arm', 'other', geometry=Sphere(1.0))
     named = with_link(urdf(), 'arm', visuals=(one, other))
     assert told(named, with_link(sdf(), 'arm', visuals=(other, one))) == []
@@ -260,7 +222,7 @@ def test_visuals_are_found_by_name_where_all_have_one_and_else_by_order() -> Non
     assert told(named, bare) == [('collision', 'arm/0', 'presence')]
 
 
-def test_a_link_or_joint_that_is_missing_is_told_but_not_all_that_it_has() -> None:
+def test_missing_links_and_joints() -> None:
     extra = Link('extra', Placement(Pose(), MODEL), visuals=(shape('extra'),))
     more = replace(urdf(), links=(*urdf().links, extra))
     assert told(urdf(), more) == [('link', 'extra', 'presence')]
@@ -269,7 +231,7 @@ def test_a_link_or_joint_that_is_missing_is_told_but_not_all_that_it_has() -> No
     assert ('joint', 'more', 'presence') in told(more, replace(more, joints=(*more.joints, joint)))
 
 
-def test_several_roots_are_compared_relative_to_the_first_that_both_have() -> None:
+def test_common_base_of_several_roots() -> None:
     loose = Link('loose', Placement(Pose((0.0, 3.0, 0.0)), MODEL))
     moved = Link('loose', Placement(Pose((5.0, 3.0, 0.0)), MODEL))
     one = replace(urdf(), links=(*urdf().links, loose))
@@ -278,14 +240,14 @@ def test_several_roots_are_compared_relative_to_the_first_that_both_have() -> No
         ('link', 'loose', 'pose at zero')]
 
 
-def test_an_empty_world_in_one_only_is_no_difference() -> None:
+def test_ignored_empty_world() -> None:
     world = Link('world', Placement(Pose((9.0, 0.0, 0.0)), MODEL))
     beside = replace(sdf(), links=(world, *sdf().links))
     assert told(urdf(), beside) == []
     assert told(beside, replace(urdf(), links=(*urdf().links, world))) == []
 
 
-def test_a_robot_fastened_to_the_world_is_compared_relative_to_it() -> None:
+def test_robot_fixed_to_the_world() -> None:
     def fastened(robot: Robot, x: float) -> Robot:
         world = Link('world', Placement(Pose((x, 0.0, 0.0)), MODEL))
         joint = Joint('foot', 'fixed', 'world', 'base', on('base'))
@@ -296,7 +258,7 @@ def test_a_robot_fastened_to_the_world_is_compared_relative_to_it() -> None:
     assert told(urdf(), fastened(sdf(), 0.0)) == [('joint', 'foot', 'presence')]
 
 
-def test_names_of_nested_models_are_the_same_in_either_format() -> None:
+def test_equal_names_of_nested_models() -> None:
     def renamed(robot: Robot, name: str) -> Robot:
         links = tuple(replace(link, name=name if link.name == 'hand' else link.name)
                       for link in robot.links)
@@ -307,13 +269,13 @@ def test_names_of_nested_models_are_the_same_in_either_format() -> None:
     assert told(urdf(), renamed(urdf(), 'finger')) != []
 
 
-def test_a_name_that_a_conversion_changed_is_the_one_before() -> None:
+def test_original_names_of_converted_robots() -> None:
     own = etree.fromstring('<joint name="slide"/>')
     changed = with_joint(sdf(), 'slide', name='slide_joint', extension=Extension(urdf=own))
     assert told(urdf(), changed) == []
 
 
-def test_frames_are_compared_where_both_robots_have_them() -> None:
+def test_frames_of_both_robots() -> None:
     def framed(robot: Robot, pose: Pose) -> Robot:
         return replace(robot, frames=(Frame('tip', FrameId('link', 'hand'), on('hand', pose)),))
 
@@ -323,14 +285,9 @@ def test_frames_are_compared_where_both_robots_have_them() -> None:
         ('frame', 'tip', 'pose at zero')]
 
 
-def free(type_: str, axes: tuple[Axis, ...], pose: Pose = Pose()) -> Robot:  # noqa: B008
-    links = tuple(Link(name, Placement(Pose(), MODEL)) for name in 'ab')
-    return Robot('free', links, (Joint('j', type_, 'a', 'b', on('b', pose), axes),))
-
-
 @pytest.mark.parametrize('type_', ['ball', 'floating', 'planar', 'universal', 'revolute2', 'screw',
                                    'gearbox', 'fixed', 'continuous', 'prismatic'])
-def test_every_kind_of_joint_is_moved(type_: str) -> None:
+def test_motion_of_every_joint_type(type_: str) -> None:
     axes = (Axis((0.0, 0.0, 1.0)), Axis((0.0, 1.0, 0.0)))
     assert told(free(type_, axes), free(type_, axes)) == []
     off = told(free(type_, axes), free(type_, axes, Pose((0.0, 0.1, 0.0), (0.1, 0.0, 0.0))))
@@ -339,55 +296,13 @@ def test_every_kind_of_joint_is_moved(type_: str) -> None:
     assert (('link', 'b', 'pose at random positions') in off) == (type_ != 'fixed')
 
 
-@pytest.mark.parametrize('limit', [
-    Limit(-1e300, 1e300), Limit(2e3, 3e3), Limit(5.0, -5.0), Limit(upper=-50.0),
-    Limit(lower=50.0)])
-def test_any_limits_can_be_compared(limit: Limit) -> None:
-    robot = free('prismatic', (Axis((1.0, 0.0, 0.0), limit),))
-    assert differences(robot, robot) == []
-
-
-def test_positions_are_within_limits_and_the_same_for_the_same_seed() -> None:
-    one = with_axis(urdf(), 'slide', mimic=None)
-    other = with_axis(one, 'slide', xyz=(1.0, 0.01, 0.0))
-    found = differences(one, other, tolerance=1e-9)
-    assert found == differences(one, other, tolerance=1e-9)
-    assert found != differences(one, other, tolerance=1e-9, seed=1)
-    hand = next(one for one in found if one.name == 'hand')
-    assert 0 < hand.size <= 0.5 * 0.01
-
-
-def test_circles_are_errors() -> None:
+def test_mimic_cycle_error_in_a_comparison() -> None:
     circle = with_axis(urdf(), 'turn', mimic=Mimic('slide'))
     with pytest.raises(DescriptionError, match='mimic cycle'):
         differences(circle, circle)
 
 
-def test_a_table_is_aligned_and_empty_without_differences() -> None:
-    assert table([]) == ''
-    heading, first, second, count = table([
-        Difference(element='joint', name='j', property='upper', a='1', b='22', size=21.0),
-        absent('collision', 'a/0')]).splitlines()
-    assert heading.split() == ['element', 'name', 'property', 'a', 'b', 'difference']
-    assert first.index('upper') == second.index('presence') == heading.index('property')
-    assert first.endswith('22  21')
-    assert second == second.rstrip()
-    assert count == '2 differences'
-
-
-@pytest.mark.parametrize(('count', 'most', 'rows', 'last'), [
-    (1, 50, 1, ['1 difference']), (50, 50, 50, ['50 differences']),
-    (51, 50, 50, ['... and 1 more; --all shows them', '51 differences']),
-    (173, 50, 50, ['... and 123 more; --all shows them', '173 differences']),
-    (173, None, 173, ['173 differences'])])
-def test_a_table_has_a_limit(count: int, most: int | None, rows: int, last: list[str]) -> None:
-    found = [absent('link', f'{number}') for number in range(count)]
-    lines = table(found, most).splitlines()
-    assert [line.split()[1] for line in lines[1:rows + 1]] == [f'{n}' for n in range(rows)]
-    assert lines[rows + 1:] == last
-
-
-def test_long_chains_take_linear_time() -> None:
+def test_linear_time_for_long_chains() -> None:
     def chain(count: int) -> Robot:
         names = ['base', *(f'l{index}' for index in range(count))]
         vector: Vector = (0.0, 0.6, 0.8)

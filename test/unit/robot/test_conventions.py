@@ -130,7 +130,7 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
 
 
 @PICTURES
-def test_texts_are_in_the_picture_and_apart(
+def test_texts_inside_the_picture_without_overlaps(
         name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
     robot = ROBOTS[name]
     names = [link.name for link in robot.links] + [joint.name for joint in robot.joints]
@@ -148,7 +148,7 @@ def test_texts_are_in_the_picture_and_apart(
 
 
 @pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
-def test_the_view_in_space_fills_its_part_of_the_picture(name: str) -> None:
+def test_space_view_filling_its_cell(name: str) -> None:
     figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
     view, renderer = figure.axes[0], figure.canvas.get_renderer()
     assert not any(one.get_clip_on() for one in view.collections)
@@ -197,7 +197,7 @@ NAMES = dict.fromkeys(['base_link', 'upper_arm', 'forearm', 'tool'], '')
 
 
 @pytest.mark.parametrize('name', ['my_arm', 'my_arm.sdf'])
-def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
+def test_origins_in_urdf_and_link_poses_in_sdf(name: str) -> None:
     urdf, sdf = panels(ROBOTS[name])
     assert urdf.texts[0].get_text() == 'URDF places joints'
     assert sdf.texts[0].get_text() == 'SDF places links'
@@ -208,7 +208,7 @@ def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
         'tool': 'xyz 0 0 0.85  rpy 0 0 0'}
 
 
-def test_origins_stay_and_links_are_moved() -> None:
+def test_fixed_origins_and_moved_links() -> None:
     urdf, sdf = panels(ROBOTS['my_arm'], MOVED['my_arm'])
     assert [text.get_text() for text in urdf.figure.texts] == [
         'robot my_arm at elbow=0.5, slide=0.1']
@@ -222,7 +222,7 @@ def test_origins_stay_and_links_are_moved() -> None:
     assert found['tool, moved'] == 'xyz 0.2157 0 0.8949  rpy 0 0.5 0'
 
 
-def test_joints_that_are_not_at_their_links(shifted: Robot) -> None:
+def test_joints_away_from_their_links(shifted: Robot) -> None:
     urdf, sdf = panels(shifted)
     found = entries(urdf)
     assert found['hinge (revolute)'] == 'in base\nxyz 0.2 0 0.3  rpy 0 0 0'
@@ -256,7 +256,7 @@ def seen(*points: Vector) -> list[tuple[float, float]]:
              math.fsum(a * b for a, b in zip(up, point))) for point in points]
 
 
-def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Robot) -> None:
+def test_arrows_to_joints_and_to_links(shifted: Robot) -> None:
     urdf, sdf = panels(shifted)
     base, hinge, wrist, arm, hand = seen(
         (0.0, 0.0, 0.0), (0.2, 0.0, 0.3), (0.5, 0.0, 0.45), (0.5, 0.0, 0.3), (0.5, 0.0, 0.7))
@@ -279,7 +279,7 @@ def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Rob
         math.dist(*arrows(sdf)[0]) / math.dist(base, arm))
 
 
-def test_each_text_has_a_line_to_its_point() -> None:
+def test_lines_from_texts_to_points() -> None:
     for axes in panels(ROBOTS['thirty']):
         count = len(entries(axes))
         leaders = [line for line in axes.lines if line.get_color() == '#bbbbbb']
@@ -290,7 +290,7 @@ def test_each_text_has_a_line_to_its_point() -> None:
         assert len(points) == 29 and set(points) <= set(ends)
 
 
-def test_robots_of_many_links_have_numbers_of_some() -> None:
+def test_maximum_number_of_entries() -> None:
     names = [f'link_{index}' for index in range(70)]
     robot = Robot('many', (Link(names[0], Placement(Pose(), MODEL)), *(
         Link(name, Placement(Pose(), FrameId('joint', name))) for name in names[1:])), tuple(
@@ -303,7 +303,7 @@ def test_robots_of_many_links_have_numbers_of_some() -> None:
     assert sdf.texts[1].get_text().endswith('numbers of 60 of 70, the listing has all')
 
 
-def test_the_command_of_the_readme_makes_its_picture(
+def test_picture_of_the_readme(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from matplotlib.image import imread
     shipped, made = ROOT / 'docs' / 'images' / 'conventions.png', tmp_path / 'conventions.png'

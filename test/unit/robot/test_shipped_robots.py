@@ -68,7 +68,7 @@ def to_urdf(path: Path, folder: Path) -> Path:
 
 
 def same(one: Path, other: Path, tolerance: float = 1e-12) -> bool:
-    """Tell whether two files are of the same robot."""
+    """Return whether two files are of the same robot."""
     return differences(read(one), read(other), tolerance=tolerance) == []
 
 
@@ -100,7 +100,7 @@ def _said(element: etree._Element, above: str) -> Iterator[tuple[str, object]]:
 
 
 def agree(one: dict[str, object], other: dict[str, object], tolerance: float) -> bool:
-    """Tell whether two files say the same, numbers as closely as is asked for."""
+    """Return whether two files say the same, numbers as closely as is asked for."""
     return one.keys() == other.keys() and all(
         other[path] == (pytest.approx(value, abs=tolerance) if isinstance(value, tuple) else value)
         for path, value in one.items())
@@ -118,7 +118,7 @@ def mesh(robot: Robot) -> str:
     return geometry.uri
 
 
-def test_the_urdf_is_what_the_xacro_gives() -> None:
+def test_urdf_equals_expanded_xacro() -> None:
     expanded = etree.fromstring(expand(str(XACRO), XACRO.read_bytes(), {}, Report()))
     shipped = etree.parse(URDF).getroot()
 
@@ -133,7 +133,7 @@ SHIPPED = pytest.mark.parametrize(('urdf', 'sdf'), [(URDF, SDF), (ARM_URDF, ARM_
 
 
 @SHIPPED
-def test_both_shipped_files_are_one_robot(urdf: Path, sdf: Path) -> None:
+def test_same_robot_in_both_formats(urdf: Path, sdf: Path) -> None:
     assert robot_compare([str(urdf), str(sdf), '--tolerance', '1e-12']) == 0
     assert read(urdf).name == read(sdf).name == sdf.parent.name == urdf.stem
     config = etree.parse(sdf.parent / 'model.config')
@@ -142,13 +142,13 @@ def test_both_shipped_files_are_one_robot(urdf: Path, sdf: Path) -> None:
     assert config.xpath('string(sdf/@version)') == etree.parse(sdf).getroot().get('version')
 
 
-def test_the_xacro_is_the_same_robot() -> None:
+def test_xacro_equals_sdf() -> None:
     assert same(XACRO, SDF)
 
 
 @SHIPPED
 @pytest.mark.parametrize('poses', ['model', 'relative'])
-def test_the_urdf_becomes_the_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
+def test_conversion_of_urdf_to_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
     converted = to_sdf(urdf, tmp_path, '--poses', poses)
     assert same(converted, sdf)
     assert same(converted, urdf)
@@ -157,19 +157,19 @@ def test_the_urdf_becomes_the_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: 
 
 
 @SHIPPED
-def test_the_sdf_becomes_the_urdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
+def test_conversion_of_sdf_to_urdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
     converted = to_urdf(sdf, tmp_path)
     assert same(converted, urdf)
     assert same(converted, sdf)
 
 
-def test_the_mesh_is_found_in_the_package(tmp_path: Path) -> None:
+def test_mesh_uri_of_the_package(tmp_path: Path) -> None:
     converted = to_urdf(SDF, tmp_path)
     assert mesh(read(converted)) == 'package://opencv_tools/meshes/my_robot/robot_base.stl'
 
 
 @pytest.mark.parametrize('path', [ARM_URDF, ARM_SDF], ids=['urdf', 'sdf'])
-def test_the_arm_is_complete_and_moves(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_complete_and_movable_arm(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (urdf_to_sdf if path == ARM_URDF else sdf_to_urdf)([str(path), '--strict']) == 0
     assert capsys.readouterr().err == ''
     robot = read(path)
@@ -189,7 +189,7 @@ def test_the_arm_is_complete_and_moves(path: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize('source', [URDF, XACRO, SDF])
-def test_the_sdf_says_what_the_tutorials_says(source: Path, tmp_path: Path) -> None:
+def test_sdf_values_of_the_tutorial(source: Path, tmp_path: Path) -> None:
     tutorial = said(TUTORIAL_SDF)
     assert len(tutorial) == 13
     # The two files of the tutorial do not have the mesh in one place, nor in this package.
@@ -200,7 +200,7 @@ def test_the_sdf_says_what_the_tutorials_says(source: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize('path', [XACRO, URDF, SDF, TUTORIAL_URDF, TUTORIAL_SDF],
                          ids=lambda path: path.name)
-def test_all_is_where_the_tutorial_says(path: Path, tmp_path: Path) -> None:
+def test_poses_of_the_tutorial_in_every_file(path: Path, tmp_path: Path) -> None:
     converted = to_urdf(path, tmp_path) if path.suffix == '.sdf' else to_sdf(path, tmp_path)
     for file in (path, converted):
         listing = frames(read(file), {})
@@ -221,7 +221,7 @@ def test_all_is_where_the_tutorial_says(path: Path, tmp_path: Path) -> None:
     (TUTORIAL_URDF, 0.01, '://my_robot/meshes/my_robot/robot_base.stl'),
     (TUTORIAL_SDF, 0.1, '://my_robot/meshes/robot_base.stl'),
 ])
-def test_what_the_tutorials_files_disagree_in_stays_as_it_is(
+def test_kept_differences_between_the_tutorial_files(
         path: Path, thickness: float, uri: str, tmp_path: Path) -> None:
     converted = to_urdf(path, tmp_path) if path.suffix == '.sdf' else to_sdf(path, tmp_path)
     new = 'package' if path.suffix == '.sdf' else 'model'
@@ -230,7 +230,7 @@ def test_what_the_tutorials_files_disagree_in_stays_as_it_is(
     assert mesh(read(converted)) == new + uri
 
 
-def test_colours_are_the_tutorials(tmp_path: Path) -> None:
+def test_colours_of_the_tutorial(tmp_path: Path) -> None:
     for path in (to_sdf(TUTORIAL_URDF, tmp_path), SDF, to_sdf(URDF, tmp_path)):
         material = read(path).links[1].visuals[0].material
         assert material is not None
@@ -238,7 +238,7 @@ def test_colours_are_the_tutorials(tmp_path: Path) -> None:
         assert material.specular == material.emissive == (0, 0, 0, 1)
 
 
-def test_the_material_of_gazebo_comes_back(tmp_path: Path) -> None:
+def test_gazebo_material_round_trip(tmp_path: Path) -> None:
     (tmp_path / 'back').mkdir()
     back = to_urdf(to_sdf(URDF, tmp_path), tmp_path / 'back')
     blocks = etree.parse(back).getroot().findall('gazebo')
@@ -249,7 +249,7 @@ def test_the_material_of_gazebo_comes_back(tmp_path: Path) -> None:
     assert names == ['White']
 
 
-def test_the_mesh_is_closed_and_lies_over_the_collision_box() -> None:
+def test_closed_mesh_over_the_collision_box() -> None:
     data = MESH.read_bytes()
     count, = struct.unpack_from('<I', data, 80)
     assert len(data) == 84 + 50 * count < 20_000
