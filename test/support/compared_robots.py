@@ -39,7 +39,7 @@ def shape(link: str, name: str = '', **changes: Any) -> Shape:
 
 
 def urdf() -> Robot:
-    """Build an arm as URDF places it, with one of everything."""
+    """Create an arm with placements of URDF and one element of each kind."""
     arm = Link('arm', Placement(Pose(), FrameId('joint', 'turn')),
                Inertial(on('arm', Pose((0.0, 0.0, 0.5), (0.0, 0.0, HALF))), 2.0,
                         (1.0, 0.0, 0.0, 2.0, 0.0, 3.0)),

@@ -125,7 +125,7 @@ LAYOUTS = pytest.mark.parametrize('layout', [
 
 
 def drawn(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
-    """List the views of the picture of a robot, which tests share and do not change."""
+    """Return the axes of a picture of a robot, which tests share and must not change."""
     return _drawn(robot, tuple((positions or {}).items()))
 
 
@@ -136,7 +136,7 @@ def _drawn(robot: Robot, items: tuple[tuple[str, float], ...]) -> list[Any]:
 
 
 def near(one: Any, other: Any) -> bool:
-    """Return whether points are the same, and as many."""
+    """Return whether two lists have the same points."""
     one, other = np.array(one, float), np.array(other, float)
     return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) < 1e-9)
 
@@ -147,13 +147,13 @@ def marks(axes: Any, marker: str) -> list[tuple[float, float]]:
 
 
 def arrows(axes: Any, style: str, color: str) -> list[tuple[float, ...]]:
-    """Return from where to where arrows go."""
+    """Return the starts and ends of arrows."""
     return [(*one.xyann, *one.xy) for one in axes.texts
             if (getattr(one, 'arrowprops', None) or {}).get('arrowstyle') == style
             and one.arrowprops['color'] == color]
 
 
 def named(axes: Any) -> dict[str, tuple[float, float]]:
-    """Return the points that texts are about, by the first line of each."""
+    """Return the points of labels by the first lines of the labels."""
     return {one.get_text().split('\n')[0]: getattr(one, 'xy', one.get_position())
             for one in axes.texts if one.get_text()}

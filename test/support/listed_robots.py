@@ -31,7 +31,7 @@ def on(link: str, pose: Pose = Pose()) -> Placement:  # noqa: B008
 
 
 def tutorial() -> Robot:
-    """Build the tutorial's robot, with a wheel and a pusher that follows it."""
+    """Create the robot of the tutorial with a wheel and a pusher that mimics the wheel."""
     visual = Shape('', on('base_link', Pose((-0.1, 0.0, 0.0), (HALF, 0.0, HALF))), None)
     collision = Shape('box', on('base_link', Pose((0.0, 0.0, -0.15))), Box((0.7, 0.3, 0.1)))
     return Robot('my_robot', (
@@ -50,7 +50,7 @@ def tutorial() -> Robot:
 
 
 def shifted() -> Robot:
-    """Build a robot whose joint is not where its link is, on a root away from the model."""
+    """Create a robot with a joint away from its link and a root link away from the model."""
     return Robot('shifted', (
         Link('base', Placement(Pose((0.0, 1.0, 0.0)), MODEL)),
         Link('arm', Placement(Pose((0.5, 1.0, 0.3)), MODEL))), (

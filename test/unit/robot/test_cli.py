@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The commands for robots: what they read and write, what they say, and their exit status."""
+"""Commands for robots: input, output, messages and exit status."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_commands_of_the_readme(tmp_path: Path) -> None:
     section = (ROOT / 'README.md').read_text().split('\n## One robot in URDF and SDF\n')[1]
     lines = section.split('```console\n')[1].split('```')[0].splitlines()
     commands = [line.removeprefix('$ ') for line in lines if line.startswith('$ ')]
-    # A folder that looks as the root of the repository does after `make demo`.
+    # This folder has the layout of the repository after `make demo`.
     (tmp_path / '.venv' / 'bin').mkdir(parents=True)
     (tmp_path / 'demo').mkdir()
     for folder in ('urdf', 'sdf'):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The picture of both conventions, and the room that texts have in all pictures of robots."""
+"""Picture of both conventions, and the layout of texts in all pictures of robots."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 
 ROOT = Path(__file__).parents[3]
-# The joints are not where their links are; the second one's parent is such a link.
+# Both joints are away from their links.
 SHIFTED = """<sdf version="1.9"><model name="shifted"><link name="base"/>
 <link name="arm"><pose>0.5 0 0.3 0 0 0</pose></link>
 <link name="hand"><pose>0.5 0 0.7 0 0 0</pose></link>
@@ -55,14 +55,14 @@ LIMB = (('shoulder_pitch', 0.1, 0.24), ('shoulder_roll', 0.05, -0.01),
 
 
 def limb(side: str, body: str, at: float) -> list[tuple[str, str, Vector]]:
-    """Return the links of a limb: each with its parent and where it is there."""
+    """Return the links of a limb, each with its parent link and position."""
     names = [body, *(f'{side}_{body}_{part}_link' for part, _, _ in LIMB)]
     return [(name, parent, (0.0, at * y, z))
             for name, parent, (_, y, z) in zip(names[1:], names, LIMB)]
 
 
 def thirty() -> Robot:
-    """Build a tall robot of 30 links with long names, as humanoids have them."""
+    """Create a tall robot of 30 links with long names, similar to a humanoid."""
     parts = [('pelvis', 'base_footprint', (0.0, 0.0, 0.9)), ('torso', 'pelvis', (0.0, 0.0, 0.1)),
              ('head', 'torso', (0.0, 0.0, 0.45)), ('imu', 'torso', (-0.04, 0.0, 0.15)),
              ('camera', 'head', (0.05, 0.0, 0.1))]
@@ -78,7 +78,7 @@ def thirty() -> Robot:
 
 
 def short() -> Robot:
-    """Build a robot with names that are shorter than the headings of the picture."""
+    """Create a robot with names shorter than the headings of the picture."""
     return Robot('r', (Link('a', Placement(Pose(), MODEL)), Link(
         'b', Placement(Pose(), FrameId('joint', 'j')))), (Joint('j', 'fixed', 'a', 'b', Placement(
             Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
@@ -114,7 +114,7 @@ def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
 
 
 def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
-    """Return all texts that a figure draws, each with the rectangle of its pixels."""
+    """Return all texts that a figure draws, each with its bounding box in pixels."""
     found = []
 
     def draw(self: Any, renderer: Any) -> None:
@@ -176,7 +176,7 @@ def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]
 
 
 def entries(axes: Any) -> dict[str, str]:
-    """Return what stands below each bold line of the columns of a panel."""
+    """Return the numbers below each title in the columns of a panel."""
     texts = [one for one in axes.texts if type(one) is Text]
     assert [one.get_fontsize() for one in texts[:2]] == [12, 9]  # the headings
     found: dict[str, str] = {}
@@ -226,7 +226,7 @@ def test_joints_away_from_their_links(shifted: Robot) -> None:
     urdf, sdf = panels(shifted)
     found = entries(urdf)
     assert found['hinge (revolute)'] == 'in base\nxyz 0.2 0 0.3  rpy 0 0 0'
-    # In URDF the arm is where its joint is, so the wrist is seen from there.
+    # In URDF, the frame of the arm is the frame of its joint.
     root = convert_to_urdf(shifted, Report())
     origin = root.find('joint[@name="wrist"]/origin')
     assert isinstance(origin, etree._Element)
@@ -242,13 +242,13 @@ def test_joints_away_from_their_links(shifted: Robot) -> None:
 
 
 def arrows(axes: Any) -> list[tuple[Any, Any]]:
-    """Return from where to where the arrows of a panel go, in inches."""
+    """Return the starts and ends of the arrows of a panel in inches."""
     return [(one.xyann, one.xy) for one in axes.texts
             if (getattr(one, 'arrowprops', None) or {}).get('arrowstyle') == '-|>']
 
 
 def seen(*points: Vector) -> list[tuple[float, float]]:
-    """Return points as an eye at 55 degrees to the right and 22 above sees them."""
+    """Return the projections of points for a viewer 55 degrees to the right and 22 above."""
     right = (math.sin(math.radians(55)), math.cos(math.radians(55)), 0.0)
     low, high = math.sin(math.radians(22)), math.cos(math.radians(22))
     up = (-low * right[1], low * right[0], high)
@@ -274,7 +274,7 @@ def test_arrows_to_joints_and_to_links(shifted: Robot) -> None:
         for got, point in zip(zip(*joints.get_data()), (hinge, wrist), strict=True):
             assert (got[0] - x, got[1] - y) == pytest.approx(
                 (scale * point[0], scale * point[1]), abs=1e-9)
-    # Both panels show the robot at one scale.
+    # Both panels have the same scale.
     assert math.dist(*arrows(urdf)[0]) / math.dist(base, hinge) == pytest.approx(
         math.dist(*arrows(sdf)[0]) / math.dist(base, arm))
 
@@ -314,6 +314,6 @@ def test_picture_of_the_readme(
     assert 'joint elbow (revolute)' in capsys.readouterr().out
     assert 10_000 < shipped.stat().st_size < 100_000
     one, other = imread(shipped), imread(made)
-    # Other versions of matplotlib draw texts a little wider or smaller.
+    # Text sizes differ slightly between versions of matplotlib.
     assert one.shape[:2] == pytest.approx(other.shape[:2], rel=0.05)
     assert one.shape[1] / DPI > 8

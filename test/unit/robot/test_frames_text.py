@@ -31,7 +31,7 @@ import robots
 
 
 def cells(listing: dict[str, Any]) -> list[list[str]]:
-    """Split the lines of the text at its columns."""
+    """Return the cells of the text in rows."""
     return [re.split(r'  +', line.strip()) for line in text(listing).splitlines()]
 
 

@@ -45,7 +45,7 @@ def joint(name: str, parent: str, child: str, *, type_: str = 'continuous', pose
 
 
 def chain(joints: Sequence[Joint]) -> Robot:
-    """Build a robot as URDF has it from joints that name each link once as a child."""
+    """Create a robot with placements of URDF from joints to different child links."""
     return Robot('chain', (Link('base', Placement(Pose(), MODEL)), *(
         Link(one.child, Placement(Pose(), joint_id(one.name))) for one in joints
         if not one.is_loop)), tuple(joints))

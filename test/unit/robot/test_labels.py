@@ -41,7 +41,7 @@ def test_labels_without_overlaps() -> None:
 
 
 def empty_axes() -> Any:
-    """Build axes from 0 to 1 that are laid out."""
+    """Create axes from 0 to 1 in a figure that has been laid out."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8, 6), dpi=144)
@@ -52,7 +52,7 @@ def empty_axes() -> Any:
 
 
 def boxes_of(axes: Any) -> list[Any]:
-    """List the rooms that texts take, without the lines to their points."""
+    """Return the bounding boxes of texts, without the lines to their points."""
     from matplotlib.text import Text
     axes.figure.canvas.draw()
     return [Text.get_window_extent(text, axes.figure.canvas.get_renderer())

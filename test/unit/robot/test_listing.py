@@ -190,7 +190,7 @@ def test_poses_at_zero_and_at_a_position() -> None:
     for positions in ({}, {'hinge': 0.5}):
         listing = frames(shifted(), positions)
         arm, hinge = listing['links']['arm'], listing['joints']['hinge']
-        # As they are written, wherever the joint is.
+        # These numbers are those of the file at any position.
         assert arm['in_model'] == {'xyz': [0.5, 1.0, 0.3], 'rpy': [0.0, 0.0, 0.0]}
         assert hinge['in_child'] == {'xyz': [-0.3, 0.0, 0.0], 'rpy': [0.0, 0.0, 0.0]}
         assert hinge['in_parent']['xyz'] == pytest.approx([0.2, 0.0, 0.3])

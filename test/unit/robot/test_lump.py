@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Links that fixed joints hold together, made one."""
+"""Lumping of links that fixed joints connect."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def urdf(data: bytes) -> Robot:
 
 
 def about_the_origin(inertial: Inertial, kinematics: Kinematics) -> np.ndarray:
-    """Return moments of inertia about the model's origin, along the model's axes."""
+    """Return moments of inertia in the frame of the model."""
     pose = kinematics.placement_pose(inertial.placement)
     xx, xy, xz, yy, yz, zz = inertial.inertia
     rotation = np.reshape(pose.rotation, (3, 3))
@@ -68,7 +68,7 @@ def test_total_inertial_of_two_point_masses() -> None:
     inertial = robot.links[0].inertial
     assert inertial is not None
     assert (inertial.mass, inertial.placement.pose.xyz) == (4.0, (0.5, 0.0, 0.0))
-    # Two kg at half a metre on either side: 2 * 2 * 0.25 about y and z.
+    # Two masses of 2 kg at a distance of 0.5 m: 2 * 2 * 0.25 about y and z.
     assert inertial.inertia == pytest.approx((0, 0, 0, 1, 0, 1))
 
 

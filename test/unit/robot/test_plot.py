@@ -37,7 +37,7 @@ def test_texts_of_the_tutorial_in_svg(tmp_path: Path) -> None:
     path = tmp_path / 'robot.svg'
     plot(tutorial(), {}, str(path))
     found = words(path)
-    # In the view in space, in the tree and in the schematic.
+    # In the perspective view, in the tree and in the side view.
     assert found.count('base_footprint') == 3
     assert found.count('base_link') == 3
     assert {'0.2', '0.15', '0.1', 'base_joint (fixed)', 'xyz 0 0 0.2', 'xyz 0 0 0', 'rpy 0 0 0',

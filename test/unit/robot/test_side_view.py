@@ -37,7 +37,7 @@ def test_frames_and_shapes_in_the_side_view(layout: Layout) -> None:
     assert near(marks(side, 's'), [(x, z)])
     places = [(place[::2], [axis[::2] for axis in axes])
               for place, axes in layout.places.values()]
-    # The axis y points away: a circle with a cross.
+    # The y axis points away and is a circle with a cross.
     for marker in 'ox':
         assert near(marks(side, marker), [place for place, _ in places])
     for index, letter in ((0, 'x'), (2, 'z')):
@@ -75,7 +75,7 @@ def test_distances_in_the_side_view(layout: Layout) -> None:
         assert near([text.get_position() for text in texts], [size[3] for size in wanted])
     for size, *_ in layout.sizes:
         assert any(near(line.get_xydata().ravel(), size) for line in side.lines)
-    # Thin lines lead from what is measured to the arrows.
+    # Thin lines lead from the measured points to the arrows.
     ends = [end for size, *_ in layout.sizes for end in (size[:2], size[2:])]
     thin = [line.get_xydata() for line in side.lines if line.get_color() == primitives.PALE]
     assert near([line[1] for line in thin], ends)
@@ -101,11 +101,11 @@ def test_joint_arrows_in_the_side_view() -> None:
     side = drawn(ARM, {'elbow': math.pi / 2, 'slide': 0.1})[2]
     curves = [line.get_xydata() for line in side.lines if line.get_linestyle() == '--']
     assert len(curves) == 2 and len(curves[1]) == 19
-    # A parabola from (0, 0.4) to (0.5, 0.4) that begins towards (0.25, 0.575).
+    # A Bezier curve from (0, 0.4) to (0.5, 0.4) with the control point (0.25, 0.575).
     assert near(curves[1][[0, 9, 18]], [(0.025, 0.416625), (0.25, 0.4875), (0.475, 0.416625)])
     assert near(curves[0][9], (-0.07, 0.2))
     assert near(arrows(side, '-|>', GREY), [(*curve[-2], *curve[-1]) for curve in curves])
-    # The joint stays at its origin. The link has moved on from there.
+    # The joint stays at its origin, and the link has moved.
     assert near(marks(side, 'h'), [(0.0, 0.4), (0.5, 0.4)])
     dotted = [line.get_xydata() for line in side.lines if line.get_linestyle() == ':']
     assert near(dotted, [[(0.5, 0.4), (0.6, 0.4)]])

@@ -29,13 +29,13 @@ import pytest
 
 
 def in_view(axes: Any, *points: Vector) -> list[tuple[float, float]]:
-    """Return where points in space are in a view of it."""
+    """Return the projections of points."""
     from mpl_toolkits.mplot3d.proj3d import proj_transform
     return [proj_transform(*point, axes.get_proj())[:2] for point in points]
 
 
 def segments(axes: Any, color: str) -> Any:
-    """Return all lines of a colour in a view in space, as they are seen."""
+    """Return the projections of all lines of a colour."""
     from matplotlib.colors import to_rgba
     return [line for one in axes.collections for line in one.get_segments()
             if tuple(one.get_edgecolor()[0]) == to_rgba(color)]
@@ -50,7 +50,7 @@ def tip(place: Vector, axis: Vector, length: float) -> Vector:
 def test_frames_in_the_space_view(layout: Layout) -> None:
     space = drawn(ARM, layout.positions)[0]
     places = layout.places
-    # By the joints: the second one's link has moved on from there.
+    # The lines pass the joints; the second joint has moved its link away.
     stops = [place for place, _ in places.values()]
     if layout.positions:
         stops.insert(2, (0.5, 0.0, 0.4))
@@ -90,7 +90,7 @@ def test_shapes_in_the_space_view(layout: Layout) -> None:
 
 
 def row(*steps: float) -> Robot:
-    """Build links in a row along x."""
+    """Create links in a row along x."""
     names = [f'link_{index}' for index in range(len(steps) + 1)]
     return Robot('row', (Link(names[0], Placement(Pose(), MODEL)), *(
         Link(name, Placement(Pose(), FrameId('joint', f'to_{name}'))) for name in names[1:])),
