@@ -242,6 +242,18 @@ def required_child(element: ElementT, tag: str) -> ElementT:
     return child
 
 
+def required_attribute(element: AnyElement, name: str) -> str:
+    """
+    Return an attribute that an element must have.
+
+    :raises DescriptionError: the attribute is missing.
+    """
+    value = element.get(name)
+    if value is None:
+        raise DescriptionError(f'has no {name}=', element)
+    return value
+
+
 def to_bytes(root: Element) -> bytes:
     """Write a document, indented, with its declaration and no namespace that nothing uses."""
     etree.cleanup_namespaces(root)

@@ -156,12 +156,12 @@ def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> N
 
     assert urdf_to_sdf([str(path), '-o', there, '--report', str(report)]) == 0
     *moved, kept = carried()
-    assert moved == [('sensor', 'a', 2, 'out of <gazebo>; SDF has it in the link itself'),
-                     ('plugin', 'r', 4, 'out of <gazebo>; SDF has it in the model itself')]
+    assert moved == [('sensor', 'a', 2, 'moved from <gazebo> into the link'),
+                     ('plugin', 'r', 4, 'moved from <gazebo> into the model')]
     assert kept[:3] == ('gazebo', 'r', 0)
     lines = Path(there).read_text().splitlines()
     assert sdf_to_urdf([there, '-o', str(path), '--report', str(report)]) == 0
-    word = 'URDF has no word for it; kept in <gazebo>, which Gazebo reads'
+    word = 'not supported by URDF; preserved in <gazebo>'
     assert [(*note[:2], note[3]) for note in carried()] == [
         ('plugin', 'r', word), ('sensor', 'a', word)]
     assert ['<plugin' in lines[carried()[0][2] - 1], '<sensor' in lines[carried()[1][2] - 1]
