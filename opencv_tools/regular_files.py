@@ -116,16 +116,33 @@ def replace_file(path: Path, content: bytes) -> None:
     """
     with suppress(FileNotFoundError):
         _check_kind(path, path.lstat().st_mode)
+    temporary = write_temporary(path, content)
+    try:
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_temporary(path: Path, content: bytes) -> Path:
+    """
+    Write a new file in the folder of another file, which it can replace.
+
+    :param path: path of the other file, which need not exist.
+    :param content: content of the new file.
+    :returns: path of the new file.
+    :raises OSError: the file cannot be written.
+    """
     temporary = path.with_name(f'.{os.urandom(8).hex()}.part')
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     file = os.open(temporary, flags, 0o666)
     try:
         with os.fdopen(file, 'wb') as writing:
             writing.write(content)
-        temporary.replace(path)
-    except OSError:
+    except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    return temporary
 
 
 def _check_kind(path: Path, mode: int) -> None:
