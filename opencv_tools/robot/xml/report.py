@@ -91,7 +91,7 @@ class Report:
 
     @property
     def warnings(self) -> list[Note]:
-        """Notes about elements that are changed or lost."""
+        """All notes about elements that are changed or lost."""
         return [note for note in self.notes if note.level == LOSSY]
 
     def as_json(self) -> dict[str, Any]:

@@ -308,7 +308,7 @@ def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
         assert urdf_to_sdf([str(path), '--arg', argument]) == 0
         assert written in capsys.readouterr().out
     assert urdf_to_sdf([str(path), '--arg', 'sise:=0.25']) == 0
-    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is no argument of this file, "
+    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is not an argument of this file, "
             "which has 'name', 'size'; it is ignored\n") in capsys.readouterr().err
     assert urdf_to_sdf([str(XACRO), '--arg', 'size=1']) == 0
     assert 'which has none; it is ignored' in capsys.readouterr().err
