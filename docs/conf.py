@@ -1,0 +1,64 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Configuration of Sphinx, which ``make docs`` and rosdoc2 use."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+import re
+import xml.etree.ElementTree as ElementTree
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).parent.parent
+_PACKAGE = ElementTree.parse(ROOT / 'package.xml')
+
+project = _PACKAGE.findtext('name', '')
+author = _PACKAGE.findtext('maintainer', '')
+copyright = f'2026, {author}'  # noqa: A001
+release = version = _PACKAGE.findtext('version', '')
+
+extensions = ['myst_parser', 'sphinx.ext.autodoc']
+html_theme = 'furo' if find_spec('furo') else 'alabaster'  # rosdoc2 installs no furo
+html_title = f'{project} {release}'
+
+myst_heading_anchors = 4
+myst_enable_extensions = ['colon_fence']
+
+autodoc_member_order = 'bysource'
+autodoc_default_options = {'members': True, 'show-inheritance': True}
+autodoc_preserve_defaults = True
+
+# Types of other packages, and types that the pages do not document.
+nitpick_ignore_regex = [('py:.*', '.*')]
+
+#: Files of the root folder that are pages here.
+PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
+         'README.md': 'index.md'}
+
+
+def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
+    if docname == 'contributing':
+        text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+        source[0] = re.sub(r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
+    for file, page in PAGES.items():
+        source[0] = source[0].replace(f'](../{file}', f']({page}')
+
+
+def setup(app: Sphinx) -> None:
+    """Connect the changes of page sources."""
+    app.connect('source-read', insert_page)
