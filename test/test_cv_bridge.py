@@ -382,9 +382,9 @@ def test_more_than_four_channels() -> None:
 
 
 @pytest.mark.process
-def test_the_example_of_the_readme_runs() -> None:
-    readme = (Path(__file__).parent.parent / 'README.md').read_text()
-    (example,) = re.findall(r'```python\n(.*?)```', readme, re.DOTALL)
+def test_documented_example() -> None:
+    page = (Path(__file__).parent.parent / 'docs' / 'cv_bridge.md').read_text()
+    example, *_ = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     (comment,) = re.findall(r'print\(err\)  # (.*)', example)
     finished = subprocess.run([sys.executable, '-c', example], capture_output=True, text=True,
                               timeout=60, check=False)
