@@ -1,0 +1,147 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames from the publisher process through the subscriber process to disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import re
+
+from conftest import CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures
+import numpy as np
+from opencv_tools.capture.pattern import draw_pattern
+import pytest
+
+Start = Callable[..., NodeProcess]
+RELIABILITY = 'qos_overrides./video_frames.publisher.reliability'
+
+
+def assert_same_frames(written: list[np.ndarray], expected: list[np.ndarray]) -> None:
+    assert len(written) == len(expected)
+    different = [index for index, (left, right) in enumerate(zip(written, expected))
+                 if not np.array_equal(left, right)]
+    assert not different
+
+
+def test_every_frame_of_the_clip_is_recorded(start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=CLIP_FRAMES,
+                       timeout=60, on_overflow='block')
+    publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1)
+    assert publisher.finish() == 0, publisher.output
+    assert subscriber.finish() == 0, subscriber.output
+    assert_same_frames(read_pictures(tmp_path / 'out'), decode_clip())
+    assert re.search(r'Published 90 frames at [\d.]+ Hz, 0 dropped', publisher.output)
+    assert re.search(r'Received 90 frames .*: 90 written to .*, 0 dropped, 0 failed, 0 lost',
+                     subscriber.output)
+
+
+def test_best_effort_frames_are_recorded_or_lost(
+        start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block')
+    publisher = start('img_publisher', source='pattern:1280x720@30', publish_rate=0,
+                      wait_for_subscribers=1, **{RELIABILITY: 'best_effort'})
+    subscriber.wait_until(lambda text: text.count('Receiving video frame') > 1)
+    for process in (subscriber, publisher):
+        process.interrupt()
+        assert process.finish() == 0, process.output
+    numbers = find_numbers(read_pictures(tmp_path / 'out'))
+    received, written, lost = map(int, re.search(
+        r'Received (\d+) .*: (\d+) written to .* (\d+) lost', subscriber.output).groups())
+    assert received == written == len(numbers)
+    assert received + lost == numbers[-1] - numbers[0] + 1
+
+
+def find_numbers(pictures: list[np.ndarray]) -> list[int]:
+    """Find which frames of the pattern pictures are, every pixel of them, in rising order."""
+    numbers = [-1]
+    for picture in pictures:
+        height, width = picture.shape[:2]
+        numbers.append(next(number for number in range(numbers[-1] + 1, 10_000)
+                            if np.array_equal(picture, draw_pattern(number, width, height))))
+    return numbers[1:]
+
+
+def test_best_effort_publisher_started_first(start: Start, tmp_path: Path) -> None:
+    publisher = start('img_publisher', source='pattern:64x48', publish_rate=50,
+                      **{RELIABILITY: 'best_effort'})
+    publisher.wait_for('Publishing video frame 1:')
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=5, timeout=60)
+    assert subscriber.finish() == 0, subscriber.output
+    assert len(read_pictures(tmp_path / 'out')) == 5
+
+
+def test_two_recorders_get_every_frame(start: Start, tmp_path: Path) -> None:
+    subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=60)
+                   for name in ('first', 'second')]
+    publisher = start('img_publisher', source='pattern:320x240@60', publish_rate=0, max_frames=30,
+                      wait_for_subscribers=2)
+    assert publisher.finish() == 0, publisher.output
+    expected = [draw_pattern(number, 320, 240) for number in range(30)]
+    for subscriber, name in zip(subscribers, ('first', 'second')):
+        assert subscriber.finish() == 0, subscriber.output
+        assert_same_frames(read_pictures(tmp_path / name), expected)
+
+
+def test_progress_on_the_console(
+        start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60, timeout=60)
+    publisher = start('img_publisher', source='pattern:64x48@30', publish_rate=0, max_frames=60,
+                      wait_for_subscribers=1)
+    assert publisher.finish() == subscriber.finish() == 0
+    line = re.compile(r'video frame \d+: 64x48 bgr8, ([\d.]+ Hz, )?0 dropped')
+    for process, phrase in ((publisher, 'Publishing'), (subscriber, 'Receiving')):
+        lines = [text for text in process.output.splitlines() if f'{phrase} video frame' in text]
+        assert 2 <= len(lines) < 60  # not one for each frame
+        assert all(line.search(text) for text in lines), lines
+
+
+def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) -> None:
+    for expected in (3, 6):
+        subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=60)
+        start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=3,
+              wait_for_subscribers=1)
+        assert subscriber.finish() == 0, subscriber.output
+        assert len(read_pictures(tmp_path / 'out')) == expected
+    assert_same_frames(read_pictures(tmp_path / 'out'),
+                       [draw_pattern(number % 3, 64, 48) for number in range(6)])
+
+
+@pytest.mark.parametrize('file_name', ['frame_{seq}.tiff', 'frame_{seq:04d}.npy'])
+def test_format_from_the_extension(start: Start, tmp_path: Path, file_name: str) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60,
+                       file_name=file_name)
+    start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=2,
+          wait_for_subscribers=1, encoding='rgb8')
+    assert subscriber.finish() == 0, subscriber.output
+    written = tmp_path / 'out' / file_name.format(seq=1)
+    expected = draw_pattern(1, 64, 48)
+    if written.suffix == '.npy':
+        # The array as it was sent, which is rgb8.
+        assert np.array_equal(np.load(written), expected[..., ::-1])
+    else:
+        assert_same_frames(read_pictures(tmp_path / 'out', '.tiff')[1:], [expected])
+
+
+def test_frame_unsupported_by_the_format(
+        start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1, timeout=60,
+                       file_name='{seq}.jpg'.join('""'))
+    start('img_publisher', source='pattern:64x48', encoding='mono16', max_frames=1,
+          wait_for_subscribers=1)
+    assert subscriber.finish() == 1
+    assert 'a mono16 frame cannot be stored as .jpg; set the extension of file_name to .png' in (
+        subscriber.output)
+    assert not list((tmp_path / 'out').iterdir())

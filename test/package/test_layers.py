@@ -1,0 +1,146 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Allowed imports of each package; pure packages work without ROS and OpenCV."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import subprocess
+import sys
+
+import opencv_tools
+import pytest
+
+ROOT = Path(opencv_tools.__file__).parent
+MODULES = sorted(
+    '.'.join(path.relative_to(ROOT.parent).with_suffix('').parts).removesuffix('.__init__')
+    for path in ROOT.rglob('*.py'))
+
+# Modules of a room import only what stands here, beside the standard library and numpy.
+PURE = ('opencv_tools.image', 'opencv_tools.regular_files', 'opencv_tools.recording.naming',
+        'opencv_tools.robot')
+ALLOWED = {
+    'opencv_tools.image': {'opencv_tools.image'},
+    'opencv_tools.regular_files': set(),
+    'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
+                             'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'cv2'},
+    'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
+                               'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'av',
+                               'cv2'},
+    'opencv_tools.recording.naming': set(),
+    'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.image_codecs', 'sensor_msgs',
+                               'std_msgs'},
+    'opencv_tools.ros': {
+        'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
+        'opencv_tools.image', 'opencv_tools.recording', 'opencv_tools.regular_files',
+        'opencv_tools.standard_streams', 'ament_index_python', 'builtin_interfaces',
+        'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs',
+        'tqdm', 'yaml'},
+    'opencv_tools.standard_streams': set(),
+    'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
+                           'opencv_tools.regular_files', 'opencv_tools.standard_streams',
+                           'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
+}
+NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
+         'opencv_tools.basic_image_subscriber')
+
+
+def imported(module: str) -> set[str]:
+    """Name what a module's source imports."""
+    path = ROOT.parent.joinpath(*module.split('.'))
+    source = path / '__init__.py' if path.is_dir() else path.with_suffix('.py')
+    names = set()
+    for statement in ast.walk(ast.parse(source.read_text())):
+        if isinstance(statement, ast.Import):
+            names.update(alias.name for alias in statement.names)
+        elif isinstance(statement, ast.ImportFrom):
+            names.add(statement.module)
+    return names
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name not in NODES])
+def test_imports_point_down(module: str) -> None:
+    room = max((name for name in ALLOWED if f'{module}.'.startswith(f'{name}.')), key=len)
+    free = {*sys.stdlib_module_names, 'numpy'}
+    wrong = [name for name in imported(module) if name.partition('.')[0] not in free
+             and not any(f'{name}.'.startswith(f'{allowed}.') for allowed in ALLOWED[room])]
+    assert not wrong
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('room', PURE)
+def test_pure_modules_without_ros_and_opencv(room: str) -> None:
+    others = ('rclpy', 'cv2', 'sensor_msgs')
+    if room == 'opencv_tools.robot':
+        others += ('numpy', 'matplotlib')
+    modules = [name for name in MODULES if f'{name}.'.startswith(f'{room}.')]
+    assert modules
+    # Each comes first once, whatever others have imported.
+    script = ('import importlib, sys\n'
+              f'sys.modules.update(dict.fromkeys({others}))\n'
+              f'for module in {modules}:\n'
+              '    for name in [*sys.modules]:\n'
+              '        if name.startswith("opencv_tools"): del sys.modules[name]\n'
+              '    importlib.import_module(module)\n')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.process
+def test_imports_without_pyav() -> None:
+    script = ('import importlib, sys\n'
+              'sys.modules["av"] = None\n'
+              f'for module in {MODULES}: importlib.import_module(module)\n')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False)
+    assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.process
+def test_conversion_without_optional_modules() -> None:
+    slow = ('numpy', 'matplotlib', 'xacro', 'yaml', 'rclpy', 'cv2', 'sensor_msgs')
+    blocked = (f'import sys; sys.modules.update(dict.fromkeys({slow})); '
+               'from opencv_tools.robot.cli import urdf_to_sdf; '
+               'sys.exit(urdf_to_sdf(["-", "--report", "/dev/null"]))')
+    finished = subprocess.run(
+        [sys.executable, '-c', blocked], input='<robot name="a"><link name="b"/></robot>',
+        capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert '<link name="b"' in finished.stdout
+
+
+@pytest.mark.process
+def test_cv_bridge_imports_no_opencv_and_no_rclpy() -> None:
+    blocked = ('import sys; sys.modules.update(cv2=None); import opencv_tools.cv_bridge; '
+               'assert "rclpy" not in sys.modules')
+    finished = subprocess.run(
+        [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.process
+def test_cv_bridge_error_without_opencv() -> None:
+    script = ('import sys; sys.modules.update(cv2=None); import numpy as np; '
+              'from opencv_tools.cv_bridge import CvBridge, CvBridgeError\n'
+              'bridge = CvBridge(); image = np.zeros((2, 2, 3), np.uint8)\n'
+              'bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, "bgr8"), "mono8")\n'
+              'try: bridge.cv2_to_compressed_imgmsg(image)\n'
+              'except CvBridgeError as err: print(err)')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=30, check=True)
+    assert finished.stdout.startswith('compressed images and colormaps need OpenCV')
