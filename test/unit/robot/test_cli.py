@@ -95,7 +95,8 @@ def test_documented_commands(tmp_path: Path) -> None:
     done = subprocess.run(
         ['bash', '-e', '-o', 'pipefail'], input='\n'.join(commands), cwd=tmp_path, check=True,
         env={**os.environ, 'PYTHONPATH': str(ROOT),
-             'PATH': f"{tmp_path / 'bin'}:{os.environ['PATH']}"}, capture_output=True, text=True, timeout=120)
+             'PATH': f"{tmp_path / 'bin'}:{os.environ['PATH']}"},
+        capture_output=True, text=True, timeout=120)
     assert done.stderr == ''
     assert done.stdout.splitlines() == [line for line in lines if not line.startswith('$ ')]
     written = sorted(path.name for path in (tmp_path / 'demo').iterdir())
