@@ -42,8 +42,14 @@ autodoc_member_order = 'bysource'
 autodoc_default_options = {'members': True, 'show-inheritance': True}
 autodoc_preserve_defaults = True
 
-# Types of other packages, and types that the pages do not document.
-nitpick_ignore_regex = [('py:.*', '.*')]
+# Types of other packages, aliases, type variables, and private types of this package.
+nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
+nitpick_ignore = [('py:class', name) for name in (
+    'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
+    'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
+    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
+    'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
+nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
