@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Configuration of Sphinx, which ``make docs`` and rosdoc2 use."""
+"""Configuration of Sphinx for ``make docs``."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
@@ -32,18 +31,22 @@ copyright = f'2026, {author}'  # noqa: A001
 release = version = _PACKAGE.findtext('version', '')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc']
-html_theme = 'furo' if find_spec('furo') else 'alabaster'  # rosdoc2 installs no furo
+html_theme = 'furo'
 html_title = f'{project} {release}'
 
 myst_heading_anchors = 4
-myst_enable_extensions = ['colon_fence']
 
 autodoc_member_order = 'bysource'
 autodoc_default_options = {'members': True, 'show-inheritance': True}
-autodoc_preserve_defaults = True
 
-# Types of other packages, and types that the pages do not document.
-nitpick_ignore_regex = [('py:.*', '.*')]
+# Types of other packages, aliases, type variables, and private types of this package.
+nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
+nitpick_ignore = [('py:class', name) for name in (
+    'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
+    'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
+    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
+    'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
+nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
@@ -54,7 +57,8 @@ def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
     if docname == 'contributing':
         text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
-        source[0] = re.sub(r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
+        source[0] = re.sub(
+            r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
     for file, page in PAGES.items():
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 

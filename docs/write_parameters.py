@@ -15,7 +15,7 @@
 """
 Write the page ``docs/parameters.md`` from the parameter tables of both nodes.
 
-Run it after each change of a table: ``python3 docs/write_parameters.py``. ``make docs`` runs it too.
+Run ``python3 docs/write_parameters.py`` after each change of a table. ``make docs`` does so too.
 """
 
 from __future__ import annotations
@@ -35,14 +35,15 @@ _INTRODUCTION = """\
 
 <!-- Written by docs/write_parameters.py from the tables in the code. Do not edit this page. -->
 
-Set a parameter at the start with `--ros-args -p NAME:=VALUE`, or in a file with `--params-file`. See
-[Setting parameters](publisher.md#setting-parameters). `--help` prints these tables too.
+Set a parameter at the start with `--ros-args -p NAME:=VALUE`, or in a file with `--params-file`.
+See [Setting parameters](publisher.md#setting-parameters). `--help` prints these tables too.
 
-The column *at run time* shows whether a parameter can be changed while the node runs, for example with
-`ros2 param set`. `double` parameters also accept whole numbers.
+- *values*: the valid values. The description explains a text without a list of values.
+- *at run time*: whether the parameter can be changed while the node runs, for example with
+  `ros2 param set`.
 
-The settings of a camera, such as `brightness`, are further parameters of `img_publisher`. They depend on
-the camera. `ros2 param list` shows them.
+The settings of a camera, such as `brightness`, are further parameters of `img_publisher`. They
+depend on the camera. `ros2 param list` shows them.
 """
 
 _HEADING = """
@@ -78,7 +79,7 @@ def _row(parameter: Parameter) -> tuple[str, ...]:
 
 
 def _values(parameter: Parameter) -> str:
-    """Return the valid values of a parameter; '' for any text, or one that the node checks."""
+    """Return the valid values of a parameter; '' for a text without a list of values."""
     if parameter.choices:
         return ', '.join(map(_literal, parameter.choices))
     if isinstance(parameter.default, bool):
