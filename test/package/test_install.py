@@ -27,9 +27,6 @@ import xml.etree.ElementTree as ElementTree
 from ament_index_python.packages import (
     get_package_prefix, get_package_share_directory, PackageNotFoundError)
 from conftest import NodeProcess
-from opencv_tools.basic_image_publisher import PARAMETERS as PUBLISHER_PARAMETERS
-from opencv_tools.basic_image_subscriber import PARAMETERS as SUBSCRIBER_PARAMETERS
-from opencv_tools.ros.parameters import Parameter
 import pytest
 import yaml
 
@@ -169,10 +166,3 @@ def test_names_in_architecture_page() -> None:
         source = root.joinpath('opencv_tools', path).read_text()
         for word in filter(None, (owner, name)):
             assert re.search(rf'^ *(def|class) {word}\b', source, re.MULTILINE), (path, word)
-
-
-@pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],
-                         ids=lambda parameter: parameter.name)
-def test_documented_parameters(parameter: Parameter) -> None:
-    page = Path(__file__).parents[2].joinpath('docs', 'parameters.md').read_text()
-    assert re.search(rf'\| `{parameter.name}` \|.*\| {re.escape(parameter.description)} \|', page)
