@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import os
 from pathlib import Path
-import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -27,9 +26,6 @@ import xml.etree.ElementTree as ElementTree
 from ament_index_python.packages import (
     get_package_prefix, get_package_share_directory, PackageNotFoundError)
 from conftest import NodeProcess
-from opencv_tools.basic_image_publisher import PARAMETERS as PUBLISHER_PARAMETERS
-from opencv_tools.basic_image_subscriber import PARAMETERS as SUBSCRIBER_PARAMETERS
-from opencv_tools.ros.parameters import Parameter
 import pytest
 import yaml
 
@@ -154,22 +150,3 @@ def test_the_modules_can_be_run(module: str) -> None:
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'parameters [default]:' in finished.stdout
-
-
-def test_the_tests_that_the_readme_names_exist() -> None:
-    tests = Path(__file__).parents[1]
-    named = re.findall(r'`((?:camera/)?test_\w+\.py)((?:::\w+)*)',
-                       tests.parent.joinpath('README.md').read_text())
-    assert len(named) > 20
-    for file, path in named:
-        found, = tests.rglob(file)
-        source = found.read_text()
-        for name in filter(None, path.split('::')):
-            assert re.search(rf'^ *(def|class) {name}\b', source, re.MULTILINE), (file, name)
-
-
-@pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],
-                         ids=lambda parameter: parameter.name)
-def test_every_parameter_is_in_the_readme(parameter: Parameter) -> None:
-    readme = Path(__file__).parents[2].joinpath('README.md').read_text()
-    assert f'| `{parameter.name}` | `{parameter.default!r}` | {parameter.description}' in readme
