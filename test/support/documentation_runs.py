@@ -31,8 +31,8 @@ from conftest import DEADLINE, executable
 from documentation import ROOT
 from documented_commands import PARAMETERS, ROBOT_COMMANDS
 
-#: Folders of the project that the commands of the pages use.
-USED = ('config', 'docs', 'meshes', 'sdf', 'test/data', 'urdf')
+#: Parts of the project that the commands of the pages use.
+USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
 #: Line of a node that has published or received a frame.
 FRAME = re.compile(r'video frame \d')
 
@@ -53,8 +53,12 @@ def copy_project(folder: Path) -> Path:
     :returns: the root of the copy.
     """
     root = folder / 'opencv_tools'
+    root.mkdir()
     for name in USED:
-        shutil.copytree(ROOT / name, root / name)
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, root / name)
+        else:
+            shutil.copy(ROOT / name, root / name)
     (folder / 'bin').mkdir()
     for name in (*PARAMETERS, *ROBOT_COMMANDS):
         (folder / 'bin' / name).symlink_to(executable(name))
@@ -69,9 +73,11 @@ def copy_project(folder: Path) -> Path:
 def environment(root: Path) -> dict[str, str]:
     """Return the variables of the blocks in a copy of the project."""
     folders = (str(root.parent / 'bin'), str(Path(sys.executable).parent), os.environ['PATH'])
-    return {**os.environ, 'PATH': os.pathsep.join(folders), 'HOME': str(root.parent / 'home'),
+    outer = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
+    return {**outer, 'PATH': os.pathsep.join(folders), 'HOME': str(root.parent / 'home'),
             'PYTHONPATH': os.pathsep.join((str(ROOT), os.environ.get('PYTHONPATH', ''))),
-            'PYTHONUNBUFFERED': '1', 'PIP_NO_INDEX': '1'}
+            'PYTHONUNBUFFERED': '1', 'PIP_NO_INDEX': '1',
+            'ROS_DISTRO': 'jazzy'}  # so make installs nothing
 
 
 def run(command: Sequence[str], root: Path, seconds: float = 0) -> tuple[int, str]:

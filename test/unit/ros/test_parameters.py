@@ -65,7 +65,7 @@ ALLOWED = {
         'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9)}}
-# The README: all of the publisher may be changed but these, and none of the subscriber.
+# All parameters of the publisher may be changed but these, and none of the subscriber.
 FIXED = {'source', 'camera_info_url', 'camera_name', 'on_end', 'loop', 'start_frame',
          'stop_frame', 'max_frames', 'wait_for_subscribers'}
 
