@@ -35,10 +35,10 @@ import os
 from pathlib import Path
 import re
 import shutil
-import subprocess
 import sys
 
-from documentation import Block, PAGES, prose, read_anchors, read_blocks, read_links, ROOT, RUN, SHOWN
+from documentation import (
+    Block, PAGES, read_anchors, read_blocks, read_links, ROOT, RUN, SHOWN)
 from documentation_runs import copy_project, FRAME, matches, run
 from documented_commands import check_command, commands
 import pytest
@@ -61,12 +61,13 @@ def _runs(block: Block) -> bool:
 
 
 def _scripts(language: str) -> list[object]:
+    """Return the blocks of a language that run here."""
     return [pytest.param(block, id=block.name)
             for block in BLOCKS if block.language == language and _runs(block)]
 
 
 def _programs() -> Iterator[object]:
-    """Return the blocks of Python that run together: those of a page that end by themselves."""
+    """Yield the blocks of Python that run together: those of a page that end by themselves."""
     for page in PAGES:
         blocks = [block for block in BLOCKS
                   if block.page == page and block.language == 'python' and _runs(block)]
@@ -87,7 +88,8 @@ def project(tmp_path: Path) -> Path:
 
 def check_output(block: Block, status: int, output: str) -> None:
     """Check that a block ended as it should."""
-    assert status == 0 and 'Traceback' not in output, f'{block.name} ended with {status}:\n{output}'
+    assert status == 0, f'{block.name} ended with {status}:\n{output}'
+    assert 'Traceback' not in output, f'{block.name}:\n{output}'
 
 
 @pytest.mark.process
@@ -104,7 +106,7 @@ def test_bash_block(block: Block, project: Path, start: Callable[..., object],
     status, output = run((*prefix, 'bash', '-e', '-o', 'pipefail', str(script)), project,
                          block.seconds)
     check_output(block, status, output)
-    assert not block.seconds or 'INFO' in output, output
+    assert not block.seconds or FRAME.search(output), output
     for file, value in settings(block, project).items():
         assert file.read_text().strip() == value
 
@@ -116,7 +118,7 @@ def settings(block: Block, project: Path) -> dict[Path, str]:
 
 
 def protected(block: Block, project: Path, namespace: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what to run a block within that changes settings of the kernel, but not this one's."""
+    """Return what to run a block within, so that it does not change settings of this machine."""
     if shutil.which('sysctl') is None:
         pytest.skip('sysctl is not on this machine; sudo apt install procps')
     mounts = []
@@ -137,7 +139,7 @@ def test_console_block(block: Block, project: Path) -> None:
         else:
             assert expected, f'{block.name}: the first line is no command'
             expected[-1] = (expected[-1][0], f'{expected[-1][1]}{line}\n')
-    end = '===== end of the command ====='
+    end = '=== end of the command ==='
     script = project.parent / 'script'
     script.write_text(''.join(f'{command}\necho "{end}"\n' for command, _ in expected))
     status, output = run(('bash', '-e', '-o', 'pipefail', str(script)), project, block.seconds)
@@ -148,7 +150,7 @@ def test_console_block(block: Block, project: Path) -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('blocks', _programs())
+@pytest.mark.parametrize('blocks', [*_programs()])
 def test_python_blocks(blocks: list[Block], project: Path) -> None:
     code = json.dumps([(str(block.page), block.line, block.code) for block in blocks])
     status, output = run((sys.executable, '-c', DRIVER, code), project, blocks[-1].seconds)
@@ -156,7 +158,7 @@ def test_python_blocks(blocks: list[Block], project: Path) -> None:
     comments = [comment for block in blocks
                 for comment in re.findall(r'^ *print\(.*\)  # (.*)$', block.code, re.MULTILINE)]
     if comments:
-        assert matches('\n'.join(comments), output), output
+        assert matches('\n'.join(comments), output), f'{blocks[0].name} prints\n{output}'
 
 
 @pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS])
@@ -165,7 +167,7 @@ def test_block_form(block: Block) -> None:
     assert block.marks_are_known(), f'{block.name}: unknown mark in {block.marks}'
     assert block.language in RUN or not block.marks, f'{block.name}: a mark without a run'
     if block.language == '':
-        assert not re.search(r'^\$ ', block.code, re.MULTILINE), f'{block.name}: write it as console'
+        assert not block.code.startswith('$ '), f'{block.name}: write it as console'
     if block.language in ('bash', 'console'):
         for line in commands(block):
             check_command(line)
@@ -176,13 +178,16 @@ def test_block_form(block: Block) -> None:
 @pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in (
     *PAGES, Path('CONTRIBUTING.md'), Path('SECURITY.md'))])
 def test_links(page: Path) -> None:
-    for link in read_links(page):
-        if re.match(r'\w+:', link):
-            continue
-        file, _, anchor = link.partition('#')
-        target = Path(os.path.normpath(page.parent / file)) if file else page
-        assert (ROOT / target).exists(), f'{page}: {link} does not exist'
-        assert not anchor or anchor in read_anchors(target), f'{page}: {link} has no such heading'
+    assert [link for link in read_links(page) if not leads_somewhere(page, link)] == []
+
+
+def leads_somewhere(page: Path, link: str) -> bool:
+    """Return whether a link of a page has a target: a URL, or a file and a heading in it."""
+    if re.match(r'\w+:', link):
+        return True
+    file, _, anchor = link.partition('#')
+    target = Path(os.path.normpath(page.parent / file)) if file else page
+    return (ROOT / target).exists() and (not anchor or anchor in read_anchors(target))
 
 
 def test_pages_are_in_the_contents() -> None:

@@ -32,8 +32,10 @@ SHOWN = ('', 'cpp', 'json', 'text', 'xml', 'yaml', '{toctree}')
 
 _FENCE = re.compile(r'( *)(`{3,}|~{3,})([^`]*)$')
 _MARK = re.compile(r'<!-- test: (.*) -->$')
-_LINK = re.compile(r'!?\[(?:[^][]|\[[^]]*\])*\]\(\s*([^)\s]+)[^)]*\)|^\[[^]^]+\]:\s*(\S+)|\bsrc="([^"]+)"',
-                   re.MULTILINE)
+_LINK = re.compile(
+    r'!?\[(?:[^][]|\[[^]]*\])*\]\(\s*([^)\s]+)[^)]*\)'  # [text](target)
+    r'|^\[[^]^]+\]:\s*(\S+)'                            # [text]: target
+    r'|\bsrc="([^"]+)"', re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,24 +119,21 @@ def _until(lines: list[str], numbers: Iterator[int], fence: str) -> Iterator[str
     raise ValueError(f'the last block with {fence} is not closed')
 
 
-def prose(page: Path) -> str:
-    """Return the text of a page without blocks and code spans."""
+def _without_blocks(page: Path) -> str:
     text = (ROOT / page).read_text(encoding='utf-8')
-    text = re.sub(r'^( *)(`{3,}|~{3,}).*?^ *\2[`~]*$', '', text, flags=re.MULTILINE | re.DOTALL)
-    return re.sub(r'(`+)(?!`).+?(?<!`)\1(?!`)', lambda span: 'x' * len(span[0]), text)
+    return re.sub(r'^( *)(`{3,}|~{3,}).*?^ *\2[`~]*$', '', text, flags=re.MULTILINE | re.DOTALL)
 
 
 def read_links(page: Path) -> list[str]:
-    """Return the targets of the links and images of a page."""
-    return [next(filter(None, link.groups())) for link in _LINK.finditer(prose(page))]
+    """Return the targets of the links and images of a page, but those in code."""
+    text = re.sub(r'(`+)(?!`).+?(?<!`)\1(?!`)', 'code', _without_blocks(page))
+    return [next(filter(None, link.groups())) for link in _LINK.finditer(text)]
 
 
 def read_anchors(page: Path) -> set[str]:
     """Return the anchors of the headings of a page, as code hosts and MyST make them."""
-    text = (ROOT / page).read_text(encoding='utf-8')
-    text = re.sub(r'^( *)(`{3,}|~{3,}).*?^ *\2[`~]*$', '', text, flags=re.MULTILINE | re.DOTALL)
     found: set[str] = set()
-    for heading in re.findall(r'^#{1,6} +(.*?)[ #]*$', text, re.MULTILINE):
+    for heading in re.findall(r'^#{1,6} +(.*?)[ #]*$', _without_blocks(page), re.MULTILINE):
         shown = re.sub(r'!?\[([^]]*)\]\([^)]*\)', r'\1', heading)
         slug = re.sub(r'[^\w\- ]', '', shown.strip().lower()).replace(' ', '-')
         numbered = (f'{slug}-{number}' for number in range(1, 1000))

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs of the blocks of the documentation, each in a copy of the project with a home of its own."""
+"""Runs of blocks of the documentation, each in a copy of the project with its own home."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -31,8 +31,8 @@ from conftest import DEADLINE, executable
 from documentation import ROOT
 from documented_commands import PARAMETERS, ROBOT_COMMANDS
 
-#: Time of the copied files. No stamp of make is older, so that make installs nothing.
-LONG_AGO = 1_000_000_000
+#: Parts of the project that the commands of the pages use.
+USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
 #: Line of a node that has published or received a frame.
 FRAME = re.compile(r'video frame \d')
 
@@ -47,21 +47,18 @@ _SUDO = '#!/bin/bash\nexec "$@"\n'
 
 def copy_project(folder: Path) -> Path:
     """
-    Copy the files of the project, without those that git ignores, and lend it the environment.
+    Copy the files of the project that the pages use.
 
-    :param folder: a new folder for the copy, for the home and for stand-ins of commands.
+    :param folder: a new folder for the copy, for the home and for commands.
     :returns: the root of the copy.
     """
-    ignored = (line.strip('/\n') for line in (ROOT / '.gitignore').open())
     root = folder / 'opencv_tools'
-    shutil.copytree(ROOT, root, copy_function=_copy_file, symlinks=True,
-                    ignore=shutil.ignore_patterns('.git', *ignored))
-    (root / '.venv').mkdir()
-    for path in Path(sys.prefix).iterdir() if sys.prefix != sys.base_prefix else ():
-        (root / '.venv' / path.name).symlink_to(path)
-    for stamp in ('ready', 'installed', 'dev', 'docs'):
-        if not (root / '.venv' / stamp).exists():
-            (root / '.venv' / stamp).touch()
+    root.mkdir()
+    for name in USED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, root / name)
+        else:
+            shutil.copy(ROOT / name, root / name)
     (folder / 'bin').mkdir()
     for name in (*PARAMETERS, *ROBOT_COMMANDS):
         (folder / 'bin' / name).symlink_to(executable(name))
@@ -73,30 +70,23 @@ def copy_project(folder: Path) -> Path:
     return root
 
 
-def _copy_file(source: str, target: str) -> str:
-    shutil.copy(source, target)
-    os.utime(target, (LONG_AGO, LONG_AGO))
-    return target
-
-
-def environment(root: Path) -> Mapping[str, str]:
+def environment(root: Path) -> dict[str, str]:
     """Return the variables of the blocks in a copy of the project."""
     folders = (str(root.parent / 'bin'), str(Path(sys.executable).parent), os.environ['PATH'])
-    return {**os.environ, 'PATH': os.pathsep.join(folders), 'HOME': str(root.parent / 'home'),
+    outer = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
+    return {**outer, 'PATH': os.pathsep.join(folders), 'HOME': str(root.parent / 'home'),
             'PYTHONPATH': os.pathsep.join((str(ROOT), os.environ.get('PYTHONPATH', ''))),
-            'PYTHONUNBUFFERED': '1', 'PIP_NO_INDEX': '1'}
+            'PYTHONUNBUFFERED': '1', 'PIP_NO_INDEX': '1',
+            'ROS_DISTRO': 'jazzy'}  # so make installs nothing
 
 
-def run(command: Sequence[str], root: Path, seconds: float = 0,
-        is_ready: Callable[[str], bool] = lambda output: bool(FRAME.search(output)),
-        ) -> tuple[int, str]:
+def run(command: Sequence[str], root: Path, seconds: float = 0) -> tuple[int, str]:
     """
     Run a command in a copy of the project, and end everything that it has started.
 
-    :param command: the command.
-    :param root: the copy.
-    :param seconds: time after which Ctrl-C follows; 0 to wait for the end.
-    :param is_ready: whether Ctrl-C may come earlier, by the output.
+    :param command: the command and its arguments.
+    :param root: the copy, which is its working directory.
+    :param seconds: longest time until Ctrl-C, which follows the first frame; 0 for no Ctrl-C.
     :returns: exit status, and the output of the command and of what it started.
     """
     log = root.parent / 'output.log'
@@ -105,14 +95,13 @@ def run(command: Sequence[str], root: Path, seconds: float = 0,
             command, cwd=root, env=environment(root), stdin=subprocess.DEVNULL, stdout=console,
             stderr=subprocess.STDOUT, start_new_session=True)
     try:
-        _wait(process, log, seconds, is_ready)
+        _wait(process, log, seconds)
     finally:
         _end_session(process)
     return process.returncode, log.read_text()
 
 
-def _wait(process: subprocess.Popen[bytes], log: Path, seconds: float,
-          is_ready: Callable[[str], bool]) -> None:
+def _wait(process: subprocess.Popen[bytes], log: Path, seconds: float) -> None:
     """Wait for the end of a process, and interrupt its group when that is due."""
     begin = interrupted = time.monotonic()
     seen = 0
@@ -120,21 +109,24 @@ def _wait(process: subprocess.Popen[bytes], log: Path, seconds: float,
         now = time.monotonic()
         if now > begin + DEADLINE:
             raise AssertionError(f'did not end:\n{log.read_text()}')
-        if seconds and (now > interrupted + seconds or is_ready(log.read_text()[seen:])):
+        output = log.read_text()
+        if seconds and (now > interrupted + seconds or FRAME.search(output, seen)):
             os.killpg(process.pid, signal.SIGINT)
-            interrupted, seen = now, len(log.read_text())
+            interrupted, seen = now, len(output)
         time.sleep(0.02)
 
 
 def _end_session(process: subprocess.Popen[bytes]) -> None:
     """End the processes in the session of a process, those in the background too."""
     begin = time.monotonic()
-    while members := _members(process.pid):
-        number = signal.SIGTERM if time.monotonic() < begin + 10 else signal.SIGKILL
-        for pid in members:
+    asked: set[int] = set()
+    while members := set(_members(process.pid)):
+        is_late = time.monotonic() > begin + 10
+        for pid in members if is_late else members - asked:
             with suppress(ProcessLookupError):
-                os.kill(pid, number)
-        time.sleep(0.1)
+                os.kill(pid, signal.SIGKILL if is_late else signal.SIGTERM)
+        asked |= members
+        time.sleep(0.05)
         process.poll()
 
 
@@ -155,5 +147,4 @@ def matches(expected: str, output: str) -> bool:
         r'(?:.*\n)*?' if line.strip() == '...'
         else re.escape(line.rstrip()).replace(re.escape('...'), '.*') + r'[ \t]*\n'
         for line in expected.splitlines())
-    return re.fullmatch(pattern, output if output.endswith('\n') or not output else f'{output}\n'
-                        ) is not None
+    return re.fullmatch(pattern, ''.join(f'{line}\n' for line in output.splitlines())) is not None

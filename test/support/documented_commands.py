@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 import re
 import shlex
 
@@ -81,7 +82,7 @@ def _simple_commands(line: str) -> Iterator[list[str]]:
 
 def _check_parameters(executable: str, arguments: list[str]) -> None:
     assert not arguments or arguments[0] in ('--ros-args', '--help'), arguments
-    for option, value in zip(arguments, arguments[1:]):
+    for option, value in itertools.pairwise(arguments):
         if option == '-p':
             name, _, text = value.partition(':=')
             _accept(executable, name, text)
