@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.logs import Log
 from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
