@@ -4,7 +4,7 @@
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
-# make test-judges   check converted robots with the parsers of Gazebo and ROS; needs Debian
+# make test-interop  check converted robots with the parsers of Gazebo and ROS; needs Debian
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make soak          run both nodes for ten minutes; check for lost frames and leaks
 # make clean         remove all files that these targets have created
@@ -13,12 +13,12 @@
 # python3, version 3.10 or newer, with venv. demo, bench and soak install only the package and its
 # dependencies (.venv/installed), the other targets also those of the tests (.venv/dev).
 #
-# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-network, test-judges, bench and soak
-# use it and install nothing. Only test-judges installs its parsers with apt-get.
+# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-network, test-interop, bench and
+# soak use it and install nothing. Only test-interop installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-camera test-network test-judges bench soak clean
+.PHONY: demo test unit test-oldest test-camera test-network test-interop bench soak clean
 
 PYTHON ?= python3
 
@@ -82,8 +82,8 @@ test-network:
 	@colcon build --event-handlers console_stderr-
 	@source install/local_setup.bash && python3 test/network/run.py
 
-test-judges:
-	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/judges/run.py
+test-interop:
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/interop/run.py
 
 else
 
@@ -105,8 +105,8 @@ unit: .venv/dev
 test-network: .venv/dev
 	@$(call in_venv,.venv) python test/network/run.py
 
-test-judges: .venv/dev
-	@$(call in_venv,.venv) python test/judges/run.py
+test-interop: .venv/dev
+	@$(call in_venv,.venv) python test/interop/run.py
 
 endif
 

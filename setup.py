@@ -20,7 +20,7 @@ package_name = 'opencv_tools'
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(exclude=['test']),
     package_data={package_name: ['py.typed']},
     data_files=[
@@ -41,8 +41,8 @@ setup(
     zip_safe=True,
     maintainer='opencv_tools maintainers',
     maintainer_email='opencv-tools@example.org',
-    description='Camera, video and picture frames as image messages and back to files, and robots '
-                'from URDF to SDF and back',
+    description='Publish cameras, videos and images, record image topics, and convert robots '
+                'between URDF and SDF',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -51,12 +51,10 @@ CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
 DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
-# The first want a camera's driver, and run in a machine of their own; the second want root, the
-# third other people's parsers.
-collect_ignore = [folder for folder, variable in (
-    ('camera', 'OPENCV_TOOLS_CAMERA_MACHINE'), ('network', 'OPENCV_TOOLS_NETWORK'),
-    ('judges', 'OPENCV_TOOLS_JUDGES'),
-) if variable not in os.environ]
+#: Folders of tests that run only within a command of their own, and the variable that it sets.
+OWN_COMMAND = {'camera': 'OPENCV_TOOLS_CAMERA_MACHINE', 'network': 'OPENCV_TOOLS_NETWORK',
+               'interop': 'OPENCV_TOOLS_INTEROP'}
+collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
 # `make` says where ROS is; in a virtual environment that was merely activated it stands there.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
@@ -177,9 +175,8 @@ def _no_unmarked_process(
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that start a process, or need what colcon has built: by fixture or folder."""
-    here = Path(__file__).parent
     for item in items:
-        if item.path.parent != here or (
+        if item.path.parent.name in OWN_COMMAND or (
                 {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ()))):
             item.add_marker(pytest.mark.process)
 

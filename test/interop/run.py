@@ -1,0 +1,112 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Run the tests with other parsers: python run.py [arguments for pytest].
+
+They are those that Gazebo and ROS read robots with, libsdformat and urdfdom. Where they are
+missing, they are installed from Debian if apt-get and root are there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+SOURCE = Path(__file__).with_name('poses.cpp')
+LIBRARY = 'sdformat12'
+# What is needed, and the package of Debian that has it.
+TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++',
+         'pkg-config': 'pkg-config'}
+LIBRARY_PACKAGE = 'libsdformat-dev'
+
+
+def missing() -> list[str]:
+    """Name the packages of what is not here."""
+    packages = [package for name, package in TOOLS.items() if shutil.which(name) is None]
+    if 'pkg-config' in packages or subprocess.run(
+            ['pkg-config', '--exists', LIBRARY], check=False).returncode != 0:
+        packages.append(LIBRARY_PACKAGE)
+    return packages
+
+
+def install(packages: list[str]) -> None:
+    """Install packages, where root and apt-get are here."""
+    if os.geteuid() == 0 and shutil.which('apt-get'):
+        print(f'Installing {", ".join(packages)}', flush=True)
+        environment = dict(os.environ, DEBIAN_FRONTEND='noninteractive')
+        for command in (['update', '-qq'],
+                        ['install', '-y', '-qq', '--no-install-recommends', *packages]):
+            subprocess.run(['apt-get', *command], stdout=subprocess.DEVNULL, env=environment,
+                           check=False)
+
+
+def build(program: Path) -> None:
+    """Compile the program that asks libsdformat."""
+    flags = subprocess.run(['pkg-config', '--cflags', '--libs', LIBRARY], stdout=subprocess.PIPE,
+                           text=True, check=True).stdout.split()
+    subprocess.run(['g++', '-std=c++17', '-o', str(program), str(SOURCE), *flags], check=True)
+
+
+class Figures:
+    """Adds up what the tests record, for the summary."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._sums: Counter[str] = Counter()
+        self._largest: dict[str, float] = {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Take what a test recorded; a whole number is added, another one is a largest one."""
+        if report.when != 'call':
+            return
+        for name, value in report.user_properties:
+            if isinstance(value, int):
+                self._sums[name] += value
+            elif isinstance(value, float):
+                self._largest[name] = max(value, self._largest.get(name, 0.0))
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print it."""
+        for name, value in (*self._sums.items(), *self._largest.items()):
+            terminalreporter.write_line(f'{value:{"6d" if isinstance(value, int) else "6.1e"}}  '
+                                        f'{name}')
+
+
+def main() -> int:
+    """Return the exit status of pytest; 1 where a parser is missing."""
+    os.environ['PATH'] += ':/usr/bin:/bin'  # where Debian keeps the parsers
+    if missing():
+        install(missing())
+    packages = missing()
+    if packages:
+        print(f'the parsers or their tools are missing: sudo apt install {" ".join(packages)}',
+              file=sys.stderr)
+        return 1
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / 'poses'
+        build(program)
+        os.environ['OPENCV_TOOLS_INTEROP'] = str(program)
+        return pytest.main(['-q', str(SOURCE.parent), *sys.argv[1:]], plugins=[Figures()])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

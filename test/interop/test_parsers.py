@@ -1,0 +1,404 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What libsdformat and urdfdom say to the robots that are read and written here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+import json
+import math
+import os
+from pathlib import Path
+from random import Random
+import re
+import subprocess
+from typing import Any
+import xml.etree.ElementTree as ElementTree
+
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.model import (
+    Axis, FrameId, Inertial, Link, MODEL, Placement, Robot, UNLIMITED)
+from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
+from opencv_tools.robot.renaming import with_valid_sdf_names
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.report import Report
+import pytest
+import robots
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / 'test' / 'data' / 'robots'
+SHIPPED = [ROOT / 'urdf' / 'my_robot.urdf.xacro', ROOT / 'urdf' / 'my_robot.urdf',
+           ROOT / 'sdf' / 'my_robot' / 'model.sdf', ROOT / 'urdf' / 'my_arm.urdf',
+           ROOT / 'sdf' / 'my_arm' / 'model.sdf']
+ROBOTS = [*SHIPPED, *sorted(
+    path for path in DATA.glob('*/*.*')
+    if path.name.startswith(('ok_', 'warning_', 'tutorial_')))]
+SDF = [path for path in ROBOTS if path.suffix == '.sdf']
+
+# 1.9 is the newest that Debian's libsdformat knows. Of 1.11 it says so, and goes on.
+VERSIONS = ('1.9', '1.11')
+POSES = ('model', 'relative')
+UNKNOWN_VERSION = re.compile(
+    r'Error \[Converter\.cc:\d+\] Unable to convert from SDF version 1\.11 to 1\.9')
+
+TOLERANCE = 1e-12  # metres, and lengths of differences of unit quaternions
+
+# SDF that is read here and that libsdformat does not read: what it says.
+LIMITS_OF_LIBSDFORMAT: Mapping[str, str] = {
+    'warning_color_above_1.sdf': 'The value <diffuse>200 200 200 1</diffuse> is invalid',
+    'warning_text_before_the_declaration.sdf': 'Error parsing XML',
+}
+# Joints of files of others for which libsdformat has no axis at all: they do not say any.
+WITHOUT_AXIS: Mapping[str, str] = {
+    'warning_axis_missing.sdf': 'shoulder/0',
+}
+# What urdfdom says of some files, because they are so.
+SAID_BY_URDFDOM: Mapping[str, str] = {
+    'warning_geometry_empty.urdf': 'Geometry tag contains no child element',
+    'warning_geometry_unknown.urdf': "Unknown geometry type 'ellipsoid'",
+    'warning_mesh_without_filename.urdf': 'Mesh must contain a filename attribute',
+    'warning_texture_without_filename_or_color.urdf': r"material 'wood' undefined",
+    'warning_visual_without_geometry.urdf': 'Could not parse visual element',
+    'warning_undefined_material.urdf': r"material 'red' undefined",
+}
+# URDF has capsules since urdfdom 5. To have all else in such a file judged, they become cylinders.
+CAPSULE = "Unknown geometry type 'capsule'"
+
+
+@dataclass(frozen=True)
+class Case:
+    """
+    A file that was written here, and what ought to be in it.
+
+    :param robot: with the names of the file.
+    """
+
+    path: Path
+    robot: Robot
+
+
+@dataclass(frozen=True)
+class Written:
+    """All that was written of one robot; ``original`` is the file where that is SDF."""
+
+    original: Case | None
+    sdf: Sequence[Case]
+    urdf: Sequence[Case]
+
+
+def write_all(path: Path, folder: Path) -> Written:
+    """Read a robot and write it in every way; one of SDF by way of URDF."""
+    robot, language = read_robot(str(path), Report())
+    source, original = robot, None
+    name = '_'.join(path.parts[-2:])  # several files are called model.sdf
+    urdf = folder / f'{name}.urdf'
+    urdf.write_bytes(to_bytes(convert_to_urdf(robot, Report())))
+    back, _ = read_robot(str(urdf), Report())
+    if language == 'sdf':
+        root = parse(path.read_bytes(), str(path), Report())
+        source, original = back, Case(path, read_sdf(root, Report()))
+    return Written(original, list(write_sdf_of(source, name, folder)), [Case(urdf, back)])
+
+
+def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
+    """Write a robot as SDF in both versions and with both kinds of poses."""
+    for version in VERSIONS:
+        for poses in POSES:
+            root = convert_to_sdf(
+                robot, Report(), version=version, relative=poses == 'relative')
+            path = folder / f'{name}.{version}.{poses}.sdf'
+            path.write_bytes(to_bytes(root))
+            yield Case(path, with_valid_sdf_names(robot, Report()))
+
+
+@pytest.fixture(scope='session')
+def written(tmp_path_factory: pytest.TempPathFactory) -> Mapping[Path, Written]:
+    folder = tmp_path_factory.mktemp('judged')
+    return {path: write_all(path, folder) for path in ROBOTS}
+
+
+@pytest.fixture(scope='session')
+def judge(written: Mapping[Path, Written]) -> Callable[[Path], dict[str, Any]]:
+    """Give what libsdformat says of a file: it has read all of them at once."""
+    files = [case.path for one in written.values()
+             for case in (*one.sdf, *([one.original] if one.original else []))]
+    verdicts = ask_libsdformat(files)
+    return lambda path: verdicts[str(path)]
+
+
+def ask_libsdformat(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
+    """Have files read by libsdformat, 50 ms each, by as many processes as there are cores."""
+    cores = len(os.sched_getaffinity(0))
+    processes = [
+        subprocess.Popen([os.environ['OPENCV_TOOLS_INTEROP'], *map(str, files[number::cores])],
+                         stdout=subprocess.PIPE) for number in range(cores)]
+    verdicts: dict[str, dict[str, Any]] = {}
+    for process in processes:
+        verdicts.update(json.loads(process.communicate(timeout=300)[0]))
+        assert process.returncode == 0
+    return verdicts
+
+
+def complaints(verdict: Mapping[str, Any]) -> list[str]:
+    """Give what libsdformat complains of, without the version that it does not know."""
+    lines = re.sub(r'\x1b\[[\d;]*m', '', verdict['complaints']).splitlines()
+    return [line for line in lines if line and not UNKNOWN_VERSION.fullmatch(line)]
+
+
+@pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
+def test_our_sdf_is_valid(path: Path, written: Mapping[Path, Written],
+                          judge: Callable[[Path], dict[str, Any]],
+                          record_property: Callable[[str, object], None]) -> None:
+    for case in written[path].sdf:
+        verdict = judge(case.path)
+        assert verdict['valid'], verdict['complaints'] + case.path.read_text()
+        assert complaints(verdict) == [], case.path.read_text()
+    record_property('files of SDF written here: valid, and nothing to complain of, says '
+                    'libsdformat', len(written[path].sdf))
+
+
+@pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
+def test_poses_in_our_sdf_are_libsdformats(
+        path: Path, written: Mapping[Path, Written], judge: Callable[[Path], dict[str, Any]],
+        record_property: Callable[[str, object], None]) -> None:
+    for case in written[path].sdf:
+        count, largest = compare(case.robot, judge(case.path))
+        record_property('poses in SDF written here that libsdformat resolves alike', count)
+        record_property('the largest difference, in metres or of unit quaternions', largest)
+
+
+@pytest.mark.parametrize('path', SDF, ids=lambda path: path.name)
+def test_sdf_is_read_as_libsdformat_reads_it(
+        path: Path, written: Mapping[Path, Written], judge: Callable[[Path], dict[str, Any]],
+        record_property: Callable[[str, object], None]) -> None:
+    original = written[path].original
+    assert original is not None
+    if path.name in LIMITS_OF_LIBSDFORMAT:
+        assert LIMITS_OF_LIBSDFORMAT[path.name] in judge(path)['complaints']
+        record_property('files of SDF that are read here and not by libsdformat', 1)
+        return
+    verdict = judge(path)
+    if path.name in WITHOUT_AXIS:
+        axes = verdict['models'][original.robot.name].setdefault('axes', {})
+        assert WITHOUT_AXIS[path.name] not in axes
+        axes[WITHOUT_AXIS[path.name]] = expected(original.robot)[1][WITHOUT_AXIS[path.name]]
+    count, _ = compare(original.robot, verdict)
+    record_property('poses in SDF of others that are read as libsdformat reads them', count)
+
+
+@pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
+def test_our_urdf_is_parsed_by_urdfdom(
+        path: Path, written: Mapping[Path, Written], tmp_path: Path,
+        record_property: Callable[[str, object], None]) -> None:
+    for case in written[path].urdf:
+        finished = check_urdf(case.path)
+        if CAPSULE in finished.stderr:
+            text = case.path.read_text()
+            assert '<capsule' in text
+            changed = tmp_path / case.path.name
+            changed.write_text(text.replace('<capsule', '<cylinder'))
+            finished = check_urdf(changed)
+            record_property('of them with capsules, which urdfdom 3 does not know', 1)
+        assert 'Successfully Parsed XML' in finished.stdout, finished.stderr
+        if path.name in SAID_BY_URDFDOM:
+            assert re.search(SAID_BY_URDFDOM[path.name], finished.stderr)
+        else:
+            assert finished.stderr == ''
+        assert tree(finished.stdout) == {
+            joint.child: joint.parent for joint in case.robot.joints if not joint.is_loop}
+        record_property('files of URDF written here that urdfdom parses, with the same tree', 1)
+
+
+@pytest.mark.parametrize('language', ['urdf', 'sdf'])
+def test_robots_that_are_made_up_are_taken_by_both_parsers(
+        language: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
+    made: list[Written] = []
+    for seed in range(12):
+        path = tmp_path / f'made_up_{seed}.{language}'
+        path.write_bytes(ElementTree.tostring(getattr(robots, language)(Random(seed), 8)))
+        made.append(write_all(path, tmp_path))
+    verdicts = ask_libsdformat([case.path for one in made for case in one.sdf])
+    for one in made:
+        for case in one.sdf:
+            verdict = verdicts[str(case.path)]
+            assert verdict['valid'] and complaints(verdict) == [], (
+                verdict['complaints'] + case.path.read_text())
+            compare(case.robot, verdict)
+        for case in one.urdf:
+            text = case.path.read_text().replace('<capsule', '<cylinder')
+            case.path.write_text(text)
+            finished = check_urdf(case.path)
+            assert 'Successfully Parsed XML' in finished.stdout, finished.stderr + text
+            assert finished.stderr == '', text
+    record_property('files of SDF of made up robots that libsdformat takes', len(verdicts))
+
+
+def test_parts_that_libsdformat_refuses(tmp_path: Path) -> None:
+    paths = [tmp_path / f'{number}.sdf' for number in range(len(robots.PARTS_OF_SDF))]
+    for path, (content, _) in zip(paths, robots.PARTS_OF_SDF):
+        path.write_text(f'<sdf version="1.9"><model name="m"><link name="a">{content}</link>'
+                        '</model></sdf>')
+    verdicts = ask_libsdformat(paths)
+    for path, (content, words) in zip(paths, robots.PARTS_OF_SDF):
+        assert verdicts[str(path)]['valid'] is not bool(words), content
+
+
+@pytest.mark.parametrize(('mass', 'inertia'), [
+    (1, (1, 0, 0, 1, 0, 1)), (1, (1, 0, 0, 1, 0, 2)), (1, (1, 0, 0, 1, 0, 2.1)),
+    (0, (0, 0, 0, 0, 0, 0)), (0, (0, 0, 0, 0, 0, 1)), (1, (0, 0, 0, 0, 0, 0)),
+    (-1, (1, 0, 0, 1, 0, 1)), (1, (-1, 0, 0, 1, 0, 1)), (1, (1, 5, 0, 1, 0, 1)),
+    (1, (1, 0.9999, 0, 1, 0, 1)), (1, (1, 0.4, 0, 1, 0, 1)), (1, (1e-6, 0, 0, 1e-6, 0, 2.1e-6)),
+    (1, (2, 0.5, 0.25, 2, -0.5, 3)), (1, (2, 0.5, 1.25, 2, -0.5, 3)),
+    (1, (0.1, 0, 0, 0.2, 0, 0.3)),
+])
+def test_moments_of_inertia_that_libsdformat_refuses(
+        mass: float, inertia: Tensor, tmp_path: Path) -> None:
+    placement = Placement(Pose(), FrameId('link', 'a'))
+    xx, xy, xz, yy, yz, zz = map(float, inertia)
+    inertial = Inertial(placement, float(mass), (xx, xy, xz, yy, yz, zz))
+    robot = Robot('robot', (Link('a', Placement(Pose(), MODEL), inertial),))
+    path = tmp_path / 'robot.sdf'
+    report = Report()
+    path.write_bytes(to_bytes(convert_to_sdf(robot, report, version='1.9')))
+    assert ask_libsdformat([path])[str(path)]['valid'] is not bool(report.warnings)
+
+
+def test_the_command_says_the_same(written: Mapping[Path, Written],
+                                   judge: Callable[[Path], dict[str, Any]]) -> None:
+    for path in SHIPPED:
+        case = written[path].sdf[0]
+        finished = ign_check(case.path)
+        assert (finished.returncode, finished.stdout) == (0, 'Valid.\n')
+        assert judge(case.path)['valid']
+    wrong = sorted(DATA.glob('sdf/error_*_unknown*.sdf'))
+    assert len(wrong) > 3
+    verdicts = ask_libsdformat(wrong)
+    for path in wrong:
+        assert ('Valid' in ign_check(path).stdout) == verdicts[str(path)]['valid'], path
+
+
+def check_urdf(path: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command that people run."""
+    return subprocess.run(['check_urdf', str(path)], capture_output=True, text=True, timeout=30,
+                          check=False)
+
+
+def ign_check(path: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command that people run."""
+    return subprocess.run(['ign', 'sdf', '-k', str(path)], capture_output=True, text=True,
+                          timeout=60, check=False)
+
+
+def compare(robot: Robot, verdict: Mapping[str, Any]) -> tuple[int, float]:
+    """Compare all that a robot has with what libsdformat has; how many poses, how far apart."""
+    model = verdict['models'][robot.name]
+    assert model['trouble'] == ''
+    poses, axes, masses = expected(robot)
+    assert {kind: set(group) for kind, group in poses.items() if kind != 'inertials'} == {
+        kind: set(model.get(kind, {})) for kind in poses if kind != 'inertials'}
+    largest = 0.0
+    for kind, group in poses.items():
+        for name, transform in group.items():
+            distance = apart(transform, model[kind][name])
+            assert distance <= TOLERANCE, (kind, name, transform, model[kind][name])
+            largest = max(largest, distance)
+    assert set(axes) <= set(model.get('axes', {}))
+    for name, values in axes.items():
+        assert limited(model['axes'][name]) == pytest.approx(values, abs=1e-12), name
+    for name, values in masses.items():
+        assert model['masses'][name] == pytest.approx(values, abs=1e-12), name
+    return sum(map(len, poses.values())), largest
+
+
+def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, list[float]],
+                                    dict[str, list[float]]]:
+    """Give poses in the model by kind and name, axes, and masses with their moments."""
+    kinematics = Kinematics(robot)
+    links = [link for link in robot.links if not link.is_world]
+    # SDF has neither, so that these are carried beside it; what they move is placed all the same.
+    joints = [joint for joint in robot.joints if joint.type not in ('floating', 'planar')]
+    poses = {
+        'links': {link.name: kinematics.pose(FrameId('link', link.name)) for link in links},
+        'joints': {joint.name: kinematics.pose(FrameId('joint', joint.name))
+                   for joint in joints},
+        'frames': {frame.name: kinematics.pose(FrameId('frame', frame.name))
+                   for frame in robot.frames},
+        'visuals': shapes(kinematics, links, 'visuals'),
+        'collisions': shapes(kinematics, links, 'collisions'),
+        'inertials': {link.name: kinematics.placed(link.inertial.placement)
+                      for link in links if link.inertial},
+    }
+    axes = {f'{joint.name}/{number}': axis_values(axis, joint.type) for joint in joints
+            if joint.type != 'fixed' for number, axis in enumerate(joint.axes)}
+    masses = {link.name: [link.inertial.mass, *link.inertial.inertia]
+              for link in links if link.inertial}
+    return poses, axes, masses
+
+
+def shapes(kinematics: Kinematics, links: Sequence[Link], kind: str) -> dict[str, Transform]:
+    """Give where visuals or collisions are in the model."""
+    return {f'{link.name}/{shape.name}': kinematics.placed(shape.placement)
+            for link in links for shape in getattr(link, kind)}
+
+
+def axis_values(axis: Axis, kind: str) -> list[float]:
+    """Give direction, limits, damping and friction of an axis as libsdformat has them."""
+    limit, dynamics = axis.limit, axis.dynamics
+    lower, upper = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
+    if kind == 'continuous':
+        lower, upper = -math.inf, math.inf
+    effort, velocity = (limit.effort, limit.velocity) if limit else (-1.0, -1.0)
+    return [*normalised(axis.xyz), lower, upper, effort if effort >= 0 else math.inf,
+            velocity if velocity >= 0 else math.inf,
+            (dynamics.damping if dynamics else None) or 0.0,
+            (dynamics.friction if dynamics else None) or 0.0]
+
+
+def limited(values: Sequence[float]) -> list[float]:
+    """Give what libsdformat has of an axis, with infinity wherever there is no limit."""
+    *xyz, lower, upper, effort, velocity, damping, friction = values
+    return [*xyz, *(math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
+                    for value in (lower, upper)),
+            *(math.inf if value < 0 or value >= UNLIMITED else value
+              for value in (effort, velocity)), damping, friction]
+
+
+def apart(transform: Transform, judged: Sequence[float]) -> float:
+    """Give how far apart two poses are, of places or of unit quaternions."""
+    quaternion = transform.quaternion()
+    return max(math.dist(transform.translation, judged[:3]),
+               min(math.dist(quaternion, judged[3:]),
+                   math.dist(quaternion, [-value for value in judged[3:]])))
+
+
+def tree(output: str) -> dict[str, str]:
+    """Read the tree that check_urdf prints: the parent of each link."""
+    parents: dict[str, str] = {}
+    above: list[str] = []
+    for line in output.splitlines():
+        root = re.match(r'root Link: (.*) has \d+ child\(ren\)$', line)
+        child = re.match(r'( +)child\(\d+\):  (.*)$', line)
+        if root:
+            above = [root[1]]
+        elif child:
+            depth = len(child[1]) // 4
+            del above[depth:]
+            parents[child[2]] = above[-1]
+            above.append(child[2])
+    return parents

@@ -1,0 +1,314 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What users get wrong: one sentence with the value and the remedy, and an exit status."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import signal
+
+from conftest import NodeProcess
+from opencv_tools import basic_image_publisher, basic_image_subscriber
+from opencv_tools.ros.command_line import check_params_file, check_ros_arguments, load_parameters
+from opencv_tools.ros.parameters import Parameter, ParameterError
+import pytest
+import yaml
+
+Start = Callable[..., NodeProcess]
+
+MAIN = {'img_publisher': basic_image_publisher.main, 'img_subscriber': basic_image_subscriber.main}
+
+FAILED = 1
+BAD_USAGE = 2
+
+PUBLISHER = {
+    'no such device number': (FAILED, {'source': 987, 'reconnect': 'never'},
+                              'camera /dev/video987 does not exist'),
+    'no such device': (FAILED, {'source': '/dev/video987', 'reconnect': 'never'},
+                       'camera /dev/video987 does not exist'),
+    'no camera': (FAILED, {'source': '/dev/null'}, '/dev/null is not a camera'),
+    'no such file': (FAILED, {'source': 'none.mp4'},
+                     'none.mp4 cannot be opened: No such file or directory'),
+    'a mistyped pattern': (FAILED, {'source': 'patern:64x48'},
+                           'No such file or directory; did you mean pattern:64x48?'),
+    'a text named mp4': (FAILED, {'source': 'text.mp4'},
+                         'text.mp4 cannot be opened as a video: it is damaged or not a video'),
+    'a text named png': (FAILED, {'source': 'text.png'},
+                         'text.png cannot be read: 5 bytes are not a picture'),
+    'a folder without pictures': (FAILED, {'source': 'empty'}, 'no image file in empty'),
+    'a stream that is not there': (
+        FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
+        'rtsp://127.0.0.1:9/x is not reachable: 127.0.0.1 port 9: Connection refused'),
+    'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),
+    'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'for example pattern:640x480@30'),
+    'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},
+                         "parameter encoding is 'bgr9': give one of 'rgb8'"),
+    'negative rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': -1.0},
+                      'parameter publish_rate is -1.0: give a number from 0 to 1000'),
+    'no rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': 'fast'},
+                "parameter publish_rate is 'fast': give a number"),
+    'half a frame': (BAD_USAGE, {'source': 'pattern', 'max_frames': 1.5},
+                     'parameter max_frames is 1.5: give a whole number'),
+    'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
+                    "parameter on_end is 'explode': give one of 'stop', 'loop', 'hold'"),
+    'unknown pixel format': (BAD_USAGE, {'fourcc': 'H264'},
+                             "parameter fourcc is 'H264': give a supported pixel format: BGR3"),
+    'a start after the stop': (
+        BAD_USAGE, {'source': 'pattern', 'start_frame': 5, 'stop_frame': 5},
+        'parameter start_frame is 5, which is not before stop_frame 5: give a smaller'),
+    'a name with a path': (BAD_USAGE, {'source': 'pattern', 'camera_name': '../x'},
+                           "parameter camera_name is '../x': give up to 128 letters"),
+    'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
+    'unknown wait': (BAD_USAGE, {'reconnect': 'soon'},
+                     "parameter reconnect is 'soon': set it to forever, never or a number of"),
+    'a list': (BAD_USAGE, {'source': '[1, 2]'}, 'parameter source is [1, 2]: give a text'),
+    'unknown reliability': (BAD_USAGE, {
+        'source': 'pattern', 'qos_overrides./video_frames.publisher.reliability': 'perfect'},
+        'video_frames cannot be published: Unexpected QoS override'),
+    **{f'a misspelt {meant}': (BAD_USAGE, {'source': 'pattern', wrong: 5},
+                               f'there is no parameter {wrong}: did you mean {meant}?')
+       for wrong, meant in (('max_frame', 'max_frames'), ('stop_fram', 'stop_frame'),
+                            ('loops', 'loop'), ('onend', 'on_end'),
+                            ('reconect', 'reconnect'))},
+    'negative depth': (BAD_USAGE, {
+        'source': 'pattern', 'qos_overrides./video_frames.publisher.depth': -3},
+        'depth is -3: give a number from 0'),
+}
+
+SUBSCRIBER = {
+    'a folder below a file': (FAILED, {'output_dir': 'text.mp4/out'},
+                              'output_dir', 'cannot be used: Not a directory'),
+    'a folder in /proc': (FAILED, {'output_dir': '/proc/out'}, 'output_dir /proc/out'),
+    'no folder': (BAD_USAGE, {'output_dir': "''"}, "output_dir is '': set it to a folder"),
+    'no such field in the name': (BAD_USAGE, {'file_name': 'f{sequence}.png'},
+                                  'the field {sequence} is unknown', '{seq}, {stamp}'),
+    'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'set max_frames, max_duration or'),
+    'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
+                         'ring deletes the oldest files, but a .mp4 recording'),
+    'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
+                                      'writer is not used; did you mean writers?'),
+    **{f'a misspelt {meant}': (BAD_USAGE, {wrong: 5},
+                               f'there is no parameter {wrong}: did you mean {meant}?')
+       for wrong, meant in (('max_frame', 'max_frames'), ('max_duratio', 'max_duration'),
+                            ('max_byte', 'max_bytes'), ('timout', 'timeout'),
+                            ('every', 'every_n'), ('max_rat', 'max_rate'), ('rings', 'ring'))},
+    'files that are an error': (FAILED, {'on_exists': 'error', 'output_dir': '.',
+                                         'file_name': 'text.png'},
+                                'already contains text.png; set output_dir'),
+    'unknown format': (BAD_USAGE, {'file_name': 'f{seq}.gif'},
+                       "the extension '.gif' is unknown; use one of .png, .jpg"),
+    'unquoted braces': (BAD_USAGE, {'file_name': '{seq}.png'}, 'in quotes within quotes'),
+    'negative timeout': (BAD_USAGE, {'timeout': -1}, 'parameter timeout is -1: give a number'),
+    'nobody publishes': (FAILED, {'timeout': 0.3}, 'no frame on /video_frames within 0.3 s'),
+}
+
+
+# One of each outcome, and those of which libraries might say more; the others run in here.
+IN_A_PROCESS = (('img_publisher', 'no such device number'), ('img_publisher', 'unknown encoding'),
+                ('img_publisher', 'a text named mp4'),
+                ('img_publisher', 'a stream that is not there'),
+                ('img_subscriber', 'nobody publishes'), ('img_subscriber', 'unknown format'))
+CASES = {'img_publisher': PUBLISHER, 'img_subscriber': SUBSCRIBER}
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> None:
+    """Make the files that cases name."""
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'text.mp4').write_text('hello')
+    (tmp_path / 'text.png').write_text('hello')
+
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(files: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
+    """Run an executable in this process: its exit status, and what is on the console."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', 'default')  # this process's malloc is not theirs
+
+    def _run(name: str, *words: str) -> tuple[int, str]:
+        try:
+            status = MAIN[name]([name, *words])
+        except SystemExit as end:
+            status = end.code
+        captured = capfd.readouterr()
+        return status, captured.out + captured.err
+
+    yield _run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def check_refusal(output: str, *texts: str) -> None:
+    """Check that it is one sentence with what is wrong."""
+    for text in texts:
+        assert text in output
+    errors = [line for line in output.splitlines() if '[ERROR]' in line]
+    other = [line for line in output.splitlines()
+             if not line.startswith(('[ERROR]', '[INFO]', '[WARN]'))]
+    assert len(errors) == 1 and not other, output
+
+
+def assignments(parameters: dict[str, object]) -> list[str]:
+    return [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
+
+
+@pytest.mark.parametrize(('name', 'case'), [
+    (name, case) for name, cases in CASES.items() for case in cases
+    if (name, case) not in IN_A_PROCESS])
+def test_refusal(run: Run, name: str, case: str) -> None:
+    status, parameters, *texts = CASES[name][case]
+    ended, output = run(name, '--ros-args', *assignments(parameters))
+    assert ended == status, output
+    check_refusal(output, *texts)
+
+
+@pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
+def test_a_process_that_refuses(start: Start, files: None, name: str, case: str) -> None:
+    status, parameters, *texts = CASES[name][case]
+    process = start(name, **parameters)
+    assert process.finish() == status, process.output
+    check_refusal(process.output, *texts)
+
+
+@pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
+    ('img_publisher', ['--help'], 0, 'Frame rate of the published images in Hz; 0 for the'),
+    ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
+    ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),
+    ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),
+    ('img_publisher', ['--help'], 0, 'to compare'),
+    ('img_subscriber', ['--help'], 0, 'Folder of the recorded files; created if'),
+    ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
+    ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0\n'),
+    ('img_publisher', ['--source', '0'], BAD_USAGE, '; write --ros-args -p source:=0\n'),
+    ('img_publisher', ['--max-frames=7'], BAD_USAGE, '; write --ros-args -p max_frames:=7\n'),
+    ('img_publisher', ['--loop', '--x'], BAD_USAGE, '; write --ros-args -p loop:=VALUE\n'),
+    ('img_subscriber', ['--source', '0'], BAD_USAGE, 'unrecognized arguments: --source 0\n'),
+    ('img_publisher', ['source:=pattern'], BAD_USAGE, 'write --ros-args -p source:=pattern\n'),
+    ('img_publisher', ['--ros-args', '-r', 'source:=pattern'], BAD_USAGE,
+     'write --ros-args -p source:=pattern\n'),
+    ('img_subscriber', ['--ros-args', '--remap', 'image_subscriber:timeout:=3'], BAD_USAGE,
+     'timeout is a parameter: write --ros-args -p image_subscriber:timeout:=3\n'),
+    ('img_publisher', ['--ros-args', '--nonsense', '--'], BAD_USAGE, '--nonsense'),
+    ('img_publisher', ['--ros-args', '-p', 'source', '--'], BAD_USAGE, 'write -p NAME:=VALUE'),
+    ('img_publisher', ['--ros-args', '--params-file', '/none.yaml', '--'], BAD_USAGE,
+     "Couldn't parse params file: '--params-file /none.yaml'"),
+])
+def test_command_line(run: Run, name: str, words: list[str], status: int, text: str) -> None:
+    ended, output = run(name, *words)
+    assert ended == status, output
+    assert text in output
+
+
+@pytest.mark.parametrize(('sections', 'words', 'outcome'), [
+    ('image_publisher', '', None), ('/**', '', None), ('/**/image_publisher', '', None),
+    ('/front/image_publisher', '', None), ('img_publisher image_publisher', '', 'remark'),
+    ('img_publisher', '', 'p.yaml has parameters for img_publisher, but img_publisher is the '
+     'executable and image_publisher is the node: write image_publisher: instead'),
+    ('/a/img_publisher', '', 'write /a/image_publisher: instead of /a/img_publisher:'),
+    ('camera viewer', '', 'for camera, viewer, but none for this node: write image_publisher:, '),
+    ('eye', '-r __node:=eye', None), ('eye', '__node:=eye', None),
+    ('img_publisher', '-r image_publisher:__name:=img_publisher', None),
+    ('image_publisher', '-r __node:=eye', 'none for this node: write eye:'),
+    ('', '', None)])
+def test_sections_of_a_parameter_file(
+        tmp_path: Path, sections: str, words: str, outcome: str | None) -> None:
+    file = tmp_path / 'p.yaml'
+    file.write_text(yaml.safe_dump(
+        {name: {'ros__parameters': {'source': 'pattern'}} for name in sections.split()}))
+    # ROS takes a rule outside of its arguments too.
+    rule = words.split() if words.startswith('-r') else ['--', *words.split(), '--ros-args']
+    args = ['img_publisher', '--ros-args', *rule, '--params-file', str(file)]
+    table = (Parameter('source', '0', 'a source'),)
+    if outcome in (None, 'remark'):
+        remarks = check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
+        assert len(remarks) == (outcome == 'remark')
+        assert all('write image_publisher: instead of img_publisher:' in text for text in remarks)
+    else:
+        with pytest.raises(ParameterError) as caught:
+            check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
+        assert outcome in str(caught.value)
+
+
+def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'p.yaml').write_text('img_subscriber:\n  ros__parameters:\n    timeout: 0.1\n')
+    ended, output = run('img_subscriber', '--ros-args', '--params-file', 'p.yaml')
+    assert ended == BAD_USAGE
+    check_refusal(output, 'p.yaml', 'write image_subscriber: instead of img_subscriber:')
+    with (tmp_path / 'p.yaml').open('a') as file:
+        file.write('/**:\n  ros__parameters:\n    source: none.mp4\n')
+    ended, output = run('img_publisher', '--ros-args', '--params-file', 'p.yaml')
+    assert ended == FAILED
+    assert 'none.mp4 cannot be opened' in output
+
+
+@pytest.mark.parametrize('name', ['', '.', 'none.yaml'])
+def test_a_params_file_of_a_launch_file_that_there_is_not(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'p.yaml').touch()
+    check_params_file('p.yaml')
+    with pytest.raises(ParameterError, match=f'params_file is {name!r}: give a file that exists'):
+        check_params_file(name)
+    for launch_file in (Path(__file__).parents[2] / 'launch').glob('*.launch.py'):
+        calls = [call for call in ast.walk(ast.parse(launch_file.read_text()))
+                 if isinstance(call, ast.Call) and ast.unparse(call.func) == 'check_params_file']
+        assert [ast.unparse(argument) for call in calls for argument in call.args] == [
+            'params_file']
+
+
+def test_parameter_files_that_are_left_to_rcl(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')  # whoever opens it waits for a writer
+    for name, content in {
+            'large': 'a: b\n' * 250_000, 'deep': '[' * 5000, 'alias': 'a: &a [1]\nb: *a\n',
+            'text': 'a: [\n', 'bytes': '\ud800'}.items():
+        (tmp_path / name).write_bytes(content.encode('utf-8', 'surrogatepass'))
+    for name in ('pipe', 'large', 'deep', 'alias', 'text', 'bytes', 'none', '/dev/zero', '.'):
+        with pytest.raises((OSError, ValueError, yaml.YAMLError)):
+            load_parameters(tmp_path / name)
+        assert check_ros_arguments(
+            ['x', '--ros-args', '--params-file', str(tmp_path / name)], 'x', 'y', ()) == []
+
+
+def test_an_unknown_parameter_is_said(run: Run) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=0', '-p', 'source:=pattern',
+                        '-p', 'max_frames:=1')
+    assert ended == 0
+    assert 'unknown parameter sorce is not used; did you mean source?' in output
+
+
+@pytest.mark.parametrize('reconnect', ['never', '0.2'])
+def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: str) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
+                        '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
+    assert ended == FAILED
+    assert output.count(' is not used yet') == 2
+    if reconnect != 'never':  # it is said while the camera is waited for
+        assert output.rindex(' is not used yet') < output.index('gave up after')
+    assert 'gain is not used yet; it is not a parameter of the node, and no camera is' in output
+    assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
+
+
+def test_a_number_where_a_text_or_a_fraction_is_wanted_is_taken(run: Run) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', 'source:=pattern', '-p',
+                        'publish_rate:=50', '-p', 'max_frames:=2', '-p', 'frame_id:=7')
+    assert ended == 0, output

@@ -1,0 +1,175 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an installed package has, where ROS 2 looks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+from ament_index_python.packages import (
+    get_package_prefix, get_package_share_directory, PackageNotFoundError)
+from conftest import NodeProcess
+from opencv_tools.basic_image_publisher import PARAMETERS as PUBLISHER_PARAMETERS
+from opencv_tools.basic_image_subscriber import PARAMETERS as SUBSCRIBER_PARAMETERS
+from opencv_tools.ros.parameters import Parameter
+import pytest
+import yaml
+
+
+EXECUTABLES = ['img_publisher', 'img_subscriber', 'robot_compare', 'robot_frames', 'sdf_to_urdf',
+               'urdf_to_sdf']
+
+
+@pytest.fixture
+def prefix() -> Path:
+    """Return the folder into which colcon has installed the package."""
+    try:
+        return Path(get_package_prefix('opencv_tools'))
+    except PackageNotFoundError:
+        if 'COLCON' in os.environ:
+            raise
+        pytest.skip('colcon has not installed the package; make test does, and runs this')
+
+
+@pytest.fixture
+def share(prefix: Path) -> Path:
+    """Return the folder of launch files, configurations and robots that colcon has installed."""
+    folder = Path(get_package_share_directory('opencv_tools'))
+    assert folder == prefix / 'share' / 'opencv_tools'
+    return folder
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_the_executables_stand_beside_python(name: str) -> None:
+    # The pip of Debian 12 put them elsewhere, because setup.cfg says where colcon puts them.
+    if not Path(sys.prefix, 'installed').exists():
+        pytest.skip('this python is none that make has set up; ros2 run finds the executables')
+    finished = subprocess.run([Path(sys.executable).parent / name, '--help'],
+                              capture_output=True, text=True, timeout=60, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert finished.stdout.startswith(f'usage: {name} ')
+
+
+def test_ros2_run_finds_and_runs_the_executables(prefix: Path, tmp_path: Path) -> None:
+    folder = prefix / 'lib' / 'opencv_tools'
+    assert sorted(path.name for path in folder.iterdir()) == EXECUTABLES
+    for path in folder.iterdir():
+        assert os.access(path, os.X_OK)
+    finished = subprocess.run(
+        [folder / 'img_publisher', '--ros-args', '-p', 'source:=pattern', '-p', 'max_frames:=2'],
+        cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert 'Publishing video frame' in finished.stderr
+
+
+def test_ros2_run_finds_and_runs_the_commands_for_robots(prefix: Path, share: Path,
+                                                         tmp_path: Path) -> None:
+    urdf, sdf = share / 'urdf' / 'my_robot.urdf', share / 'sdf' / 'my_robot' / 'model.sdf'
+    for command, *arguments in (
+            ('urdf_to_sdf', urdf, '-o', tmp_path / 'my_robot.sdf'),
+            ('urdf_to_sdf', urdf.with_suffix('.urdf.xacro'), '-o', tmp_path / 'xacro.sdf'),
+            ('sdf_to_urdf', sdf, '-o', tmp_path / 'my_robot.urdf'),
+            ('robot_compare', tmp_path / 'my_robot.sdf', tmp_path / 'my_robot.urdf'),
+            ('robot_compare', tmp_path / 'xacro.sdf', sdf),
+            ('robot_frames', tmp_path / 'my_robot.urdf')):
+        finished = subprocess.run([prefix / 'lib' / 'opencv_tools' / command, *arguments],
+                                  capture_output=True, text=True, timeout=30, check=False)
+        assert finished.returncode == 0, (command, finished.stdout, finished.stderr)
+        assert 'Traceback' not in finished.stderr
+    assert 'base_footprint' in finished.stdout
+
+
+def test_gazebo_is_told_where_the_robot_and_its_mesh_are(share: Path) -> None:
+    # What ros_gz_sim does with <gazebo_ros gazebo_model_path>: ${prefix} is the share folder.
+    paths = [Path(export.attrib['gazebo_model_path'].replace('${prefix}', str(share)))
+             for export in ElementTree.parse(share / 'package.xml').iter('gazebo_ros')]
+    model = ElementTree.parse(share / 'sdf' / 'my_robot' / 'model.sdf')
+    uri = model.findtext('.//mesh/uri', '').removeprefix('model://')
+    assert any((path / uri).is_file() for path in paths)
+    for robot in ('my_robot', 'my_arm'):
+        assert any((path / robot / 'model.config').is_file() for path in paths)
+
+
+def test_launch_config_and_robots_are_installed(share: Path) -> None:
+    for file in ('urdf/my_robot.urdf.xacro', 'urdf/my_robot.urdf', 'urdf/my_arm.urdf',
+                 'sdf/my_robot/model.sdf', 'sdf/my_robot/model.config',
+                 'sdf/my_arm/model.sdf', 'sdf/my_arm/model.config',
+                 'meshes/my_robot/robot_base.stl'):
+        assert (share / file).is_file(), file
+    assert (share / 'launch' / 'camera.launch.py').is_file()
+    assert (share / 'launch' / 'cameras.launch.py').is_file()
+    assert (share / 'config' / 'camera.yaml').is_file()
+    assert ElementTree.parse(share / 'package.xml').findtext('name') == 'opencv_tools'
+
+
+def test_every_parameter_in_the_config_exists_and_is_accepted(
+        share: Path, start: Callable[..., NodeProcess], tmp_path: Path) -> None:
+    config = share / 'config' / 'camera.yaml'
+    nodes = yaml.safe_load(config.read_text())
+    assert {name.rpartition('/')[2] for name in nodes} == {'image_publisher', 'image_subscriber'}
+    publisher = start('img_publisher', '--ros-args', '--params-file', str(config), '--',
+                      source='pattern', max_frames=1)
+    subscriber = start('img_subscriber', '--ros-args', '--params-file', str(config), '--',
+                       output_dir=tmp_path / 'out', timeout=0.5)
+    assert publisher.finish() == 0, publisher.output
+    assert subscriber.finish() == 1, subscriber.output
+    for process in (publisher, subscriber):
+        assert 'unknown parameter' not in process.output
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'sdf_to_urdf',
+                                     'urdf_to_sdf'])
+def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
+    finished = subprocess.run(
+        [sys.executable, '-m', 'opencv_tools.robot.cli', command, '--help'],
+        capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert finished.stdout.startswith(f'usage: {command} ')
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('module', ['basic_image_publisher', 'basic_image_subscriber'])
+def test_the_modules_can_be_run(module: str) -> None:
+    finished = subprocess.run([sys.executable, '-m', f'opencv_tools.{module}', '--help'],
+                              capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert 'parameters [default]:' in finished.stdout
+
+
+def test_the_tests_that_the_readme_names_exist() -> None:
+    tests = Path(__file__).parents[1]
+    named = re.findall(r'`((?:camera/)?test_\w+\.py)((?:::\w+)*)',
+                       tests.parent.joinpath('README.md').read_text())
+    assert len(named) > 20
+    for file, path in named:
+        found, = tests.rglob(file)
+        source = found.read_text()
+        for name in filter(None, path.split('::')):
+            assert re.search(rf'^ *(def|class) {name}\b', source, re.MULTILINE), (file, name)
+
+
+@pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],
+                         ids=lambda parameter: parameter.name)
+def test_every_parameter_is_in_the_readme(parameter: Parameter) -> None:
+    readme = Path(__file__).parents[2].joinpath('README.md').read_text()
+    assert f'| `{parameter.name}` | `{parameter.default!r}` | {parameter.description}' in readme

@@ -1,0 +1,155 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The linters of ROS 2 Jazzy, ruff, and mypy on the rooms that do not import ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+from catkin_pkg.package import parse_package
+import pytest
+
+ROOT = Path(__file__).parents[2]
+# What package.xml may depend on. Each key was looked up in ros/rosdistro of 2026-08-22 and has an
+# apt package on Ubuntu 24.04: the first in jazzy/distribution.yaml, the others in rosdep/base.yaml
+# and rosdep/python.yaml. Before a key is added here: rosdep resolve KEY --os ubuntu:noble
+# --rosdistro jazzy. There is none for PyAV.
+RELEASED = {
+    'ament_copyright', 'ament_flake8', 'ament_index_python', 'ament_pep257', 'ament_xmllint',
+    'builtin_interfaces', 'diagnostic_msgs', 'launch', 'launch_ros', 'rcl_interfaces', 'rclpy',
+    'sensor_msgs', 'std_msgs', 'std_srvs', 'xacro'}
+SYSTEM_KEYS = {
+    'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
+    'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
+    'python3-tqdm', 'python3-yaml'}
+CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'setup.py')
+
+
+def check(*command: str) -> None:
+    """Run a checker from the root of the package; it has to find nothing."""
+    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300,
+                              check=False)
+    if finished.returncode:
+        pytest.fail(findings(finished.stdout + finished.stderr), pytrace=False)
+
+
+def findings(output: str) -> str:
+    """Return the output of a checker without the lines that only name a file that was read."""
+    names = re.compile(r'(\* |checking |Checked files:|\s*$)')
+    return '\n'.join(line for line in output.splitlines() if not names.match(line))
+
+
+def tool(name: str, remedy: str) -> str:
+    """Find a checker that only some machines can have."""
+    path = shutil.which(name)
+    if path is None:
+        pytest.skip(f'{name} is not on this machine; {remedy}')
+    return path
+
+
+@pytest.mark.process
+@pytest.mark.linter
+@pytest.mark.flake8
+def test_flake8() -> None:
+    check('ament_flake8', '--linelength', '99', *CODE)
+
+
+@pytest.mark.process
+@pytest.mark.linter
+@pytest.mark.flake8
+def test_a_failure_shows_what_was_found_and_no_list_of_files(tmp_path: Path) -> None:
+    (tmp_path / 'good.py').write_text('')
+    (tmp_path / 'bad.py').write_text('import os\n')
+    with pytest.raises(pytest.fail.Exception) as failure:
+        check('ament_flake8', str(tmp_path))
+    assert re.search(r"bad\.py:1:1: F401 'os' imported but unused", str(failure.value))
+    assert 'good.py' not in str(failure.value)
+
+
+@pytest.mark.process
+@pytest.mark.linter
+@pytest.mark.pep257
+def test_pep257() -> None:
+    check('ament_pep257', *(path for path in CODE if path != 'test'))
+
+
+@pytest.mark.process
+@pytest.mark.linter
+@pytest.mark.copyright
+def test_copyright() -> None:
+    check(tool('ament_copyright', 'sudo apt install python3-ament-copyright'), *CODE)
+
+
+@pytest.mark.linter
+@pytest.mark.copyright
+def test_every_source_file_begins_with_the_licence() -> None:
+    files = [path for folder in CODE for path in ROOT.glob(f'{folder}/**/*.py')]
+    header = (ROOT / 'setup.py').read_text().partition('\n\n')[0]
+    assert 'Licensed under the Apache License, Version 2.0' in header
+    assert [path for path in files
+            if path.read_text() and not path.read_text().startswith(header)] == []
+
+
+@pytest.mark.process
+@pytest.mark.linter
+@pytest.mark.xmllint
+def test_xmllint() -> None:
+    check(tool('ament_xmllint', 'sudo apt install python3-ament-xmllint'), 'package.xml')
+
+
+@pytest.mark.linter
+def test_package_xml_is_what_colcon_and_rosdep_read() -> None:
+    warnings: list[str] = []
+    package = parse_package(ROOT / 'package.xml', warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert (package.package_format, package.get_build_type()) == (3, 'ament_python')
+
+
+@pytest.mark.linter
+def test_rosdep_finds_every_dependency() -> None:
+    package = parse_package(ROOT / 'package.xml')
+    kinds = ('buildtool', 'build', 'build_export', 'buildtool_export', 'exec', 'test', 'doc')
+    keys = {dependency.name for kind in kinds
+            for dependency in getattr(package, f'{kind}_depends')}
+    assert len(keys) > 20
+    assert sorted(keys - RELEASED - SYSTEM_KEYS) == []
+
+
+@pytest.mark.linter
+def test_xml_files_are_well_formed() -> None:
+    files = [path for folder in ('urdf', 'sdf') for path in (ROOT / folder).rglob('*.*')]
+    assert len(files) == 7
+    for path in files:
+        ElementTree.parse(path)
+
+
+@pytest.mark.process
+@pytest.mark.linter
+def test_ruff() -> None:
+    check(tool('ruff', 'pip install ruff'), 'check', *CODE)
+
+
+@pytest.mark.process
+@pytest.mark.linter
+def test_mypy() -> None:
+    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
+          'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
+          'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
+          'opencv_tools/cv_bridge.py', 'opencv_tools/robot')

@@ -1,0 +1,444 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Videos of a recording: which frames go into which file, and the line that each file has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+import errno
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import av
+from conftest import DEADLINE, disk_of, read_manifest, recorded_files
+import cv2
+import numpy as np
+from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.image_encoder import EncoderSettings, UnwritableError
+from opencv_tools.recording.manifest import Manifest
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.recorder import Recorder, Sink
+from opencv_tools.recording.selection import LimitReached, Limits
+from opencv_tools.recording.video.frame import VideoError
+import pytest
+from stepped_clock import SteppedClock
+from test_recorder import Console
+
+NANO = 10**9
+NO_LIMITS = Limits()
+SMALL, WIDE = (16, 16), (16, 32)
+
+
+def open_videos(
+    folder: Path, name: str = 'clip.mkv', on_exists: str = 'continue', limits: Limits = NO_LIMITS,
+    monotonic: Callable[[], float] = time.monotonic,
+) -> Sink[Any]:
+    names = FileNames(name)
+    return open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False,
+                     monotonic=monotonic)
+
+
+def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
+    image = np.random.default_rng(number).integers(0, 256, size, np.uint8)
+    return RawFrame(NANO + number * NANO // 20, 'camera', 'mono8', '/video_frames', 7, image)
+
+
+def put(videos: Sink[Any], frame: RawFrame) -> str:
+    return videos.commit(frame, videos.prepare(frame)).name
+
+
+def put_all(videos: Sink[Any], numbers: Iterable[int], error: str = '') -> int:
+    """Put frames; the number of those that were not taken, which an error must say."""
+    failed = 0
+    for number in numbers:
+        try:
+            put(videos, noise(number))
+        except OSError as err:
+            assert err.strerror == error
+            failed += 1
+    return failed
+
+
+def lines(folder: Path) -> list[tuple[str, int, int, list[int]]]:
+    return [(line['file'], line['seq'], line['frames'], line['size'])
+            for line in read_manifest(folder)]
+
+
+def play(path: Path) -> int:
+    video = cv2.VideoCapture(str(path))
+    count = 0
+    while video.read()[0]:
+        count += 1
+    return count
+
+
+@pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])
+def test_another_size_is_another_file(tmp_path: Path, on_exists: str) -> None:
+    videos = open_videos(tmp_path, on_exists=on_exists)
+    sizes = [SMALL] * 3 + [WIDE] * 2 + [SMALL]
+    names = [put(videos, noise(number, size)) for number, size in enumerate(sizes)]
+    assert names == ['clip.mkv'] * 3 + ['clip_1.mkv'] * 2 + ['clip_2.mkv']
+    assert [entry.name for entry in Manifest(tmp_path).entries()] == ['clip.mkv', 'clip_1.mkv']
+    videos.close()
+    assert lines(tmp_path) == [('clip.mkv', 0, 3, [16, 16]), ('clip_1.mkv', 1, 2, [32, 16]),
+                               ('clip_2.mkv', 2, 1, [16, 16])]
+    assert [play(path) for path in recorded_files(tmp_path)] == [3, 2, 1]
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize(('on_exists', 'expected'), [
+    ('continue', [('clip.mkv', 0, 2), ('clip_1.mkv', 1, 1)]), ('overwrite', [('clip.mkv', 0, 1)])])
+def test_a_second_recording(
+        tmp_path: Path, on_exists: str, expected: list[tuple[str, int, int]]) -> None:
+    for count in (2, 1):
+        videos = open_videos(tmp_path, on_exists=on_exists)
+        for number in range(count):
+            put(videos, noise(number))
+        videos.close()
+    last = {entry.name: entry for entry in Manifest(tmp_path).entries()}
+    assert [(entry.name, entry.seq, entry.frames) for entry in last.values()] == expected
+    assert [play(path) for path in recorded_files(tmp_path)] == [line[2] for line in expected]
+
+
+@pytest.mark.parametrize('name', ['clip.mp4', 'clip.mkv'])
+def test_videos_take_no_more_bytes_than_they_may(tmp_path: Path, name: str) -> None:
+    videos = open_videos(tmp_path, name, limits=Limits(max_bytes=30_000))
+    taken = 0
+    with pytest.raises(LimitReached, match=r'^max_bytes is 30000$'):
+        for taken in range(1000):
+            put(videos, noise(taken, SMALL if taken < 60 else WIDE))
+    with pytest.raises(LimitReached):
+        put(videos, noise(1000, SMALL))
+    videos.close()
+    found = lines(tmp_path)
+    counts = videos.counts
+    assert counts.kept + counts.skipped == taken and counts.skipped < 2
+    assert sum(line[2] for line in found) == counts.kept and len(found) == 2
+    size = sum(path.stat().st_size for path in recorded_files(tmp_path))
+    assert 30_000 - 1500 < size <= 30_000  # a packet and what stands beside it
+
+
+@pytest.mark.parametrize(('more', 'count'), [(1, 1), (2200, 2)])
+def test_no_video_is_begun_that_has_no_room(tmp_path: Path, more: int, count: int) -> None:
+    put(videos := open_videos(tmp_path / 'one'), noise(0))
+    videos.close()
+    size = (tmp_path / 'one' / 'clip.mkv').stat().st_size
+    videos = open_videos(tmp_path / 'two', limits=Limits(max_bytes=size + 200 + more))
+    with pytest.raises(LimitReached):
+        for number, image_size in enumerate((SMALL, WIDE, (32, 32), (16, 64), (64, 16))):
+            put(videos, noise(number, image_size))
+    videos.close()
+    assert [line[2] for line in lines(tmp_path / 'two')] == [1] * count
+    total = sum(path.stat().st_size for path in recorded_files(tmp_path / 'two'))
+    assert total <= size + 200 + more
+
+
+def test_a_recording_without_frames_leaves_nothing(tmp_path: Path) -> None:
+    open_videos(tmp_path).close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path / 'out')
+    (tmp_path / 'out').rename(tmp_path / 'away')
+    put(videos, noise(0))
+    videos.close()
+    assert lines(tmp_path / 'out') == [('clip.mkv', 0, 1, [16, 16])]
+
+
+RECORD_AND_DIE = """
+import os, pathlib, sys
+import numpy as np
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.image_encoder import EncoderSettings
+names = FileNames(sys.argv[2])
+videos = open_sink(pathlib.Path(sys.argv[1]), names, EncoderSettings(names.suffix), 'continue',
+                   Limits(), False)
+for number in range(int(sys.argv[3])):
+    image = np.full((16, 16), number, np.uint8)
+    frame = RawFrame(10**9 + number * 10**9 // 20, 'camera', 'mono8', '', 7, image)
+    videos.commit(frame, videos.prepare(frame))
+os._exit(0)
+"""
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('name', 'count', 'least'), [
+    ('clip.mkv', 50, 50 - 22), ('clip.mp4', 3, 1), ('clip.mp4', 2, 0), ('clip.mkv', 2, 0)])
+def test_a_killed_recording_plays_and_has_its_line_or_leaves_nothing(
+        tmp_path: Path, name: str, count: int, least: int) -> None:
+    subprocess.run(
+        [sys.executable, '-c', RECORD_AND_DIE, str(tmp_path), name, str(count)], check=True)
+    played = play(tmp_path / name)
+    assert least <= played < count
+    open_videos(tmp_path).close()
+    if least:
+        assert lines(tmp_path) == [(name, 0, played, [16, 16])]
+        assert not list(tmp_path.glob('.*'))
+    else:
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+def test_a_full_disk_ends_the_file_and_another_begins_when_there_is_room(
+        tmp_path: Path, suffix: str) -> None:
+    clock = SteppedClock()
+    videos = open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic)
+    first, second = tmp_path / f'clip{suffix}', tmp_path / f'clip_1{suffix}'
+    too_large = os.strerror(errno.EFBIG)
+    with disk_of(20_000):
+        failed = put_all(videos, range(150), too_large)
+    assert first.stat().st_size <= 20_000
+    assert videos.counts.kept == play(first) > 1
+    assert videos.counts.kept + videos.counts.lost + failed == 150
+    with disk_of(100):  # where the line has no room, either
+        for number in range(150, 250, 25):
+            assert put_all(videos, range(number, number + 25), too_large) >= 24
+            assert recorded_files(tmp_path) == [first]
+            clock.step_to(clock.now + 2)
+    assert videos.counts.kept == play(first)
+    put_all(videos, range(250, 300))
+    videos.close()
+    assert play(second) == 50
+    assert lines(tmp_path) == [(first.name, 0, play(first), [16, 16]),
+                               (second.name, lines(tmp_path)[1][1], 50, [16, 16])]
+    assert videos.counts.kept == play(first) + 50
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_a_full_disk_is_asked_for_room_before_another_file_begins(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SteppedClock()
+    videos = open_videos(tmp_path, monotonic=clock.monotonic)
+    with disk_of(20_000):
+        put_all(videos, range(150), os.strerror(errno.EFBIG))
+    disk = os.statvfs(tmp_path)
+    full = os.statvfs_result([2000, 1, *disk[2:4], 1, *disk[5:]])
+    monkeypatch.setattr(os, 'statvfs', lambda _: full)
+    for number in range(150, 200, 10):
+        clock.step_to(clock.now + 3)
+        assert put_all(videos, range(number, number + 10), os.strerror(errno.EFBIG)) == 10
+    monkeypatch.setattr(os, 'statvfs', lambda _: disk)
+    clock.step_to(clock.now + 3)
+    assert put_all(videos, range(200, 210)) == 0
+    videos.close()
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+def test_every_frame_is_accounted_for_on_a_full_disk(tmp_path: Path, suffix: str) -> None:
+    clock, console = SteppedClock(), Console()
+    recorder = Recorder(open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic), console,
+                        block=True)
+    with disk_of(20_000):
+        for number in range(200):
+            recorder.put(noise(number))
+            clock.step_to(clock.now + 0.05)
+        recorder.close()
+    counts = recorder.counts
+    assert counts.written + counts.failed == 200
+    files = recorded_files(tmp_path)
+    assert counts.written == sum(map(play, files)) == sum(line[2] for line in lines(tmp_path))
+    assert all(play(path) for path in files) and len(files) < 10
+    assert console.lines[0] == f'error: a frame was not written: {os.strerror(errno.EFBIG)}'
+
+
+@pytest.mark.parametrize('when', ['next line', 'end', 'next recording'])
+def test_a_line_that_has_no_room_is_added_later(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    videos = open_videos(tmp_path)
+    for number in range(3):
+        put(videos, noise(number))
+    with monkeypatch.context() as patch:
+        patch.setattr(Manifest, 'append', fail)
+        videos._end(videos._video)
+        if when == 'next recording':
+            with pytest.raises(OSError, match='No space left'):
+                videos.close()
+        assert not (tmp_path / 'manifest.jsonl').exists()
+    if when == 'next line':
+        put(videos, noise(3))
+        assert [entry.frames for entry in Manifest(tmp_path).entries()] == [3]
+    elif when == 'next recording':
+        videos = open_videos(tmp_path)
+    videos.close()
+    assert lines(tmp_path)[0] == ('clip.mkv', 0, 3, [16, 16])
+    assert len(lines(tmp_path)) == len(recorded_files(tmp_path))
+    assert not list(tmp_path.glob('.*'))
+
+
+def remove(folder: Path) -> None:
+    shutil.rmtree(folder)
+
+
+def move(folder: Path) -> None:
+    folder.rename(folder.with_name('away'))
+
+
+def remove_file(folder: Path) -> None:
+    (folder / 'clip.mkv').unlink()
+
+
+def replace_file(folder: Path) -> None:
+    (folder / 'other').write_text('mine')
+    (folder / 'other').replace(folder / 'clip.mkv')
+
+
+@pytest.mark.parametrize('action', [remove, move, remove_file])
+def test_a_video_that_is_gone_is_noticed_and_another_begins(
+        tmp_path: Path, action: Callable[[Path], None]) -> None:
+    clock, console, folder = SteppedClock(), Console(), tmp_path / 'out'
+    recorder = Recorder(open_videos(folder, monotonic=clock.monotonic), console, block=True)
+
+    def put_and_wait(numbers: Iterable[int]) -> None:
+        for number in numbers:
+            done = threading.Event()
+            recorder.put(noise(number), lambda _, done=done: done.set())
+            assert done.wait(DEADLINE)
+
+    put_and_wait(range(30))
+    assert recorder.counts.written > 0
+    action(folder)
+    clock.step_to(clock.now + 1)
+    put_and_wait(range(30, 60))
+    recorder.close()
+    assert (recorder.counts.written, recorder.counts.failed) == (30, 30)
+    assert console.lines == [
+        'error: a frame was not written: clip.mkv was removed or moved while it was written',
+        'info: Writing again; 30 frames were not written']
+    assert [(line[0], line[2]) for line in lines(folder)] == [('clip.mkv', 30)]
+    assert play(folder / 'clip.mkv') == 30
+
+
+@pytest.mark.parametrize('action', [remove, remove_file, replace_file])
+def test_a_video_that_is_gone_at_the_end_has_no_line(
+        tmp_path: Path, action: Callable[[Path], None]) -> None:
+    console, folder = Console(), tmp_path / 'out'
+    videos = open_videos(folder, monotonic=SteppedClock().monotonic)
+    recorder = Recorder(videos, console, block=True)
+    for number in range(30):
+        recorder.put(noise(number))
+    wait = time.monotonic() + DEADLINE
+    while not videos.counts.kept and time.monotonic() < wait:
+        time.sleep(0.01)
+    action(folder)
+    recorder.close()
+    assert (recorder.counts.written, recorder.counts.failed) == (0, 30)
+    assert not (folder / 'manifest.jsonl').exists()
+    assert action is not replace_file or (folder / 'clip.mkv').read_text() == 'mine'
+
+
+def test_two_that_overwrite_one_another_say_what_is_there(tmp_path: Path) -> None:
+    first, second = (open_videos(tmp_path, on_exists='overwrite') for _ in range(2))
+    put_all(first, range(30))
+    put_all(second, range(20))
+    first.close()
+    second.close()
+    assert (first.counts.kept, first.counts.lost) == (0, 30)
+    assert second.counts.kept == play(tmp_path / 'clip.mkv') == 20
+    assert lines(tmp_path) == [('clip.mkv', 0, 20, [16, 16])]
+
+
+@pytest.mark.parametrize('jump', [-3600, -0.5, 0.5, 3600])
+@pytest.mark.parametrize('name', ['clip.mp4', 'clip.mkv'])
+def test_a_clock_that_is_set_makes_no_hole_between_frames_without_stamps(
+        tmp_path: Path, name: str, jump: float) -> None:
+    videos = open_videos(tmp_path, name)
+    for number in range(20):
+        time_ns = number * NANO // 20
+        received = 1_700_000_000 * NANO + time_ns + (number >= 10) * round(jump * NANO)
+        put(videos, replace(noise(number), stamp_ns=0, receive_ns=received, arrival_ns=time_ns))
+    videos.close()
+    assert [line[2] for line in lines(tmp_path)] == [20]
+    video, times = cv2.VideoCapture(str(tmp_path / name)), []
+    while video.read()[0]:
+        times.append(video.get(cv2.CAP_PROP_POS_MSEC))
+    np.testing.assert_allclose(times, np.arange(20) * 50, atol=1)
+    with av.open(str(tmp_path / name)) as container:
+        comment = {key.lower(): value for key, value in container.metadata.items()}['comment']
+    assert comment == 'begins at 1700000000.000000000'
+
+
+def test_the_first_of_two_errors_is_told(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, monotonic=SteppedClock().monotonic)
+    put_all(videos, range(2))
+    (tmp_path / 'clip.mkv').unlink()
+    with disk_of(20_000), pytest.raises(OSError, match='File too large'):
+        for number in range(2, 1000):
+            put(videos, noise(number))
+    videos.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path)
+    with pytest.raises(VideoError, match='a 40000x2 frame cannot be encoded'):
+        put(videos, noise(0, (2, 40000)))
+    assert not recorded_files(tmp_path)
+    assert put(videos, noise(1)) == 'clip.mkv'
+    videos.close()
+    assert lines(tmp_path) == [('clip.mkv', 0, 1, [16, 16])]
+
+
+@pytest.mark.parametrize(('encoding', 'dtype', 'suffixes'), [
+    ('mono16', 'uint16', '.png or .tif or .tiff or .npy'),
+    ('32FC1', 'float32', '.tif or .tiff or .npy'), ('bayer_rggb16', 'uint16', '.npy'),
+    ('16SC1', 'int16', '.npy')])
+def test_a_frame_that_is_refused_is_told_where_it_fits(
+        tmp_path: Path, encoding: str, dtype: str, suffixes: str) -> None:
+    videos = open_videos(tmp_path)
+    frame = RawFrame(1, '', encoding, '', 1, np.zeros((4, 4), dtype))
+    with pytest.raises(UnwritableError) as caught:
+        videos.prepare(frame)
+    assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
+                                 f'set the extension of file_name to {suffixes}')
+    videos.close()
+
+
+def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
+        open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
+    assert not (tmp_path / 'out').exists()
+
+
+def test_without_pyav_videos_alone_are_refused(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def find_nothing() -> None:
+        raise VideoError('install it')
+
+    monkeypatch.setattr('opencv_tools.recording.open_sink.check_video', find_nothing)
+    with pytest.raises(VideoError, match=r'^install it$'):
+        check_format('.mkv')
+    with pytest.raises(RecordingError, match=r'^install it$'):
+        open_videos(tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+    check_format('.png')
+    open_videos(tmp_path / 'out', 'x.png').close()
+    with pytest.raises(ValueError, match=r"^the extension '\.gif' .* \.png, .*\.npy, \.mp4, "):
+        check_format('.gif')

@@ -1,0 +1,319 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The picture of both conventions, and the room that texts have in all pictures of robots."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import combinations, pairwise
+import math
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d.proj3d import proj_transform
+import numpy as np
+from opencv_tools.robot.cli import robot_frames
+from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.frames import conventions, plot
+from opencv_tools.robot.frames.drawing import numbers
+from opencv_tools.robot.frames.figures import DPI
+from opencv_tools.robot.frames.listing import frames
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot
+from opencv_tools.robot.pose import Pose, Vector
+from opencv_tools.robot.xml.report import Report
+import pytest
+
+ROOT = Path(__file__).parents[3]
+# The joints are not where their links are; the second one's parent is such a link.
+SHIFTED = """<sdf version="1.9"><model name="shifted"><link name="base"/>
+<link name="arm"><pose>0.5 0 0.3 0 0 0</pose></link>
+<link name="hand"><pose>0.5 0 0.7 0 0 0</pose></link>
+<joint name="hinge" type="revolute"><parent>base</parent><child>arm</child>
+<pose>-0.3 0 0 0 0 0</pose><axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit>
+</axis></joint>
+<joint name="wrist" type="prismatic"><parent>arm</parent><child>hand</child>
+<pose>0 0 -0.25 0 0 0</pose><axis><xyz>0 0 1</xyz></axis></joint></model></sdf>
+"""
+LIMB = (('shoulder_pitch', 0.1, 0.24), ('shoulder_roll', 0.05, -0.01),
+        ('shoulder_yaw', 0.01, -0.1), ('elbow_pitch', 0.0, -0.08),
+        ('wrist_roll', 0.0, -0.1), ('palm', 0.0, -0.05))
+
+
+def limb(side: str, body: str, at: float) -> list[tuple[str, str, Vector]]:
+    """Return the links of a limb: each with its parent and where it is there."""
+    names = [body, *(f'{side}_{body}_{part}_link' for part, _, _ in LIMB)]
+    return [(name, parent, (0.0, at * y, z))
+            for name, parent, (_, y, z) in zip(names[1:], names, LIMB)]
+
+
+def thirty() -> Robot:
+    """Build a tall robot of 30 links with long names, as humanoids have them."""
+    parts = [('pelvis', 'base_footprint', (0.0, 0.0, 0.9)), ('torso', 'pelvis', (0.0, 0.0, 0.1)),
+             ('head', 'torso', (0.0, 0.0, 0.45)), ('imu', 'torso', (-0.04, 0.0, 0.15)),
+             ('camera', 'head', (0.05, 0.0, 0.1))]
+    for body in ('torso', 'pelvis'):
+        for side, at in (('left', 1.0), ('right', -1.0)):
+            parts += limb(side, body, at)
+    return Robot('thirty', (Link('base_footprint', Placement(Pose(), MODEL)), *(
+        Link(name, Placement(Pose(), FrameId('joint', f'{name}_joint')))
+        for name, _, _ in parts)), tuple(
+            Joint(f'{name}_joint', 'revolute', parent, name,
+                  Placement(Pose(xyz), FrameId('link', parent)), (Axis((0.0, 1.0, 0.0)),))
+            for name, parent, xyz in parts))
+
+
+def short() -> Robot:
+    """Build a robot with names that are shorter than the headings of the picture."""
+    return Robot('r', (Link('a', Placement(Pose(), MODEL)), Link(
+        'b', Placement(Pose(), FrameId('joint', 'j')))), (Joint('j', 'fixed', 'a', 'b', Placement(
+            Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
+
+
+def read(path: Path) -> Robot:
+    return read_robot(str(path), Report())[0]
+
+
+@pytest.fixture()
+def shifted(tmp_path: Path) -> Robot:
+    path = tmp_path / 'shifted.sdf'
+    path.write_text(SHIFTED)
+    return read(path)
+
+
+ROBOTS = {'my_robot': read(ROOT / 'urdf' / 'my_robot.urdf'),
+          'my_arm': read(ROOT / 'urdf' / 'my_arm.urdf'),
+          'my_arm.sdf': read(ROOT / 'sdf' / 'my_arm' / 'model.sdf'), 'thirty': thirty(),
+          'short': short()}
+MOVED = {'my_arm': {'elbow': 0.5, 'slide': 0.1}, 'my_arm.sdf': {'shoulder': 0.5},
+         'thirty': {'left_torso_shoulder_pitch_link_joint': -1.2,
+                    'right_pelvis_elbow_pitch_link_joint': 1.0}}
+PICTURES = pytest.mark.parametrize(('name', 'positions'), [
+    *((name, {}) for name in ('my_robot', 'my_arm', 'thirty', 'short')), *MOVED.items()],
+    ids=['my_robot', 'my_arm', 'thirty', 'short', *(f'{name} moved' for name in MOVED)])
+
+
+def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
+    """Return the figures of both pictures."""
+    listing = frames(robot, positions)
+    return [plot.draw(robot, listing), conventions.draw(robot, listing, positions)]
+
+
+def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """Return all texts that a figure draws, each with the rectangle of its pixels."""
+    found = []
+
+    def draw(self: Any, renderer: Any) -> None:
+        if self.get_visible() and self.get_text().strip():
+            found.append((self.get_text(), Text.get_window_extent(self, renderer)))
+        original(self, renderer)
+
+    original = Text.draw
+    with monkeypatch.context() as patch:
+        patch.setattr(Text, 'draw', draw)
+        figure.canvas.draw()
+    return found
+
+
+@PICTURES
+def test_texts_are_in_the_picture_and_apart(
+        name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = ROBOTS[name]
+    names = [link.name for link in robot.links] + [joint.name for joint in robot.joints]
+    for figure in both(robot, positions):
+        texts = drawn_texts(figure, monkeypatch)
+        for text, box in texts:
+            assert box.x0 > 8 and box.x1 < figure.bbox.width - 8, text
+            assert box.y0 > 8 and box.y1 < figure.bbox.height - 8, text
+        for (one, box), (other, second) in combinations(texts, 2):
+            wide = min(box.x1, second.x1) - max(box.x0, second.x0)
+            high = min(box.y1, second.y1) - max(box.y0, second.y0)
+            assert min(wide, high) < 3, (one, other)
+        for wanted in names:
+            assert any(wanted in text for text, _ in texts)
+
+
+@pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
+def test_the_view_in_space_fills_its_part_of_the_picture(name: str) -> None:
+    figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
+    view, renderer = figure.axes[0], figure.canvas.get_renderer()
+    assert not any(one.get_clip_on() for one in view.collections)
+    assert [axis.label.get_rotation() for axis in (view.xaxis, view.yaxis, view.zaxis)] == [0] * 3
+    boxes = [axis.get_tightbbox(renderer) for axis in (view.xaxis, view.yaxis, view.zaxis)]
+    corners = view.transData.transform([
+        proj_transform(x, y, z, view.get_proj())[:2] for x in view.get_xlim()
+        for y in view.get_ylim() for z in view.get_zlim()])
+    low = np.min([*corners, *((box.x0, box.y0) for box in boxes)], axis=0)
+    high = np.max([*corners, *((box.x1, box.y1) for box in boxes)], axis=0)
+    head = next(text for text in figure.texts if text.get_text().startswith('Frames of'))
+    start, end = 0.3 * DPI, 7.8 * DPI
+    top = head.get_window_extent(renderer).y0
+    assert low[0] > start - 2 and high[0] < end + 2
+    assert high[1] < top
+    assert abs(low[0] + high[0] - start - end) / 2 < 15
+    bottom = min(0.3 * DPI if len(figure.axes) < 3 else figure.axes[2].bbox.y1, top)
+    assert low[1] > bottom
+    assert max((high[0] - low[0]) / (end - start), (high[1] - low[1]) / (top - bottom)) > 0.85
+
+
+def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
+    positions = positions or {}
+    return list(conventions.draw(robot, frames(robot, positions), positions).axes)
+
+
+def entries(axes: Any) -> dict[str, str]:
+    """Return what stands below each bold line of the columns of a panel."""
+    texts = [one for one in axes.texts if type(one) is Text]
+    assert [one.get_fontsize() for one in texts[:2]] == [12, 9]  # the headings
+    found: dict[str, str] = {}
+    for text in texts[2:]:
+        if text.get_fontweight() == 'bold':
+            title = text.get_text()
+            assert title not in found
+            found[title] = ''
+        else:
+            found[title] = text.get_text()
+    return found
+
+
+ORIGINS = {'shoulder (continuous)': 'in base_link\nxyz 0 0 0.1  rpy 0 0 0',
+           'elbow (revolute)': 'in upper_arm\nxyz 0 0 0.4  rpy 0 0 0',
+           'slide (prismatic)': 'in forearm\nxyz 0 0 0.35  rpy 0 0 0'}
+NAMES = dict.fromkeys(['base_link', 'upper_arm', 'forearm', 'tool'], '')
+
+
+@pytest.mark.parametrize('name', ['my_arm', 'my_arm.sdf'])
+def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
+    urdf, sdf = panels(ROBOTS[name])
+    assert urdf.texts[0].get_text() == 'URDF: joints are placed'
+    assert sdf.texts[0].get_text() == 'SDF: links are placed'
+    assert entries(urdf) == NAMES | ORIGINS
+    assert entries(sdf) == {
+        'frame of the model': '', 'base_link': 'xyz 0 0 0  rpy 0 0 0',
+        'upper_arm': 'xyz 0 0 0.1  rpy 0 0 0', 'forearm': 'xyz 0 0 0.5  rpy 0 0 0',
+        'tool': 'xyz 0 0 0.85  rpy 0 0 0'}
+
+
+def test_origins_stay_and_links_are_moved() -> None:
+    urdf, sdf = panels(ROBOTS['my_arm'], MOVED['my_arm'])
+    assert [text.get_text() for text in urdf.figure.texts] == [
+        'robot my_arm at elbow=0.5, slide=0.1']
+    assert entries(urdf) == NAMES | {
+        'shoulder (continuous)': ORIGINS['shoulder (continuous)'],
+        'elbow (revolute) at 0.5': ORIGINS['elbow (revolute)'],
+        'slide (prismatic) at 0.1': ORIGINS['slide (prismatic)']}
+    found = entries(sdf)
+    assert found['upper_arm'] == 'xyz 0 0 0.1  rpy 0 0 0'
+    assert found['forearm, moved'] == 'xyz 0 0 0.5  rpy 0 0.5 0'
+    assert found['tool, moved'] == 'xyz 0.2157 0 0.8949  rpy 0 0.5 0'
+
+
+def test_joints_that_are_not_at_their_links(shifted: Robot) -> None:
+    urdf, sdf = panels(shifted)
+    found = entries(urdf)
+    assert found['hinge (revolute)'] == 'in base\nxyz 0.2 0 0.3  rpy 0 0 0'
+    # In URDF the arm is where its joint is, so the wrist is seen from there.
+    root = convert_to_urdf(shifted, Report())
+    origin = root.find('joint[@name="wrist"]/origin')
+    assert isinstance(origin, etree._Element)
+    xyz = [float(value) for value in origin.get('xyz', '').split()]
+    assert xyz == pytest.approx([0.3, 0.0, 0.15])
+    assert found['wrist (prismatic)'] == f'in arm\n{numbers(xyz, (0.0, 0.0, 0.0), "  ")}'
+    assert entries(sdf) == {
+        'frame of the model': '', 'base': 'xyz 0 0 0  rpy 0 0 0',
+        'arm': 'xyz 0.5 0 0.3  rpy 0 0 0', 'hand': 'xyz 0.5 0 0.7  rpy 0 0 0',
+        'joint hinge (revolute)': 'in arm\nxyz -0.3 0 0  rpy 0 0 0',
+        'joint wrist (prismatic)': 'in hand\nxyz 0 0 -0.25  rpy 0 0 0'}
+    assert 'frame of the model' in entries(panels(shifted, {'wrist': 0.1})[1])
+
+
+def arrows(axes: Any) -> list[tuple[Any, Any]]:
+    """Return from where to where the arrows of a panel go, in inches."""
+    return [(one.xyann, one.xy) for one in axes.texts
+            if (getattr(one, 'arrowprops', None) or {}).get('arrowstyle') == '-|>']
+
+
+def seen(*points: Vector) -> list[tuple[float, float]]:
+    """Return points as an eye at 55 degrees to the right and 22 above sees them."""
+    right = (math.sin(math.radians(55)), math.cos(math.radians(55)), 0.0)
+    low, high = math.sin(math.radians(22)), math.cos(math.radians(22))
+    up = (-low * right[1], low * right[0], high)
+    return [(math.fsum(a * b for a, b in zip(right, point)),
+             math.fsum(a * b for a, b in zip(up, point))) for point in points]
+
+
+def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Robot) -> None:
+    urdf, sdf = panels(shifted)
+    base, hinge, wrist, arm, hand = seen(
+        (0.0, 0.0, 0.0), (0.2, 0.0, 0.3), (0.5, 0.0, 0.45), (0.5, 0.0, 0.3), (0.5, 0.0, 0.7))
+    for axes, wanted in ((urdf, [(base, hinge), (hinge, wrist)]),
+                         (sdf, [(base, arm), (base, hand)])):
+        assert not any(one.get_clip_on() for one in axes.collections)
+        found = arrows(axes)
+        (x, y), (a, b) = found[0]
+        scale = math.dist((x, y), (a, b)) / math.dist(*wanted[0])
+        for got, points in zip(found, wanted, strict=True):
+            for (one, other), point in zip(got, points, strict=True):
+                assert (one - x, other - y) == pytest.approx(
+                    (scale * (point[0] - base[0]), scale * (point[1] - base[1])), abs=1e-9)
+        joints, = [line for line in axes.lines if line.get_marker() == 'h']
+        for got, point in zip(zip(*joints.get_data()), (hinge, wrist), strict=True):
+            assert (got[0] - x, got[1] - y) == pytest.approx(
+                (scale * point[0], scale * point[1]), abs=1e-9)
+    # Both panels show the robot at one scale.
+    assert math.dist(*arrows(urdf)[0]) / math.dist(base, hinge) == pytest.approx(
+        math.dist(*arrows(sdf)[0]) / math.dist(base, arm))
+
+
+def test_each_text_has_a_line_to_its_point() -> None:
+    for axes in panels(ROBOTS['thirty']):
+        count = len(entries(axes))
+        leaders = [line for line in axes.lines if line.get_color() == '#bbbbbb']
+        assert len(leaders) == count
+        ends = Counter(tuple(round(value, 6) for value in line.get_xydata()[1])
+                       for line in leaders)
+        points = [tuple(round(value, 6) for value in end) for _, end in arrows(axes)]
+        assert len(points) == 29 and set(points) <= set(ends)
+
+
+def test_robots_of_many_links_have_numbers_of_some() -> None:
+    names = [f'link_{index}' for index in range(70)]
+    robot = Robot('many', (Link(names[0], Placement(Pose(), MODEL)), *(
+        Link(name, Placement(Pose(), FrameId('joint', name))) for name in names[1:])), tuple(
+            Joint(child, 'fixed', parent, child,
+                  Placement(Pose((0.1, 0.0, 0.0)), FrameId('link', parent)))
+            for parent, child in pairwise(names)))
+    urdf, sdf = panels(robot)
+    assert len(entries(urdf)) == 60 and len(entries(sdf)) == 61
+    assert urdf.texts[1].get_text().endswith('numbers of 60 of 69, the listing has all')
+    assert sdf.texts[1].get_text().endswith('numbers of 60 of 70, the listing has all')
+
+
+def test_the_command_of_the_readme_makes_its_picture(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from matplotlib.image import imread
+    shipped, made = ROOT / 'docs' / 'images' / 'conventions.png', tmp_path / 'conventions.png'
+    readme = (ROOT / 'README.md').read_text()
+    assert f']({shipped.relative_to(ROOT)})' in readme
+    assert 'robot_frames urdf/my_arm.urdf --conventions demo/conventions.png' in readme
+    assert robot_frames([str(ROOT / 'urdf' / 'my_arm.urdf'), '--conventions', str(made)]) == 0
+    assert 'joint elbow (revolute)' in capsys.readouterr().out
+    assert 10_000 < shipped.stat().st_size < 100_000
+    one, other = imread(shipped), imread(made)
+    # Other versions of matplotlib draw texts a little wider or smaller.
+    assert one.shape[:2] == pytest.approx(other.shape[:2], rel=0.05)
+    assert one.shape[1] / DPI > 8

@@ -1,0 +1,452 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Every row of docs/element_mapping.md is true, and no element of either format is missing.
+
+Each element is put into a robot, with nothing else that is not needed for it. That robot is
+converted there and back, and so is the same one without the element.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+import itertools
+from pathlib import Path
+import re
+
+from lxml import etree
+from opencv_tools.robot.compare.compare import differences
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.model import Robot
+from opencv_tools.robot.renaming import with_original_names
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.passthrough import PREFIXES
+from opencv_tools.robot.xml.report import LOSSY, PRESERVED, Report
+from opencv_tools.robot.xml.schema import GAZEBO
+import pytest
+
+Element = etree._Element
+
+TABLES = Path(__file__).parents[3] / 'docs' / 'element_mapping.md'
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
+CONVERTED = 'converted'
+FATES = {CONVERTED, PRESERVED, LOSSY}
+
+MASS = {
+    'urdf': '<inertial><mass value="1"/>'
+            '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>',
+    'sdf': '<inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>'
+           '</inertial>',
+}
+# Paths go into the last of several links and joints: into the arm and the elbow.
+WHOLE = {
+    'urdf': f"""
+<robot name="robot">
+  <link name="body">{MASS['urdf']}</link>
+  <link name="hand">{MASS['urdf']}</link>
+  <link name="arm">{MASS['urdf']}</link>
+  <joint name="wrist" type="continuous">
+    <origin xyz="0 0 0.5" rpy="0 0 1"/>
+    <parent link="body"/>
+    <child link="hand"/>
+    <axis xyz="0 0 1"/>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent link="body"/>
+    <child link="arm"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="2" velocity="3"/>
+  </joint>
+</robot>""",
+    'sdf': f"""
+<sdf version="1.12">
+<model name="robot">
+  <link name="body">{MASS['sdf']}</link>
+  <link name="hand"><pose>0 0 0.5 0 0 1</pose>{MASS['sdf']}</link>
+  <link name="arm">{MASS['sdf']}</link>
+  <joint name="wrist" type="continuous">
+    <parent>body</parent>
+    <child>hand</child>
+    <axis><xyz>0 0 1</xyz></axis>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent>body</parent>
+    <child>arm</child>
+    <axis><xyz>0 0 1</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis>
+  </joint>
+</model>
+</sdf>""",
+}
+
+# What has to be in an element for it to be one, by the end of its path; all others begin empty.
+FILLED = {
+    'urdf': {
+        'visual': '<visual><geometry><sphere radius="1"/></geometry></visual>',
+        'collision': '<collision><geometry><sphere radius="1"/></geometry></collision>',
+        'geometry/box': '<box size="1 1 1"/>',
+        'geometry/cylinder': '<cylinder radius="1" length="1"/>',
+        'geometry/capsule': '<capsule radius="1" length="1"/>',
+        'geometry/mesh': '<mesh filename="package://robot/a.stl"/>',
+        'visual/material': '<material name="red"><color rgba="1 0 0 1"/></material>',
+        'material/color': '<color rgba="1 0 0 1"/>',
+        'material/texture': '<texture filename="a.png"/>',
+        'mimic': '<mimic joint="wrist"/>',
+        'dynamics': '<dynamics damping="0.5"/>',
+        'origin': '<origin xyz="1 2 3"/>',
+        'gazebo': '<gazebo reference="arm"><mu1>0.5</mu1></gazebo>',
+        'safety_controller': '<safety_controller k_velocity="1"/>',
+        'gazebo/sensor': '<sensor name="eye" type="imu"/>',
+        'gazebo/plugin': '<plugin name="drive" filename="libdrive.so"/>',
+        'gazebo/light': '<light name="lamp" type="point"/>',
+    },
+    'sdf': {
+        'visual': '<visual name="shell"><geometry><sphere><radius>1</radius></sphere></geometry>'
+                  '</visual>',
+        'collision': '<collision name="solid"><geometry><sphere><radius>1</radius></sphere>'
+                     '</geometry></collision>',
+        'geometry/box': '<box><size>1 1 1</size></box>',
+        'geometry/cylinder': '<cylinder><radius>1</radius><length>1</length></cylinder>',
+        'geometry/capsule': '<capsule><radius>1</radius><length>1</length></capsule>',
+        'geometry/mesh': '<mesh><uri>model://robot/a.stl</uri></mesh>',
+        'visual/material': '<material><ambient>1 0 0 1</ambient><diffuse>1 0 0 1</diffuse>'
+                           '<specular>0 0 0 1</specular><emissive>0 0 0 1</emissive></material>',
+        'material/pbr': '<pbr><metal><albedo_map>a.png</albedo_map></metal></pbr>',
+        'axis2': '<axis2><xyz>1 0 0</xyz></axis2>',
+        'axis/mimic': '<mimic joint="wrist"><multiplier>2</multiplier></mimic>',
+        'axis2/mimic': '<mimic joint="wrist"><multiplier>2</multiplier></mimic>',
+        'dynamics': '<dynamics><damping>0.5</damping></dynamics>',
+        'axis2/limit': '<limit><lower>-1</lower></limit>',
+        'model/frame': '<frame name="tip"/>',
+        'sensor': '<sensor name="eye" type="imu"/>',
+        'light': '<light name="lamp" type="point"/>',
+        'particle_emitter': '<particle_emitter name="smoke" type="point"/>',
+        'battery': '<battery name="cell"/>',
+        'plugin': '<plugin name="drive" filename="libdrive.so"/>',
+        'projector': '<projector name="beam"/>',
+        'gripper': '<gripper name="grip"/>',
+        'pose': '<pose>1 2 3 0.1 0.2 0.3</pose>',
+        'model/include': '<include><uri>parts/camera</uri><pose>0 0 1 0 0 0</pose></include>',
+        'model/model': f'<model name="camera"><link name="base">{MASS["sdf"]}</link></model>',
+    },
+}
+
+# What an element says, by the end of its path; all others say 0.25.
+SAID = {
+    'urdf': {
+        '@name': 'else', '@xyz': '0.6 0 0.8', '@rpy': '0.1 0.2 0.3', '@size': '1 2 3',
+        '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
+        'joint/@type': 'prismatic', 'parent/@link': 'hand', 'child/@link': 'arm',
+        'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false',
+        'robot/@version': '1.1', 'gazebo/static': 'true',
+    },
+    'sdf': {
+        '@name': 'else', 'pose': '1 2 3 0.1 0.2 0.3', '@relative_to': 'hand',
+        '@degrees': 'true', '@rotation_format': 'quat_xyzw', 'size': '1 2 3', 'scale': '1 2 3',
+        '@canonical_link': 'arm', '@placement_frame': 'hand', '@attached_to': 'arm',
+        'joint/@type': 'prismatic', 'joint/parent': 'hand', 'joint/child': 'arm',
+        'xyz': '0 0.6 0.8', '@expressed_in': 'turned', 'mimic/@joint': 'wrist',
+        'mimic/@axis': 'axis2', '@merge': 'true', 'include/uri': 'parts/camera',
+        'include/name': 'else', 'include/placement_frame': 'lens',
+        'mesh/uri': 'model://robot/b.stl',
+        'material/diffuse': '0.1 0.2 0.3 0.4', 'material/ambient': '0.1 0.2 0.3 0.4',
+        'material/specular': '0.1 0.2 0.3 0.4', 'material/emissive': '0.1 0.2 0.3 0.4',
+        'sensor/@type': 'camera', 'light/@type': 'spot', 'particle_emitter/@type': 'box',
+        'particle_size': '1 2 3', 'direction': '0 0 1',
+        **dict.fromkeys(('light/diffuse', 'light/specular', 'color_start', 'color_end'),
+                        '0.1 0.2 0.3 1'),
+        **dict.fromkeys((
+            'allow_auto_disable', 'always_on', 'cast_shadows', 'double_sided', 'emitting',
+            'enable_metrics', 'enable_wind', 'gravity', 'kinematic', 'lighting',
+            'must_be_base_link', 'provide_feedback', 'self_collide', 'static', 'visualize'),
+            'true'),
+    },
+}
+
+# What comes back with the same meaning in other numbers.
+REWRITTEN = re.compile(
+    r'model/@placement_frame|model/frame/pose|model/joint/axis2/(xyz|mimic)')
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    A row of a table.
+
+    :param paths: what it is about, one by one.
+    :param fates: a part of ``FATES``.
+    """
+
+    paths: tuple[str, ...]
+    fates: frozenset[str]
+    text: str
+
+
+def _rows(language: str) -> list[Row]:
+    rows = []
+    heading = {'urdf': 'element of URDF', 'sdf': 'element of SDF'}[language]
+    table = TABLES.read_text().split(f'| {heading} |')[1].split('\n\n')[0]
+    for line in table.splitlines()[2:]:
+        first, fates, _ = (cell.strip() for cell in line.strip('|').split('|', 2))
+        rows.append(Row(tuple(_alternatives(first.strip('`'))),
+                        frozenset(fates.split(', ')), line))
+    return rows
+
+
+def _alternatives(text: str) -> Iterator[str]:
+    parts = [part.split(',') for part in re.split(r'[{}]', text)]
+    return map(''.join, itertools.product(*parts))
+
+
+ROWS = {language: _rows(language) for language in WHOLE}
+LISTED = {language: [line for line in (ROBOTS / f'{language}_elements.txt').read_text().split('\n')
+                     if line and not line.startswith('#')] for language in WHOLE}
+
+
+def _row(language: str, path: str) -> Row | None:
+    """Find the row that a path belongs to: its own, or the longest that has all that is inside."""
+    best: tuple[int, bool, Row] | None = None
+    for row in ROWS[language]:
+        for one in row.paths:
+            stem = one.removesuffix('/**')
+            fits = path == stem or (stem != one and path.startswith(f'{stem}/'))
+            if fits and (best is None or (len(stem), path == one) > best[:2]):
+                best = len(stem), path == one, row
+    return best[2] if best else None
+
+
+PATHS = [(language, path) for language in WHOLE
+         for path in dict.fromkeys([*LISTED[language], *(
+             one.removesuffix('/**') for row in ROWS[language] for one in row.paths)])]
+
+
+def test_the_tables_can_be_read() -> None:
+    for language, rows in ROWS.items():
+        assert len(rows) > 50
+        paths = [path for row in rows for path in row.paths]
+        assert len(set(paths)) == len(paths), 'an element has two rows'
+        for row in rows:
+            assert row.fates <= FATES and row.fates, row.text
+            for path in row.paths:
+                stem = path.removesuffix('/**')
+                assert any(f'{one}/'.startswith(f'{stem}/') for one in LISTED[language]), row.text
+
+
+@pytest.mark.parametrize('language', WHOLE)
+def test_every_element_has_a_row(language: str) -> None:
+    assert [path for path in LISTED[language] if _row(language, path) is None] == []
+
+
+def test_what_gazebo_takes_is_in_the_tables() -> None:
+    for owner, tags in GAZEBO.items():
+        path = 'model' if owner == 'model' else f'model/{owner}'
+        for tag in tags - {'plugin'}:
+            row = _row('sdf', f'{path}/{tag}')
+            assert row and row.fates == {PRESERVED} and '<gazebo' in row.text
+
+
+@pytest.mark.parametrize(('language', 'path'), PATHS)
+def test_every_row_is_true(language: str, path: str) -> None:
+    row = _row(language, path)
+    assert row is not None
+    with_it, without = _built(language, path), _built(language, _above(language, path, row))
+    same = etree.tostring(with_it, method='c14n') == etree.tostring(without, method='c14n')
+    there, report = _converted(language, with_it)
+    _check_way_back(language, path, row, with_it, there)
+    if same:  # there is no robot without it
+        return
+    bare, bare_report = _converted(language, without)
+    plain = _plain(language, there) != _plain(language, bare)
+    if CONVERTED in row.fates:
+        assert plain, 'makes no difference to the other format'
+    elif row.fates == {PRESERVED}:
+        assert not plain, 'makes a difference to the other format'
+    kept, kept_before = _kept(language, there), _kept(language, bare)
+    if PRESERVED in row.fates:
+        assert kept != kept_before, 'is not preserved'
+        assert path.endswith('@name') or _notes(report, PRESERVED)
+    else:
+        name = path.rpartition('/')[2].lstrip('@')
+        assert kept[name] == kept_before[name], 'is preserved'
+    reported = _notes(report, LOSSY) - _notes(bare_report, LOSSY)
+    assert bool(reported) == (LOSSY in row.fates), reported
+
+
+def _above(language: str, path: str, row: Row) -> str:
+    """Give the path to what an element is in, which the same row says nothing about."""
+    while '/' in path and _row(language, path) == row:
+        path = path.rpartition('/')[0]
+    return path
+
+
+def _by_end(table: Mapping[str, str], path: str) -> str | None:
+    return next((table[end] for end in sorted(table, key=len, reverse=True)
+                 if path == end or path.endswith(f'/{end}')), None)
+
+
+def _built(language: str, path: str) -> Element:
+    """Build a robot that has what a path leads to."""
+    root = etree.fromstring(WHOLE[language], etree.XMLParser(remove_blank_text=True))
+    element = top = root if language == 'urdf' else root[0]
+    steps = path.split('/')[1:]
+    if 'axis2' in steps:
+        top.findall('joint')[-1].set('type', 'universal')
+    if '@expressed_in' in steps:
+        top.append(etree.fromstring('<frame name="turned"><pose>0 0 0 1 0 0</pose></frame>'))
+    done = path.split('/')[0]
+    for step in steps:
+        done += f'/{step}'
+        if step.startswith('@'):
+            _set(element, step, str(_by_end(SAID[language], done) or '0.25'), done, top)
+            break
+        element = _child(language, element, step, done)
+    else:
+        inside = any(one.startswith(f'{path}/') for one in LISTED[language])
+        text = _by_end(SAID[language], path)
+        if text or not (len(element) or element.attrib or inside):
+            element.text = text or '0.25'
+    if path.endswith('gazebo/static'):  # which is said of the whole robot
+        del top.findall('gazebo')[-1].attrib['reference']
+    _fasten(top)
+    return root
+
+
+def _child(language: str, element: Element, step: str, done: str) -> Element:
+    found = element.findall(step)
+    if found:
+        return found[-1]
+    if element.tag == 'geometry':
+        element.clear()
+    filled = _by_end(FILLED[language], done)
+    child = etree.fromstring(filled) if filled else etree.Element(step)
+    element.append(child)
+    return child
+
+
+def _set(element: Element, step: str, value: str, path: str, top: Element) -> None:
+    if path.endswith('/link/@name'):  # and who names the link
+        for end in top.findall('joint')[-1].findall('child'):
+            end.text = value if end.text else None
+            if end.get('link'):
+                end.set('link', value)
+    element.set(step[1:], value)
+    if step == '@rotation_format':
+        element.text = '1 2 3 0 0 0.6 0.8'
+
+
+def _fasten(top: Element) -> None:
+    """Fasten what a model inside the model has to the other links."""
+    for inner in (*top.findall('include'), *top.findall('model')):
+        name = inner.findtext('name') or inner.get('name') or 'camera'
+        joint = etree.SubElement(top, 'joint', name='mount', type='fixed')
+        etree.SubElement(joint, 'parent').text = 'body'
+        merged = inner.get('merge') == 'true'
+        etree.SubElement(joint, 'child').text = 'base' if merged else f'{name}::base'
+
+
+def _read(language: str, root: Element, report: Report) -> Robot:
+    root = parse(to_bytes(deepcopy(root)), 'robot', report)
+    if language == 'urdf':
+        return read_urdf(root, report)
+    return with_original_names(read_sdf(root, report, search=[str(ROBOTS / 'sdf')]))
+
+
+def _converted(language: str, root: Element) -> tuple[Element, Report]:
+    report = Report()
+    robot = _read(language, root, report)
+    if language == 'urdf':
+        return convert_to_sdf(robot, report, version='1.12'), report
+    return convert_to_urdf(robot, report), report
+
+
+def _check_way_back(language: str, path: str, row: Row, root: Element, there: Element) -> None:
+    other = 'sdf' if language == 'urdf' else 'urdf'
+    back, _ = _converted(other, there)
+    original, restored = (_read(language, one, Report()) for one in (root, back))
+    assert differences(original, restored, samples=3, tolerance=1e-12) == []
+    if not any('::' in link.name for link in original.links):
+        for kind in ('links', 'joints', 'frames'):
+            names = ([thing.name for thing in getattr(robot, kind)]
+                     for robot in (original, restored))
+            assert next(names) == next(names)
+    if row.fates & {PRESERVED} and CONVERTED not in row.fates and not REWRITTEN.search(path):
+        top = (root, back) if language == 'urdf' else (root[0], back[0])
+        assert _at(top[0], path)
+        assert set(_at(top[0], path)) <= set(_at(top[1], path)), 'is not restored'
+
+
+def _at(top: Element, path: str) -> list[str]:
+    """Give what stands at a path, in all elements that it leads to."""
+    inside, _, attribute = '/'.join(['.', *path.split('/')[1:]]).partition('/@')
+    found = top.findall(inside)
+    if attribute:
+        return [value for element in found if (value := element.get(attribute)) is not None]
+    return [etree.tostring(_stripped(element), method='c14n').decode() for element in found]
+
+
+def _stripped(element: Element) -> Element:
+    """Copy an element without blanks around its texts."""
+    copy = deepcopy(element)
+    copy.tail = None
+    for inner in copy.iter():
+        inner.text = (inner.text or '').strip() or None
+        inner.tail = None
+    etree.cleanup_namespaces(copy)
+    return copy
+
+
+def _is_kept(language: str, name: str) -> bool:
+    """Tell whether what has this name is for the format that was read."""
+    namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'preserved'))
+    return name.startswith(tuple(namespaces)) or (language == 'sdf' and name == 'gazebo')
+
+
+def _plain(language: str, root: Element) -> str:
+    """Give a converted robot without what is carried."""
+    copy = _stripped(root)
+    for element in list(copy.iter()):
+        holder = element.getparent()
+        if holder is not None and _is_kept(language, str(element.tag)):
+            holder.remove(element)
+        for name in list(element.attrib):
+            if _is_kept(language, str(name)):
+                del element.attrib[name]
+    etree.cleanup_namespaces(copy)
+    return etree.tostring(copy, method='c14n').decode()
+
+
+def _kept(language: str, root: Element) -> Counter[str]:
+    """Count what is carried in a converted robot, by name and by what it says."""
+    found: Counter[str] = Counter()
+    for element in root.iter():
+        above = (element, *element.iterancestors())
+        inside = any(_is_kept(language, str(one.tag)) for one in above)
+        entries = [(str(name), str(value)) for name, value in element.attrib.items()
+                   if inside or _is_kept(language, str(name))]
+        if inside:
+            entries.append((str(element.tag), (element.text or '').strip()))
+        for name, value in entries:
+            name = etree.QName(name).localname
+            found.update([name, f'{name}={value}'])
+    return found
+
+
+def _notes(report: Report, level: str) -> Counter[tuple[str, str, str]]:
+    return Counter((note.element, note.name, note.message) for note in report.notes
+                   if note.level == level)

@@ -1,0 +1,329 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Each file in data/robots becomes what its name says, and what its comments say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+import functools
+import math
+from pathlib import Path
+import random
+import re
+from types import ModuleType
+from typing import Any
+
+from lxml import etree
+from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
+from opencv_tools.robot.compare.compare import differences
+from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.model import Extension, FrameId, Link, Robot
+from opencv_tools.robot.pose import normalised, Pose
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.taken import PART
+import pytest
+
+Command = Callable[[Sequence[str] | None], int]
+Text = pytest.CaptureFixture[str]
+# Of what is preserved: whose it is, the tags that lead to it, its attributes and its text.
+Entry = tuple[str, tuple[str, ...], tuple[tuple[str, str], ...], str]
+
+ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
+FIXTURES = {path.name: path for path in sorted(ROBOTS.glob('*/*.*'))}
+ERRORS = [name for name in FIXTURES if name.startswith('error_')]
+WARNINGS = [name for name in FIXTURES if name.startswith('warning_')]
+FINE = [name for name in FIXTURES if name.startswith('ok_')]
+TUTORIAL = [name for name in FIXTURES if name.startswith('tutorial_')]
+CONVERTED = [*WARNINGS, *FINE, *TUTORIAL]
+
+# A file with nothing in it has no comment either.
+SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
+
+# What is in a link that moved with its joint's frame has its pose computed there and back.
+COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
+
+# What breaks a rule of SDF or URDF is mended, so that it does not come back as it was.
+MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
+          'warning_version_of_urdf.sdf'}
+
+# What the independent check cannot judge, and why.
+NOT_JUDGED = {
+    'ok_axis_not_of_length_1.urdf': 'yourdfpy moves a prismatic joint by its axis as it is',
+    'ok_capsule.urdf': 'yourdfpy knows no capsules',
+    'ok_shapes.sdf': 'yourdfpy knows no capsules',
+    'ok_mimic_of_a_mimic.urdf': 'yourdfpy takes a mimic of a mimic for 0',
+    'warning_capsule_without_length.sdf': 'yourdfpy knows no capsules',
+    'warning_geometry_empty.urdf': 'yourdfpy wants a geometry',
+    'warning_geometry_unknown.urdf': 'yourdfpy knows no ellipsoids',
+    'warning_visual_without_geometry.urdf': 'yourdfpy wants a geometry',
+}
+
+
+def _expected(name: str) -> list[str]:
+    found = re.search(r'<!-- expect: (.*?) -->', _text(name))
+    return found[1].split('; ') if found else SAID_HERE[name]
+
+
+def _expected_line(name: str) -> int:
+    found = re.search(r'<!-- expect-line: (\d+) -->', _text(name))
+    return int(found[1]) if found else 0
+
+
+def _text(name: str) -> str:
+    return FIXTURES[name].read_bytes().decode('utf-8', 'replace')
+
+
+def _is_sdf(name: str) -> bool:
+    return name.endswith('.sdf')
+
+
+def _there(name: str) -> Command:
+    return sdf_to_urdf if _is_sdf(name) else urdf_to_sdf
+
+
+def _back(name: str) -> Command:
+    return urdf_to_sdf if _is_sdf(name) else sdf_to_urdf
+
+
+def _read(path: Path) -> Robot:
+    return read_robot(str(path), Report())[0]
+
+
+Ways = Callable[[str], tuple[Path, Path]]
+
+
+@pytest.fixture(scope='module')
+def ways(tmp_path_factory: pytest.TempPathFactory) -> Ways:
+    """Give the file in the other format that a fixture becomes, and the one on the way back."""
+    return functools.cache(lambda name: _convert(name, tmp_path_factory.mktemp('ways')))
+
+
+def _convert(name: str, folder: Path, options: Sequence[str] = ()) -> tuple[Path, Path]:
+    there, back = folder / 'there', folder / 'back'
+    given: dict[Command, list[str]] = {urdf_to_sdf: [*options], sdf_to_urdf: []}
+    assert _there(name)([str(FIXTURES[name]), '-o', str(there), *given[_there(name)]]) == 0
+    assert _back(name)([str(there), '-o', str(back), *given[_back(name)]]) == 0
+    return there, back
+
+
+def test_there_are_enough_fixtures() -> None:
+    assert len(ERRORS) >= 60
+    assert len(WARNINGS) >= 20
+    assert len(FINE) >= 60
+    assert len(TUTORIAL) == 2
+    assert len(ERRORS + CONVERTED) == len(FIXTURES)
+
+
+@pytest.mark.parametrize('name', ERRORS)
+def test_errors(name: str, tmp_path: Path, capfd: Text) -> None:
+    command, path = _there(name), FIXTURES[name]
+    assert command([str(path), '-o', str(tmp_path / 'output')]) == 2
+    output, message = capfd.readouterr()
+    assert output == ''
+    assert list(tmp_path.iterdir()) == []
+    assert message.count('\n') == 1
+    assert message.startswith(f'{command.__name__}: error: {path}')
+    for words in _expected(name):
+        assert words in message
+    line = _expected_line(name)
+    if line:
+        assert f'{path}:{line}: <' in message
+
+
+@pytest.mark.parametrize('name', WARNINGS)
+def test_warnings(name: str, tmp_path: Path, capfd: Text) -> None:
+    command, path = _there(name), FIXTURES[name]
+    assert command([str(path)]) == 0
+    output, message = capfd.readouterr()
+    etree.fromstring(output.encode())
+    for note in message.splitlines():
+        _, _, place = note.partition(f'{command.__name__}: warning: ')
+        assert place.startswith((f'{path}', f'{ROBOTS / "sdf" / "parts"}'))
+    for words in _expected(name):
+        assert words in message
+    line = _expected_line(name)
+    if line:
+        assert f'{path}:{line}: <' in message
+    # What is reported is converted all the same.
+    assert command([str(path), '--strict', '-o', str(tmp_path / 'output')]) == 1
+    assert (tmp_path / 'output').read_text() == output
+
+
+@pytest.mark.parametrize('name', FINE)
+def test_nothing_is_reported_of_what_is_fine(name: str, capfd: Text) -> None:
+    assert _there(name)([str(FIXTURES[name]), '--strict']) == 0
+    output, message = capfd.readouterr()
+    assert message == ''
+    etree.fromstring(output.encode())
+
+
+@pytest.mark.parametrize('name', CONVERTED)
+def test_the_way_back_gives_the_same_robot(name: str, ways: Ways) -> None:
+    there, back = ways(name)
+    original = _read(FIXTURES[name])
+    assert differences(original, _read(there), samples=5, tolerance=1e-12) == []
+    assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
+
+
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in MENDED])
+def test_the_way_back_restores_all_that_was_carried(name: str, ways: Ways) -> None:
+    _, back = ways(name)
+    original, restored = (Counter(_all_carried(_read(path))) for path in (FIXTURES[name], back))
+    if name in COMPUTED_POSES:
+        original, restored = (Counter({key: count for key, count in found.items()
+                                       if key[1][-1] != 'pose'}) for found in (original, restored))
+    assert restored == original
+
+
+@pytest.mark.parametrize('name', [name for name in CONVERTED if not _is_sdf(name)])
+def test_relative_poses_leave_every_number_alone(name: str, tmp_path: Path) -> None:
+    _, back = _convert(name, tmp_path, ['--poses', 'relative'])
+    original, restored = _read(FIXTURES[name]), _read(back)
+    assert differences(original, restored, samples=0, tolerance=0) == []
+    assert [joint.placement for joint in restored.joints] == [
+        joint.placement for joint in original.joints]
+    assert {link.name: _numbers(link) for link in restored.links} == {
+        link.name: _numbers(link) for link in original.links}
+
+
+@pytest.mark.parametrize('name', [name for name in CONVERTED if _is_sdf(name)])
+def test_relative_poses_give_the_same_robot(name: str, tmp_path: Path) -> None:
+    _, back = _convert(name, tmp_path, ['--poses', 'relative'])
+    assert differences(_read(FIXTURES[name]), _read(back), samples=5, tolerance=1e-12) == []
+
+
+@pytest.mark.parametrize('version', ['1.4', '1.5', '1.6', '1.7', '1.9', '1.12'])
+def test_every_version_gives_the_same_robot(version: str, tmp_path: Path) -> None:
+    wrong = []
+    for name in CONVERTED:
+        if not _is_sdf(name):
+            _, back = _convert(name, tmp_path, ['--sdf-version', version])
+            original, restored = _read(FIXTURES[name]), _read(back)
+            if (differences(original, restored, samples=1, tolerance=1e-12)
+                    or Counter(_all_carried(restored)) != Counter(_all_carried(original))):
+                wrong.append(name)
+    assert wrong == []
+
+
+PLACES = [(name, *fact.groups()) for name in CONVERTED for fact in re.finditer(
+    r'<!-- (link|joint|frame) (\S+): ([-\d. e]+) -->', _text(name))]
+AXES = [(name, *fact.groups()) for name in CONVERTED for fact in re.finditer(
+    r'<!-- axis (\S+): ([-\d. e]+) -->', _text(name))]
+
+
+@pytest.mark.parametrize(('name', 'kind', 'thing', 'numbers'), PLACES)
+def test_frames_are_where_the_comments_say(name: str, kind: str, thing: str, numbers: str
+                                           ) -> None:
+    x, y, z, roll, pitch, yaw = map(float, numbers.split())
+    found = Kinematics(_read(FIXTURES[name])).pose(FrameId(kind, thing))
+    expected = Pose((x, y, z), (roll, pitch, yaw)).transform()
+    assert found.translation == pytest.approx(expected.translation, abs=1e-12)
+    assert found.rotation == pytest.approx(expected.rotation, abs=1e-12)
+
+
+@pytest.mark.parametrize(('name', 'thing', 'numbers'), AXES)
+def test_axes_point_where_the_comments_say(name: str, thing: str, numbers: str) -> None:
+    joint, = (joint for joint in _read(FIXTURES[name]).joints if joint.name == thing)
+    found = normalised(joint.axes[0].xyz)
+    assert found == pytest.approx(tuple(map(float, numbers.split())), abs=1e-12)
+
+
+# What Gazebo takes from a <gazebo> block is placed in what URDF means by the link, the joint's
+# frame.
+MOVED = [
+    ('ok_joint_frame_away_from_the_child.sdf', 'knock', '0.8 0 0 0 0 -1.5707963267948966'),
+    ('ok_light_with_a_placed_pose.sdf', 'bulb', '0.5 1 1 0 0 -1.5707963267948966'),
+    ('ok_light_with_a_placed_pose.sdf', 'turned', '0.5 0 0 0 0 1.5707963267948966'),
+    ('ok_sensors.sdf', 'eye', '0.1 0 0 0 0 0'),
+]
+
+
+@pytest.mark.parametrize(('name', 'thing', 'numbers'), MOVED)
+def test_what_gazebo_places_moves_with_the_frame_of_its_link(
+        name: str, thing: str, numbers: str, ways: Ways) -> None:
+    there = etree.parse(ways(name)[0])
+    pose, = there.xpath(f'gazebo/*[@name="{thing}"]/pose')
+    assert pose.attrib == {}
+    assert [*map(float, pose.text.split())] == pytest.approx(
+        [*map(float, numbers.split())], abs=1e-12)
+
+
+@pytest.fixture(scope='module')
+def judge() -> ModuleType:
+    return pytest.importorskip('yourdfpy', reason='no package of ROS has it: pip install yourdfpy')
+
+
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in NOT_JUDGED])
+def test_an_independent_reader_moves_the_urdf_in_the_same_way(
+        name: str, ways: Ways, judge: ModuleType) -> None:
+    there, back = ways(name)
+    path = there if _is_sdf(name) else back
+    robot = _read(path)
+    seen = judge.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+    generator = random.Random(7)
+    for sample in range(3):
+        positions = {joint: generator.uniform(-1, 1) if sample else 0.0
+                     for joint in seen.actuated_joint_names}
+        _compare_with_judge(robot, seen, positions)
+
+
+def _compare_with_judge(robot: Robot, seen: Any, positions: dict[str, float]) -> None:
+    kinematics = Kinematics(robot)
+    # It takes a floating joint for a fixed one, and so a screw, which URDF only knows as floating.
+    moved = {name: value for name, value in positions.items()
+             if seen.joint_map[name].type in ('revolute', 'continuous', 'prismatic')}
+    seen.update_cfg({**dict.fromkeys(positions, 0.0), **moved})
+    poses = kinematics.at(with_mimics(robot, {name: (moved[name],) for name in moved}))
+    base, = kinematics.roots
+    home = poses[FrameId('link', base)].inverse()
+    # The frame that URDF means by a link is that of the joint above it.
+    for joint in kinematics.joint_above.values():
+        ours = home @ poses[FrameId('joint', joint.name)]
+        theirs = seen.get_transform(joint.child, base)
+        assert math.dist(ours.translation, theirs[:3, 3]) < 1e-9
+        assert math.dist(ours.rotation, theirs[:3, :3].ravel()) < 1e-9
+
+
+def _numbers(link: Link) -> tuple[object, ...]:
+    """Give the numbers that place what is in a link, and its mass."""
+    inertial = link.inertial
+    return (link.placement.pose, [shape.placement.pose for shape in link.visuals],
+            [shape.placement.pose for shape in link.collisions],
+            inertial and (inertial.placement.pose, inertial.mass, inertial.inertia))
+
+
+def _all_carried(robot: Robot) -> Iterator[Entry]:
+    yield from _entries(robot.extension, 'model')
+    for link in robot.links:
+        yield from _entries(link.extension, f'link {link.name}')
+        for index, shape in enumerate(link.visuals):
+            yield from _entries(shape.extension, f'visual {link.name} {index}')
+        for index, shape in enumerate(link.collisions):
+            yield from _entries(shape.extension, f'collision {link.name} {index}')
+    for joint in robot.joints:
+        yield from _entries(joint.extension, f'joint {joint.name}')
+    for frame in robot.frames:
+        yield from _entries(frame.extension, f'frame {frame.name}')
+
+
+def _entries(extension: Extension, owner: str) -> Iterator[Entry]:
+    for root in (extension.urdf, extension.sdf):
+        for element in () if root is None else root.iter(etree.Element):
+            path = [str(step.tag) for step in (element, *element.iterancestors())]
+            attributes = tuple(sorted((str(name), str(value))
+                                      for name, value in element.attrib.items() if name != PART))
+            yield owner, tuple(reversed(path)), attributes, (element.text or '').strip()
