@@ -270,8 +270,9 @@ def publish_ours(load: Load) -> int:
     """Run the package's publisher, with a camera that costs nothing."""
     camera = Camera(load)
     loop.open_source = lambda *_: camera
-    executable = Executable('img_publisher', 'image_publisher', '',
-                            publisher_parameters.PARAMETERS, '', lambda _: load.frame_bytes)
+    executable = Executable(
+        name='img_publisher', node='image_publisher', description='', example='',
+        parameters=publisher_parameters.PARAMETERS, frame_bytes=lambda _: load.frame_bytes)
     topic = f'{load.namespace}/{TOPIC}'
     status = run(executable, ImagePublisher, [
         'img_publisher', *load.arguments, '-p', 'publish_rate:=0.0',
@@ -284,8 +285,9 @@ def publish_ours(load: Load) -> int:
 def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
-    executable = Executable('img_subscriber', 'image_subscriber', '',
-                            subscriber_parameters.PARAMETERS, '')
+    executable = Executable(
+        name='img_subscriber', node='image_subscriber', description='', example='',
+        parameters=subscriber_parameters.PARAMETERS)
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(executable, lambda _: OurSubscriber(), [

@@ -94,8 +94,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        'img_publisher', 'image_publisher', 'Publish frames as sensor_msgs/Image on video_frames.',
-        PARAMETERS, '-p source:=clip.mp4 -p publish_rate:=0', expected_frame_bytes)
+        name='img_publisher', node='image_publisher', parameters=PARAMETERS,
+        description='Publish frames as sensor_msgs/Image on video_frames.',
+        example='-p source:=clip.mp4 -p publish_rate:=0', frame_bytes=expected_frame_bytes)
     status = run(executable, ImagePublisher, args, failures=())
     keep_exit_status()
     return status

@@ -176,8 +176,8 @@ class CameraControls:
         step = max(1, control.step)
         even = (value - control.minimum) % step == 0
         bounds = min(value, control.minimum), max(value, control.maximum)
-        return Parameter(
-            name, value, description, bounds, step if even else 1, changeable=True)
+        return Parameter(name, value, description, bounds=bounds, step=step if even else 1,
+                         changeable=True)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all changed values, or to none of them with the reason."""
