@@ -24,8 +24,8 @@ from threading import Thread
 import time
 from typing import Any
 
-from opencv_tools.capture.frame import (
-    BrokenFrameError, CaptureError, Frame, Source, UnavailableError)
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import is_camera, open_source

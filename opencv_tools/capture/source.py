@@ -25,7 +25,8 @@ from pathlib import Path
 import stat
 
 import cv2
-from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
+from opencv_tools.capture.errors import CaptureError, UnavailableError
+from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import StreamSource

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Literal
 
 import cv2
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MAX_RATE
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import Frame, MAX_RATE
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.image.text import MAX_PATH, printable, without_password
 

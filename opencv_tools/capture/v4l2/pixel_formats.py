@@ -24,7 +24,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import BrokenFrameError, JPEG
+from opencv_tools.capture.errors import BrokenFrameError
+from opencv_tools.capture.frame import JPEG
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels

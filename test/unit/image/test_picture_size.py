@@ -160,7 +160,7 @@ def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None
     path = tmp_path / 'picture.png'
     path.write_bytes(make())
     script = ('import pathlib, sys\n'
-              'from opencv_tools.capture.frame import BrokenFrameError\n'
+              'from opencv_tools.capture.errors import BrokenFrameError\n'
               'from opencv_tools.capture.image_files import PictureSequence\n'
               'from opencv_tools.image_codecs import CodecError, decode_picture\n'
               'path = pathlib.Path(sys.argv[1])\n'

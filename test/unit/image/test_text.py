@@ -20,7 +20,7 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import PictureSequence
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
