@@ -45,7 +45,7 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.subscriber.conversion import message_to_frame
 from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
-from opencv_tools.ros.subscriber.parameters import limits, open_recorder, PARAMETERS
+from opencv_tools.ros.subscriber.parameters import limits, open_recorder, RecorderSettings
 from std_msgs.msg import Header
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
@@ -217,8 +217,8 @@ def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> f
 
 def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     """Write as the subscriber does, until all are on the disk and in the manifest."""
-    settings = {parameter.name: parameter.default for parameter in PARAMETERS}
-    settings.update(output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
+    settings = RecorderSettings(
+        output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
     bridge = CvBridge()
     _, recorder = open_recorder(settings, limits(settings), logging.getLogger(), lambda: None)
     began = time.perf_counter()

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 import sys
 from threading import Thread
@@ -41,8 +42,8 @@ from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.publisher.frame_size import expected_frame_bytes
 from opencv_tools.ros.publisher.image_topics import FrameTopics
 from opencv_tools.ros.publisher.parameters import (
-    camera_request, ENCODING, output_settings, PARAMETERS, playback_settings, reconnect_policy,
-    REOPEN_ON_CHANGE)
+    ENCODING, PARAMETERS, PublisherSettings, REOPEN_ON_CHANGE,
+)
 from opencv_tools.ros.publisher.stamps import Stamper
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.timers import Delay
@@ -68,7 +69,7 @@ class ImagePublisher(Node):
         :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
-        self._settings = declare_parameters(self, PARAMETERS)
+        self._settings = PublisherSettings(**declare_parameters(self, PARAMETERS))
         self.done = Future()
         self._dropped = 0
         self._last_drop = ''
@@ -76,10 +77,10 @@ class ImagePublisher(Node):
         self._stamper = Stamper(self.get_clock())
         self._progress = Progress(self.get_logger().info, 'Publishing video frame')
         self._topics = FrameTopics(self, 'video_frames', self._open_calibration(), fastdds,
-                                   self._settings['wait_for_subscribers'])
+                                   self._settings.wait_for_subscribers)
         self.publisher_ = self._topics.images
-        self._grabber = Grabber(self._open_source, playback_settings(self._settings),
-                                reconnect_policy(self._settings), self, self._topics)
+        self._grabber = Grabber(self._open_source, self._settings.playback(),
+                                self._settings.reconnect_policy(), self, self._topics)
         self._controls = CameraControls(self, PARAMETERS, self._camera)
         self._camera_opened = self.create_guard_condition(self._declare_controls)
         self._diagnostics = Diagnostics(self, self._source_status)
@@ -87,11 +88,11 @@ class ImagePublisher(Node):
         watch_parameters(self, PARAMETERS, self._apply_changes, lambda: self._controls.parameters)
         self.create_service(SetBool, 'set_capture', self._set_capture)
         self.create_service(SetCameraInfo, 'set_camera_info', self._set_camera_info)
-        if not is_camera(self._settings['source']):
+        if not is_camera(self._settings.source):
             self._controls.warn_unknown_parameters()
-        if self._settings['wait_for_subscribers']:
+        if self._settings.wait_for_subscribers:
             self.get_logger().info(
-                f'Waiting for {self._settings["wait_for_subscribers"]} subscriber(s)')
+                f'Waiting for {self._settings.wait_for_subscribers} subscriber(s)')
         self._thread = Thread(target=self._publish_all, name='publishing', daemon=True)
         self._thread.start()
 
@@ -143,7 +144,7 @@ class ImagePublisher(Node):
                 if not self._is_live():  # a file can wait, but a camera cannot
                     self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
                 self._publish(frame)
-                if self._settings['max_frames'] == self._progress.count > 0:
+                if self._settings.max_frames == self._progress.count > 0:
                     break
             if not self._grabber.stopped:
                 self._finish()
@@ -163,17 +164,17 @@ class ImagePublisher(Node):
         if frame is None:
             self._count_unseen()
             return
-        output = OutputImage(frame, output_settings(self._settings))
+        output = OutputImage(frame, self._settings.output())
         stamp = self._stamper.stamp(
-            frame.stamp_ns, self._settings['stamp'], self._settings['stamp_offset'])
+            frame.stamp_ns, self._settings.stamp, self._settings.stamp_offset)
         try:
-            if not self._topics.publish(output, stamp, self._settings['frame_id']):
+            if not self._topics.publish(output, stamp, self._settings.frame_id):
                 self._count_unseen()
                 return
             width, height = output.size
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
-            if not self._is_live() or self._settings['encoding'] == self._opened_encoding:
+            if not self._is_live() or self._settings.encoding == self._opened_encoding:
                 self._drop(err)
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
@@ -205,14 +206,14 @@ class ImagePublisher(Node):
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
-        self._opened_encoding = self._settings['encoding']
+        self._opened_encoding = self._settings.encoding
         return open_source(
-            self._settings['source'], camera_request(self._settings, self._controls.requested),
-            self._settings['read_timeout'])
+            self._settings.source, self._settings.camera_request(self._controls.requested),
+            self._settings.read_timeout)
 
     def _source_name(self) -> str:
         """Return the name of the source without passwords."""
-        return without_password(self._settings['source'])
+        return without_password(self._settings.source)
 
     def _is_live(self) -> bool:
         source = self._grabber.source
@@ -228,16 +229,16 @@ class ImagePublisher(Node):
             self._controls.declare(camera)
 
     def _open_calibration(self) -> Calibration:
-        name = self._settings['camera_name'] or self.get_namespace().strip('/').replace('/', '_')
+        name = self._settings.camera_name or self.get_namespace().strip('/').replace('/', '_')
         return Calibration(
-            self._settings['camera_info_url'], name or 'camera',
+            self._settings.camera_info_url, name or 'camera',
             lambda text: self.get_logger().warning(printable(text, MAX_PATH)))
 
     def _apply_changes(self, changes: dict[str, Any]) -> None:
         """Apply changed parameters."""
-        self._settings = {**self._settings, **changes}
-        self._grabber.playback = playback_settings(self._settings)
-        self._grabber.reconnect = reconnect_policy(self._settings)
+        self._settings = replace(self._settings, **changes)
+        self._grabber.playback = self._settings.playback()
+        self._grabber.reconnect = self._settings.reconnect_policy()
         if ENCODING in changes:
             self._grabber.reopen()
         elif REOPEN_ON_CHANGE & changes.keys():
@@ -264,7 +265,7 @@ class ImagePublisher(Node):
         """Save a calibration and publish it from now on."""
         try:
             response.status_message = self._topics.calibration.save(
-                request.camera_info, self._settings['flip'], self._settings['rotate'])
+                request.camera_info, self._settings.flip, self._settings.rotate)
             response.success = True
         except CameraInfoError as err:
             response.status_message = str(err)

@@ -35,7 +35,7 @@ from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.conversion import message_to_frame
 from opencv_tools.ros.subscriber.parameters import (
-    limits, open_recorder, PARAMETERS, subscription_depth)
+    limits, open_recorder, PARAMETERS, RecorderSettings, subscription_depth)
 from opencv_tools.ros.subscriber.save_service import SaveRequests
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.timers import create_steady_timer
@@ -60,24 +60,24 @@ class ImageSubscriber(Node):
         :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
-        settings = declare_parameters(self, PARAMETERS)
+        settings = RecorderSettings(**declare_parameters(self, PARAMETERS))
         self.done = Future()
         self.br = CvBridge()
         self._skipped = self._unreadable = self._put_count = 0
         self._log, self._progress = open_progress(
-            self.get_logger(), 'Receiving video frame', settings['max_frames'])
+            self.get_logger(), 'Receiving video frame', settings.max_frames)
         self._failure_log = FailureLog(self._log)
         self._arrivals = ArrivalClock()
         bounds = limits(settings)
-        self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
+        self._selection = Selection(settings.every_n, settings.max_rate, bounds)
         self._folder, self._recorder = open_recorder(
             settings, bounds, self._log, lambda: self._end(EXIT_OK))
-        self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
+        self._requests = SaveRequests(self) if settings.mode == 'on_request' else None
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], subscription_depth(settings), self._log,
+            self, 'video_frames', settings.transport, subscription_depth(settings), self._log,
             self.listener_callback, self._count_unreadable)
-        self._queue_size = settings['queue_size']
-        self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
+        self._queue_size = settings.queue_size
+        self._timeout, self._max_pixels = settings.timeout, settings.max_pixels
         self._timeout_timer = self._start_timer(self._timeout, self._end_on_timeout)
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))

@@ -171,9 +171,9 @@ class CameraControls:
         # Some drivers report values outside their own range, or a step of 0.
         step = max(1, control.step)
         even = (value - control.minimum) % step == 0
-        return Parameter(name, value, description, min(value, control.minimum),
-                         max(value, control.maximum), step=step if even else 1,
-                         changeable=True)
+        bounds = min(value, control.minimum), max(value, control.maximum)
+        return Parameter(
+            name, value, description, bounds, step if even else 1, changeable=True)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all changed values, or to none of them with the reason."""

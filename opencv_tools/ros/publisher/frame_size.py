@@ -31,7 +31,7 @@ from opencv_tools.capture.source import expected_size
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.command_line import load_parameters, parameter_sections
-from opencv_tools.ros.publisher.parameters import camera_request, PARAMETERS
+from opencv_tools.ros.publisher.parameters import PARAMETERS, PublisherSettings
 import yaml
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -49,10 +49,12 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
     :returns: bytes per frame, at least 1.
     """
     try:
-        values = {parameter.name: parameter.default for parameter in PARAMETERS}
-        values.update(_given_parameters(args))
-        size = expected_size(str(values['source']), camera_request(values, ()))
-        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, str(values['encoding']) or _COLOUR))
+        given = _given_parameters(args)
+        settings = PublisherSettings(**{
+            parameter.name: parameter.accept(given[parameter.name])
+            for parameter in PARAMETERS if parameter.name in given})
+        size = expected_size(settings.source, settings.camera_request())
+        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
     except (CaptureError, ImageError, OSError, OverflowError, RecursionError, TypeError,
             ValueError, yaml.YAMLError):
         return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)

@@ -22,7 +22,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import CdrError, WireMessage
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning

@@ -19,7 +19,8 @@ from __future__ import annotations
 from threading import Barrier, Thread
 import time
 
-from opencv_tools.recording.failure_log import FailureLog, Throttle
+from opencv_tools.logs import Throttle
+from opencv_tools.recording.failure_log import FailureLog
 import pytest
 from switching import switching_in
 

@@ -34,7 +34,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (Parameter('source', '0', 'a source'),
-         Parameter('gain', 1.0, 'a number of the node', maximum=9.0, changeable=True))
+         Parameter('gain', 1.0, 'a number of the node', (0, 9), changeable=True))
 BRIGHTNESS = Control('brightness', 1, ControlType.INTEGER, 0, 255, 1, 128)
 FLIP = Control('flip', 2, ControlType.BOOLEAN, 0, 1, 1, 0)
 GAIN = Control('gain', 3, ControlType.INTEGER, 0, 10, 1, 5)
