@@ -30,7 +30,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import image_to_cdr, WireImage
+from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import parse_format, stored_encoding
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
@@ -223,9 +223,10 @@ class CvBridge:
         rows, width = cvim.shape[:2]
         header = header or Header()
         return WireImage(
-            header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
-            width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
-            pack_pixels(cvim))
+            header=WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id),
+            height=declared.height(rows), width=width, encoding=declared.name,
+            is_bigendian=is_bigendian(cvim.dtype), step=width * declared.pixel_bytes,
+            data=pack_pixels(cvim))
 
     @_raises_bridge_errors
     def compressed_imgmsg_to_cv2(
