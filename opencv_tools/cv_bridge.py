@@ -243,7 +243,7 @@ class CvBridge:
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
+        picture = _pictures().decode_picture(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
             return picture
         source = stored_encoding(picture, cmprs_img_msg.format)
@@ -369,5 +369,4 @@ def _declared(image: NDArray[Any], encoding: str) -> Encoding:
 
 def _channel_step() -> int:
     """Return by how much the number of an OpenCV type increases with each channel."""
-    step: int = getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)
-    return step
+    return getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)

@@ -72,8 +72,7 @@ def _read_planes(
     luma = lines[:height * step].reshape(height, step)[:, :width]
     chroma = lines[height * step:].reshape(height, step // 2)[:, :width // 2]
     planes = np.concatenate([luma, chroma.reshape(height // 2, width)])
-    image: NDArray[Any] = cv2.cvtColor(planes, conversion)
-    return image
+    return cv2.cvtColor(planes, conversion)
 
 
 def _read_jpeg(data: bytes, _height: int, _width: int, _step: int) -> NDArray[Any]:
