@@ -37,7 +37,7 @@ from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.image_codecs import encode_picture
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -345,7 +345,8 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
 def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     """Compare writing JPEG messages as they came with decoding and encoding them."""
     messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
-        0, 0, 'camera', 'bgr8; jpeg compressed bgr8', encode_picture(picture, '.jpg')))
+        header=WireHeader(0, 0, 'camera'), format='bgr8; jpeg compressed bgr8',
+        data=encode_picture(picture, '.jpg')))
         for picture in pictures]
     write_compressed(messages, False)
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))

@@ -212,8 +212,8 @@ class OurSubscriber(ImageSubscriber):
 
     def _record(self, frame: ReceivedFrame) -> None:
         assert isinstance(frame, RawFrame)
-        self.ages.note(frame.image, frame.stamp_ns)
-        self.stages.note(frame.stamp_ns)
+        self.ages.note(frame.image, frame.metadata.stamp_ns)
+        self.stages.note(frame.metadata.stamp_ns)
 
 
 class TutorialPublisher(Node):

@@ -23,6 +23,7 @@ import sys
 import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
 from opencv_tools.recording.failure_log import FailureLog
@@ -32,8 +33,7 @@ from opencv_tools.recording.selection import Selection
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.subscriber.conversion import describe_message, message_to_frame
-from opencv_tools.ros.subscriber.messages import FrameMessage
+from opencv_tools.ros.subscriber.conversion import message_to_frame
 from opencv_tools.ros.subscriber.parameters import (
     limits, open_recorder, PARAMETERS, RecorderSettings, subscription_depth)
 from opencv_tools.ros.subscriber.save_service import SaveRequests
@@ -83,7 +83,7 @@ class ImageSubscriber(Node):
             self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
-    def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
+    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
         Convert a message to a frame and record it.
 
@@ -101,7 +101,7 @@ class ImageSubscriber(Node):
             self._count_unreadable(err)
         else:
             self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
-            self._progress.tick(describe_message(message), self._dropped())
+            self._progress.tick(message.description, self._dropped())
 
     def close(self) -> int:
         """

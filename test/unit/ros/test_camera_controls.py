@@ -23,7 +23,7 @@ from functools import partial
 import operator
 
 from conftest import spin_until
-from opencv_tools.capture.frame import UnavailableError
+from opencv_tools.capture.errors import UnavailableError
 from opencv_tools.capture.v4l2.controls import Control, ControlType
 from opencv_tools.ros.parameters import declare_parameters, Parameter, watch_parameters
 from opencv_tools.ros.publisher.camera_controls import CameraControls

@@ -27,7 +27,7 @@ from conftest import DEADLINE, spin_until
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import cdr_to_image, CdrError, WireImage
+from opencv_tools.image.cdr import cdr_to_image, CdrError, WireHeader, WireImage
 from opencv_tools.ros import zero_copy
 from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
 import pytest
@@ -41,13 +41,15 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 MB = 1 << 20
-PIXEL = WireImage(1, 2, 'camera', 1, 1, 'mono8', False, 1, b'\x07')
+PIXEL = WireImage(header=WireHeader(1, 2, 'camera'), height=1, width=1, encoding='mono8',
+                  is_bigendian=False, step=1, data=b'\x07')
 
 
 def large_image(value: int) -> WireImage:
     """Make an image of 6 MB."""
-    return WireImage(value, 0, '', 1024, 2048, 'bgr8', False, 3 * 2048,
-                     np.full(6 * MB, value % 256, np.uint8))
+    return WireImage(header=WireHeader(value, 0, ''), height=1024, width=2048, encoding='bgr8',
+                     is_bigendian=False, step=3 * 2048,
+                     data=np.full(6 * MB, value % 256, np.uint8))
 
 
 @pytest.fixture
@@ -80,8 +82,9 @@ def resident_bytes() -> int:
 
 @pytest.mark.parametrize('image', [
     PIXEL, large_image(200),
-    replace(PIXEL, sec=-1, nanosec=999_999_999, frame_id='Kamera für 深度', is_bigendian=True),
-    replace(PIXEL, frame_id='', encoding=''), replace(PIXEL, step=2**32 - 1, data=b'')])
+    replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
+    replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
+    replace(PIXEL, step=2**32 - 1, data=b'')])
 def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
         node: Node, publisher: Publisher, image: WireImage) -> None:
     received: list[Image] = []
@@ -92,8 +95,9 @@ def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
     expected = Image(height=image.height, width=image.width, encoding=image.encoding,
                      is_bigendian=int(image.is_bigendian), step=image.step,
                      data=bytes(image.data))
-    expected.header.stamp.sec, expected.header.stamp.nanosec = image.sec, image.nanosec
-    expected.header.frame_id = image.frame_id
+    header = expected.header
+    header.stamp.sec, header.stamp.nanosec = image.header.sec, image.header.nanosec
+    header.frame_id = image.header.frame_id
     assert received == [expected]
 
 
@@ -107,11 +111,12 @@ def test_an_array_with_gaps_arrives_without_them(
     assert bytes(message.data) == array.tobytes()
 
 
-@pytest.mark.parametrize('name', ['frame_id', 'encoding'])
+@pytest.mark.parametrize('fields', [
+    {'header': WireHeader(1, 2, 'a\0b')}, {'encoding': 'a\0b'}], ids=['frame_id', 'encoding'])
 def test_a_nul_is_refused_and_nothing_is_published(
-        publisher: Publisher, subscription: Subscription, name: str) -> None:
+        publisher: Publisher, subscription: Subscription, fields: dict[str, Any]) -> None:
     with pytest.raises(CdrError, match='has a NUL'):
-        publish_image(publisher.handle, replace(PIXEL, **{name: 'a\0b'}))
+        publish_image(publisher.handle, replace(PIXEL, **fields))
     publish_image(publisher.handle, PIXEL)
     assert cdr_to_image(take(subscription)[0]) == PIXEL
     assert take_serialized(subscription.handle) is None
@@ -206,7 +211,7 @@ def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
     messages = [cdr_to_image(data) for data in taken]
     del taken
     for message, image in zip(messages, images):
-        assert message.sec == image.sec
+        assert message.header.sec == image.header.sec
         assert np.array_equal(np.frombuffer(message.data, np.uint8), image.data)
         assert message.data.readonly
         with pytest.raises(ValueError, match='read-only'):
@@ -267,7 +272,8 @@ def test_messages_go_by_rclpy_where_rcl_is_another(
         else:
             patch.setattr(zero_copy, name, value)
         assert reason in zero_copy.use_rcl()
-        images = [large_image(3), replace(PIXEL, frame_id='Kamera für 深度', is_bigendian=True)]
+        images = [large_image(3), replace(
+            PIXEL, header=WireHeader(1, 2, 'Kamera für 深度'), is_bigendian=True)]
         for image in images:
             publish_image(publisher.handle, image)
             data, info = take(subscription)
@@ -278,4 +284,4 @@ def test_messages_go_by_rclpy_where_rcl_is_another(
             assert info.received_timestamp >= info.source_timestamp
         assert take_serialized(subscription.handle) is None
         with pytest.raises(CdrError, match='has a NUL'):
-            publish_image(publisher.handle, replace(PIXEL, frame_id='a\0b'))
+            publish_image(publisher.handle, replace(PIXEL, header=WireHeader(1, 2, 'a\0b')))
