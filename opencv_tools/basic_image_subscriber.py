@@ -23,6 +23,7 @@ import sys
 import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
 from opencv_tools.recording.failure_log import FailureLog
@@ -32,10 +33,9 @@ from opencv_tools.recording.selection import Selection
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.subscriber.conversion import describe_message, message_to_frame
-from opencv_tools.ros.subscriber.messages import FrameMessage
+from opencv_tools.ros.subscriber.conversion import message_to_frame
 from opencv_tools.ros.subscriber.parameters import (
-    limits, open_recorder, PARAMETERS, subscription_depth)
+    limits, open_recorder, PARAMETERS, RecorderSettings, subscription_depth)
 from opencv_tools.ros.subscriber.save_service import SaveRequests
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.timers import create_steady_timer
@@ -60,30 +60,30 @@ class ImageSubscriber(Node):
         :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
-        settings = declare_parameters(self, PARAMETERS)
+        settings = RecorderSettings(**declare_parameters(self, PARAMETERS))
         self.done = Future()
         self.br = CvBridge()
         self._skipped = self._unreadable = self._put_count = 0
         self._log, self._progress = open_progress(
-            self.get_logger(), 'Receiving video frame', settings['max_frames'])
+            self.get_logger(), 'Receiving video frame', settings.max_frames)
         self._failure_log = FailureLog(self._log)
         self._arrivals = ArrivalClock()
         bounds = limits(settings)
-        self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
+        self._selection = Selection(settings.every_n, settings.max_rate, bounds)
         self._folder, self._recorder = open_recorder(
             settings, bounds, self._log, lambda: self._end(EXIT_OK))
-        self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
+        self._requests = SaveRequests(self) if settings.mode == 'on_request' else None
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], subscription_depth(settings), self._log,
+            self, 'video_frames', settings.transport, subscription_depth(settings), self._log,
             self.listener_callback, self._count_unreadable)
-        self._queue_size = settings['queue_size']
-        self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
+        self._queue_size = settings.queue_size
+        self._timeout, self._max_pixels = settings.timeout, settings.max_pixels
         self._timeout_timer = self._start_timer(self._timeout, self._end_on_timeout)
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
 
-    def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
+    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
         Convert a message to a frame and record it.
 
@@ -101,7 +101,7 @@ class ImageSubscriber(Node):
             self._count_unreadable(err)
         else:
             self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
-            self._progress.tick(describe_message(message), self._dropped())
+            self._progress.tick(message.description, self._dropped())
 
     def close(self) -> int:
         """
@@ -203,8 +203,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
-        PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
+        name='img_subscriber', node='image_subscriber', parameters=PARAMETERS,
+        description='Record the images on video_frames as files.',
+        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status

@@ -123,8 +123,7 @@ def encode_picture(
         raise CodecError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
     if not encoded:
         raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
-    data: NDArray[np.uint8] = content.reshape(-1)
-    return data
+    return content.reshape(-1)
 
 
 def decode_picture(
@@ -183,8 +182,7 @@ def check_complete(jpeg: bytes) -> int:
 
 
 def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
-    image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    return image
+    return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
 
 
 def _has_fill_gray(image: NDArray[Any]) -> bool:
@@ -207,8 +205,7 @@ def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> 
     has_odd_width = source.kind == 'yuv' and image.shape[1] % 2
     if code is None or has_odd_width or not image.size:
         return convert(image, source, target)
-    converted: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
-    return converted
+    return cv2.cvtColor(np.ascontiguousarray(image), code)
 
 
 @lru_cache  # called for each frame
@@ -233,7 +230,6 @@ def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     :raises CodecError: the colormap is unknown.
     """
     try:
-        colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)
+        return cv2.applyColorMap(gray, colormap)
     except cv2.error as err:
         raise CodecError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
-    return colored

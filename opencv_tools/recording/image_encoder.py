@@ -124,12 +124,12 @@ def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImag
     if isinstance(frame, CompressedFrame):
         payload = read_image_header(frame.data)
         if settings.suffix in payload.suffixes:
-            return EncodedImage(frame.data, frame.encoding, payload.width, payload.height)
+            return EncodedImage(frame.data, frame.metadata.encoding, payload.width, payload.height)
     return _encode_image(frame.decode(), settings)
 
 
 def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
-    image, encoding = frame.image, find_encoding(frame.encoding)
+    image, encoding = frame.image, find_encoding(frame.metadata.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
     if settings.suffix == _NPY:
         layout: Any = np.lib.format  # numpy 1.26 has no types for these functions

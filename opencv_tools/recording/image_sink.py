@@ -126,7 +126,7 @@ class ImageSink:
         :raises OSError: the file cannot be renamed or added to the manifest.
         """
         content = image.content
-        path = self._numbering.claim(frame, lambda seq, name: self._publish(
+        path = self._numbering.claim(frame.metadata, lambda seq, name: self._publish(
             image.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
                 image.size, image.sha256, frames=1), frame.arrival_ns))

@@ -27,7 +27,7 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from opencv_tools.recording.frames import BaseFrame
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
@@ -100,12 +100,13 @@ class ManifestEntry:
 
 
 def file_entry(
-    seq: int, name: str, frame: BaseFrame, stored_encoding: str, picture_size: tuple[int, int],
+    seq: int, name: str, frame: ReceivedFrame, stored_encoding: str, picture_size: tuple[int, int],
     size: int = 0, sha256: str = '', frames: int = 0,
 ) -> ManifestEntry:
     """Return the entry of an image file, or of a video by its first frame."""
+    metadata = frame.metadata
     return ManifestEntry(
-        seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
+        seq, name, metadata.stamp_ns, frame.receive_ns, metadata.frame_id, metadata.encoding,
         stored_encoding, *picture_size, size, sha256, frames)
 
 

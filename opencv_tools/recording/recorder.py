@@ -24,7 +24,8 @@ from threading import Lock, Thread
 from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.recording.failure_log import FailureLog, Log, Throttle
+from opencv_tools.logs import Log, Throttle
+from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frame_queue import FrameQueue
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.selection import LimitReached

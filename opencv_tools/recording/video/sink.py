@@ -61,7 +61,7 @@ class _Video:
 
     def time_ns(self, frame: ReceivedFrame) -> int:
         """Return the time of a frame, independent of changes of the system clock."""
-        return frame.stamp_ns or frame.arrival_ns + self.offset_ns
+        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
 
 
 class VideoSink:
@@ -106,7 +106,7 @@ class VideoSink:
         raw = frame.decode()
         try:
             video_frame = to_video_frame(
-                raw.image, raw.encoding, self._settings.suffix, self._settings.to_color)
+                raw.image, raw.metadata.encoding, self._settings.suffix, self._settings.to_color)
         except VideoError as err:
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
@@ -156,7 +156,7 @@ class VideoSink:
             self._end(video)
         if not self._is_full:
             video = self._video = self._video or self._numbering.claim(
-                frame, lambda seq, name: self._begin(seq, name, frame, video_frame))
+                frame.metadata, lambda seq, name: self._begin(seq, name, frame, video_frame))
             self._is_full = not video.writer.write(video_frame, video.time_ns(frame))
         if self._is_full or not video:
             raise LimitReached(f'max_bytes is {self._max_bytes}')
@@ -209,7 +209,7 @@ class VideoSink:
         offset = frame.receive_ns - frame.arrival_ns
         room = max(1, self._max_bytes - self._bytes) if self._max_bytes else 0
         writer = VideoWriter(
-            path, video_frame, frame.stamp_ns or frame.receive_ns, self._settings.crf, room)
+            path, video_frame, frame.time_ns, self._settings.crf, room)
         entry = file_entry(seq, name, frame, 'h264', video_frame.stream_format[:2])
         try:
             self._folder.write_journal(entry)
@@ -273,8 +273,9 @@ def _removed_text(video: _Video) -> str:
 
 def _image_type(frame: RawFrame) -> str:
     """Return the type of the image of a frame, for the list of formats that can hold it."""
+    encoding = frame.metadata.encoding
     try:
-        is_picture = find_encoding(frame.encoding).kind in ('generic', 'color')
-        return generic_encoding(frame.image).name if is_picture else frame.encoding
+        is_picture = find_encoding(encoding).kind in ('generic', 'color')
+        return generic_encoding(frame.image).name if is_picture else encoding
     except EncodingError:
-        return frame.encoding
+        return encoding

@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.ros.subscriber.topic_discovery import FRAME_TYPES, ImageTopic
+from opencv_tools.ros.subscriber.messages import MESSAGE_TYPES
+from opencv_tools.ros.subscriber.topic_discovery import ImageTopic
 from opencv_tools.ros.zero_copy import MessageInfo, SerializedMessage, take_serialized
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -57,7 +58,7 @@ class RawSubscription:
         self.qos = qos
         self._node = node
         self._on_message = on_message
-        message_type, self.read = FRAME_TYPES[image_topic.type_name]
+        message_type, self.read = MESSAGE_TYPES[image_topic.type_name]
         self._subscription = node.create_subscription(
             message_type, image_topic.name, _unused_callback, qos, raw=True,
             callback_group=_EventsOnlyGroup(),

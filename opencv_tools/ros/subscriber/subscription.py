@@ -21,11 +21,10 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import CdrError
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.image.cdr import CdrError, WireMessage
+from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
-from opencv_tools.ros.subscriber.messages import FrameMessage
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 from opencv_tools.ros.subscriber.topic_discovery import ImageTopic, TopicDiscovery
@@ -62,7 +61,7 @@ class FrameSubscription:
 
     def __init__(
         self, node: Node, topic: str, transport: str, depth: int | None, log: Log,
-        on_frame: Callable[[FrameMessage, int], None], on_broken: Callable[[CdrError], None],
+        on_frame: Callable[[WireMessage, int], None], on_broken: Callable[[CdrError], None],
     ) -> None:
         """
         Subscribe.

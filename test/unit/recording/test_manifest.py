@@ -25,7 +25,7 @@ from opencv_tools.recording.folder import Folder, RecordingError
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
-from opencv_tools.recording.naming import FileNames, NANO
+from opencv_tools.recording.naming import FileNames, FrameMetadata, NANO
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
 import pytest
@@ -48,8 +48,9 @@ def record(folder: Path, suffix: str = '.png', count: int = 2) -> None:
     try:
         for second in range(count):
             time_ns = (1_700_000_000 + second) * NANO
-            frame = RawFrame(time_ns, 'camera', 'mono8', '/video_frames', time_ns,
-                             np.zeros((20, 20), np.uint8))
+            metadata = FrameMetadata(time_ns, 'camera', 'mono8', '/video_frames')
+            frame = RawFrame(
+                metadata=metadata, receive_ns=time_ns, image=np.zeros((20, 20), np.uint8))
             files.commit(frame, files.prepare(frame))
     finally:
         files.close()

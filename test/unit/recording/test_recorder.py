@@ -44,7 +44,7 @@ from opencv_tools.recording.image_encoder import (
     encode_frame, EncodedImage, EncoderSettings, IMAGE_FORMATS, UnwritableError)
 from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.manifest import Manifest
-from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder, SinkCounts
@@ -84,8 +84,9 @@ def random_image(encoding: str) -> np.ndarray:
 
 def frame_of(image: np.ndarray, encoding: str, seconds: float = 0.0) -> RawFrame:
     time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
-    return RawFrame(time_ns, 'camera', encoding, '/video_frames', time_ns + 5_000_000, image,
-                    arrival_ns=round(seconds * NANO))
+    return RawFrame(
+        metadata=FrameMetadata(time_ns, 'camera', encoding, '/video_frames'), image=image,
+        receive_ns=time_ns + 5_000_000, arrival_ns=round(seconds * NANO))
 
 
 def gray_frame(number: int, seconds: float = 0.0) -> RawFrame:
@@ -300,7 +301,9 @@ def test_quality_and_compression_make_smaller_files() -> None:
 
 def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
     data = memoryview(encode_picture(image, suffix))
-    return CompressedFrame(NANO, 'camera', told, '/video_frames/compressed', NANO, data)
+    return CompressedFrame(
+        metadata=FrameMetadata(NANO, 'camera', told, '/video_frames/compressed'),
+        receive_ns=NANO, data=data)
 
 
 @pytest.mark.parametrize(('suffix', 'told'), [
@@ -326,7 +329,7 @@ def test_a_compressed_frame_that_is_not_whole_is_refused(suffix: str) -> None:
     whole = compressed(suffix, suffix[1:], np.zeros((300, 300, 3), np.uint8))
     for data in (whole.data[:-20], whole.data[:9], b'', b'text', bytes(whole.data[:2]) * 1000,
                  bytes(whole.data[:2]) + b'\xff' * 1000 + b'\xff\xd9'):
-        broken = CompressedFrame(NANO, '', 'jpeg', '', NANO, data)
+        broken = replace(whole, data=data)
         with pytest.raises(ImageError):
             encode_frame(broken, EncoderSettings(suffix))
 
@@ -542,7 +545,9 @@ def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path, count: int
 
 def test_each_name_has_copies_of_its_own(tmp_path: Path) -> None:
     files = picture_files(tmp_path, '{frame_id}.png')
-    frames = [replace(gray_frame(0), frame_id=name) for name in ('a', 'a', 'a', 'b', 'b', 'a')]
+    gray = gray_frame(0)
+    frames = [replace(gray, metadata=replace(gray.metadata, frame_id=name))
+              for name in ('a', 'a', 'a', 'b', 'b', 'a')]
     paths = [files.commit(frame, files.prepare(frame)) for frame in frames]
     files.close()
     assert [path.name for path in paths] == [
@@ -632,7 +637,7 @@ import itertools, logging, pathlib, sys
 import numpy as np
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.image_encoder import EncoderSettings
@@ -641,7 +646,8 @@ files = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), Encoder
 recorder = Recorder(files, logging, writers=2, block=True)
 for number in itertools.count():
     image = np.full((20, 20), number % 256, np.uint8)
-    recorder.put(RawFrame(1, '', 'mono8', '', 1, image))
+    recorder.put(RawFrame(
+        metadata=FrameMetadata(1, '', 'mono8', ''), receive_ns=1, image=image))
 """
 
 

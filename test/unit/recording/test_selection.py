@@ -17,16 +17,18 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.recording.frames import ArrivalClock, BaseFrame
+from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import LimitReached, Limits, Retention, Selection
 import pytest
 
 NANO = 10**9
 
 
-def frame(stamp_ns: int, receive_ns: int = 0) -> BaseFrame:
-    return BaseFrame(stamp_ns, 'camera', 'mono8', '/video_frames', receive_ns)
+def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
+    metadata = FrameMetadata(stamp_ns, 'camera', 'mono8', '/video_frames')
+    return ReceivedFrame(metadata=metadata, receive_ns=receive_ns)
 
 
 def wanted(selection: Selection, times: list[int]) -> list[int]:
