@@ -26,8 +26,8 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.picture_size import SizeError
+from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
-from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.selection import Selection
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters

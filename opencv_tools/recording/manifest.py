@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 import errno
@@ -177,7 +177,7 @@ class Manifest:
             return []
 
     def compact(
-        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[bytes], Path],
+        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[Iterable[bytes]], Path],
     ) -> None:
         """
         Remove lines that a later line of the same file replaces, and unwanted lines.
@@ -194,7 +194,7 @@ class Manifest:
                 is_same = all(reading.read(len(line)) == line for line in lines)
                 is_same = is_same and not reading.read(1)
             if not is_same:
-                write(b''.join(lines)).replace(self._path)
+                write((b''.join(lines),)).replace(self._path)
 
     def _opened(self) -> BinaryIO:
         return os.fdopen(_checked_size(open_regular(self._path, follow=False), self._path), 'rb')

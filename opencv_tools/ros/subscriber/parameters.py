@@ -23,7 +23,7 @@ from typing import Any
 
 from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.logs import Log
-from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS

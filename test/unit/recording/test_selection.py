@@ -17,10 +17,11 @@
 from __future__ import annotations
 
 import numpy as np
+from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.recording.selection import LimitReached, Limits, Retention, Selection
+from opencv_tools.recording.selection import Limits, Retention, Selection
 import pytest
 
 NANO = 10**9
