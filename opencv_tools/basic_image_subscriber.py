@@ -24,8 +24,7 @@ import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireMessage
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.picture_size import SizeError
+from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame

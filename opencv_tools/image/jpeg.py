@@ -23,7 +23,7 @@ import struct
 from typing import NamedTuple
 
 import numpy as np
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import JpegError
 
 #: Markers: start of image, start of scan, end of image.
 JPEG_SOI, JPEG_SOS, JPEG_EOI = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
@@ -45,10 +45,6 @@ _MAX_SEGMENTS = 1000  # largest number of segments before the size, and again af
 _MAX_CODE_BITS = 16  # longest code of a Huffman table in bits
 # Bytes that decode to many different blocks and contain no marker.
 _EXTRA_DATA = bytes(range(0x11, 0xff)) * 8
-
-
-class JpegError(ImageError):
-    """A JPEG is incomplete or damaged. The message contains the reason."""
 
 
 @dataclass(frozen=True)

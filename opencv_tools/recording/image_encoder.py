@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
-from opencv_tools.image_codecs import (
-    CodecError, convert_picture, encode_picture, FORMATS as PICTURE_FORMATS)
+from opencv_tools.image.errors import CodecError
+from opencv_tools.image_codecs import convert_picture, encode_picture, FORMATS as PICTURE_FORMATS
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_header import read_image_header

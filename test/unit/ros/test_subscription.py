@@ -26,7 +26,8 @@ import time
 from conftest import DEADLINE, recorded_files, spin_until
 import numpy as np
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.cdr import WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.ros.qos import following_qos, qos_mismatch
 from opencv_tools.ros.subscriber import lost_frames, no_frames_warning
 from opencv_tools.ros.subscriber import subscription as subscription_module
