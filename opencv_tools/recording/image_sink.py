@@ -120,7 +120,7 @@ class ImageSink:
         path = self._numbering.claim(frame.metadata, lambda seq, name: self._publish(
             image.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                image.size, image.sha256, frames=1), frame.arrival_ns))
+                size=image.size, sha256=image.sha256, frames=1), frame.arrival_ns))
         self.counts.kept += 1
         if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
             self._compact()

@@ -110,7 +110,9 @@ def test_a_duration_begins_with_the_first_frame() -> None:
 
 
 def entry(name: str, size: int = 10, receive_ns: int = 0) -> ManifestEntry:
-    return ManifestEntry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
+    return ManifestEntry(
+        seq=0, name=name, stamp_ns=0, receive_ns=receive_ns, frame_id='', encoding='',
+        stored_encoding='', width=0, height=0, size=size, sha256='', frames=1)
 
 
 def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:
