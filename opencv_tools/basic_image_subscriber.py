@@ -30,8 +30,7 @@ from opencv_tools.ros.parameters import declare_parameters, describe_unknown, un
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.conversion import FrameConverter
-from opencv_tools.ros.subscriber.parameters import (
-    PARAMETERS, RecorderSettings, subscription_depth)
+from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.ros.subscriber.session import RecordingSession
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.timers import create_steady_timer
@@ -63,7 +62,7 @@ class ImageSubscriber(Node):
         self._converter = FrameConverter(self.br, settings.max_pixels)
         self._session = RecordingSession(self, settings, self._log, lambda: self._end(EXIT_OK))
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings.transport, subscription_depth(settings), self._log,
+            self, 'video_frames', settings.transport, settings.depth, self._log,
             self.listener_callback, self._count_unreadable)
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
@@ -101,16 +100,18 @@ class ImageSubscriber(Node):
         unprocessed = self._record_remaining()
         self._session.close()
         self._progress.close()
-        counts, subscription = self._session.counts, self.subscription
+        recorder, losses = self._session.recorder, self.subscription.losses
+        counts = recorder.counts
         failed = counts.failed + self._unreadable
+        skipped = counts.skipped + self._session.skipped
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
-            f'{failed} failed, {subscription.lost} lost in transit'
-            + ('' if subscription.losses.is_complete else ' since the first received frame')
+            f'{failed} failed, {losses.count} lost in transit'
+            + ('' if losses.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
-            + (f', {counts.skipped} skipped as requested' if counts.skipped else ''))
-        if failed or unprocessed or self._session.is_unfinished:
+            + (f', {skipped} skipped as requested' if skipped else ''))
+        if failed or unprocessed or recorder.is_unfinished:
             return EXIT_FAILURE
         return self.done.result() if self.done.done() else EXIT_OK
 
@@ -134,7 +135,7 @@ class ImageSubscriber(Node):
         self._progress.tick('unreadable message', self._dropped())
 
     def _dropped(self) -> int:
-        return self.subscription.lost + self._session.dropped
+        return self.subscription.losses.count + self._session.recorder.counts.dropped
 
     def _end_on_timeout(self) -> None:
         """End with an error, because no frame arrived in time."""

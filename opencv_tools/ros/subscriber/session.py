@@ -17,15 +17,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
+from pathlib import Path
 import time
 
 from opencv_tools.logs import Log
+from opencv_tools.recording.folder import RecordingError
 from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.recording.recorder import FrameCounts
-from opencv_tools.recording.selection import Selection
-from opencv_tools.ros.subscriber.parameters import limits, open_recorder, RecorderSettings
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits, Selection
+from opencv_tools.ros.subscriber.parameters import RecorderSettings
 from opencv_tools.ros.subscriber.save_service import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
@@ -50,31 +54,17 @@ class RecordingSession:
         :raises ParameterError: the parameters contradict each other.
         :raises RecordingError: the output folder cannot be used.
         """
-        bounds = limits(settings)
-        self.has_ended = False
+        limits = settings.limits
+        self.skipped = 0  # frames that were not selected
         self._node = node
         self._on_end = on_end
-        self._selection = Selection(settings.every_n, settings.max_rate, bounds)
-        self.folder, self._recorder = open_recorder(settings, bounds, log, self._end)
-        self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
+        self._has_ended = False
+        self._put_count = 0
         self._queue_size = settings.queue_size
-        self._skipped = self._put_count = 0
-
-    @property
-    def counts(self) -> FrameCounts:
-        """Counts of the frames that were recorded, dropped, refused or skipped."""
-        counts = self._recorder.counts
-        return replace(counts, skipped=counts.skipped + self._skipped)
-
-    @property
-    def dropped(self) -> int:
-        """Number of frames that were dropped because the queue was full."""
-        return self._recorder.counts.dropped
-
-    @property
-    def is_unfinished(self) -> bool:
-        """Return whether closing the files failed."""
-        return self._recorder.is_unfinished
+        self._selection = Selection(settings.every_n, settings.max_rate, limits)
+        self.folder = _absolute_path(settings.output_dir)
+        self.recorder = _open_recorder(self.folder, settings, limits, log, self._end)
+        self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
 
     def record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected or requested."""
@@ -82,17 +72,17 @@ class RecordingSession:
         if not selection.has_begun and selection.max_seconds:
             create_steady_timer(self._node, selection.max_seconds, self._end)
         if selection.is_late():
-            self._skipped += 1
+            self.skipped += 1
             self._end()
             return
         requests = self.requests.pop_all() if self.requests else []
         if not (requests if self.requests else selection.selects(frame)):
-            self._skipped += 1
+            self.skipped += 1
             return
         selection.count()
         self._put_count += 1
         on_done = partial(self.requests.complete, requests) if self.requests else None
-        if not self._recorder.put(frame, on_done):
+        if not self.recorder.put(frame, on_done):
             selection.uncount()
         if selection.is_over:
             self._end()
@@ -104,8 +94,8 @@ class RecordingSession:
         :param deadline: end of the wait, in seconds of the monotonic clock.
         :returns: False at the deadline, and after the end of the recording.
         """
-        while time.monotonic() < deadline and not self.has_ended:
-            counts = self._recorder.counts
+        while time.monotonic() < deadline and not self._has_ended:
+            counts = self.recorder.counts
             if self._put_count - counts.written - counts.dropped - counts.failed \
                     - counts.skipped < self._queue_size:
                 return True
@@ -114,10 +104,42 @@ class RecordingSession:
 
     def close(self) -> None:
         """Write the queued frames, and refuse further requests."""
-        self._recorder.close()
+        self.recorder.close()
         if self.requests:
             self.requests.close()
 
     def _end(self) -> None:
-        self.has_ended = True
+        self._has_ended = True
         self._on_end()
+
+
+def _absolute_path(text: str) -> Path:
+    """
+    Return the path of the output folder.
+
+    :raises RecordingError: the path is relative to a folder that was removed.
+    """
+    try:
+        return Path(text).expanduser().absolute()
+    except FileNotFoundError as err:
+        raise RecordingError(
+            f'output_dir {text} cannot be used: the working directory was removed; set output_dir '
+            'to an absolute path') from err
+
+
+def _open_recorder(
+    folder: Path, settings: RecorderSettings, limits: Limits, log: Log,
+    on_full: Callable[[], object],
+) -> Recorder:
+    """
+    Open the output folder and start the threads that write.
+
+    :raises RecordingError: the output folder cannot be used.
+    """
+    names = FileNames(settings.file_name)
+    encoder = EncoderSettings(
+        names.suffix, settings.convert == 'auto', settings.jpeg_quality, settings.png_compression,
+        settings.crf)
+    sink = open_sink(folder, names, encoder, settings.on_exists, limits, settings.sync)
+    return Recorder(
+        sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block', on_full)
