@@ -156,8 +156,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
-        PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
+        name='img_subscriber', node='image_subscriber', parameters=PARAMETERS,
+        description='Record the images on video_frames as files.',
+        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status
