@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, KW_ONLY
 import difflib
 import math
 from typing import Any
@@ -68,6 +68,7 @@ class Parameter:
     name: str
     default: str | int | float
     description: str
+    _: KW_ONLY
     bounds: tuple[float, float] | None = None
     step: int = 1
     choices: tuple[str | int, ...] = ()

@@ -28,7 +28,7 @@ from opencv_tools.ros.fastdds.profile import NOT_CONFIGURED
 from opencv_tools.ros.publisher.calibration_file import read_camera_info
 from opencv_tools.ros.publisher.camera_info import Calibration
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
-from opencv_tools.ros.publisher.image_topics import FrameTopics
+from opencv_tools.ros.publisher.image_topics import ImageTopics
 from opencv_tools.ros.publisher.stamps import Stamper
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -207,7 +207,8 @@ def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr('opencv_tools.ros.publisher.diagnostics.time',
                         SimpleNamespace(monotonic=lambda: now))
     messages = receive(node, DiagnosticArray, '/diagnostics')
-    condition = SourceStatus('eye', 'bgr8 4x3', '', False, 0, 0, 0)
+    condition = SourceStatus(source='eye', description='bgr8 4x3', unavailable_reason='',
+                             paused=False, missed=0, dropped=0, reconnects=0)
     diagnostics = Diagnostics(node, lambda: condition)
     spin_until(node, lambda: node.count_publishers('/diagnostics') == 1)
     for age in (0.01, 0.025, 0.02):
@@ -378,7 +379,7 @@ def test_stamps_to_the_nanosecond(
 
 def test_the_subscribers_that_are_awaited_are_given_a_moment(
         node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
+    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
     now = 100.0
     clock = SimpleNamespace(monotonic=lambda: now)
     assert not topics.may_publish()

@@ -56,6 +56,12 @@ ALLOWED = {
                            'opencv_tools.regular_files', 'opencv_tools.standard_streams',
                            'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
 }
+#: What the modules of a package must not import, although ALLOWED names a package around it.
+FORBIDDEN = {
+    'opencv_tools.ros': ('opencv_tools.ros.publisher', 'opencv_tools.ros.subscriber'),
+    'opencv_tools.ros.publisher': ('opencv_tools.ros.subscriber', 'opencv_tools.recording'),
+    'opencv_tools.ros.subscriber': ('opencv_tools.ros.publisher', 'opencv_tools.capture'),
+}
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')
 
@@ -69,7 +75,9 @@ def imported(module: str) -> set[str]:
         if isinstance(statement, ast.Import):
             names.update(alias.name for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
-            names.add(statement.module)
+            for alias in statement.names:
+                name = f'{statement.module}.{alias.name}'
+                names.add(name if name in MODULES else statement.module)
     return names
 
 
@@ -80,6 +88,12 @@ def test_imports_point_down(module: str) -> None:
     wrong = [name for name in imported(module) if name.partition('.')[0] not in free
              and not any(f'{name}.'.startswith(f'{allowed}.') for allowed in ALLOWED[room])]
     assert not wrong
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith(tuple(FORBIDDEN))])
+def test_forbidden_imports(module: str) -> None:
+    package = max((name for name in FORBIDDEN if f'{module}.'.startswith(f'{name}.')), key=len)
+    assert not [name for name in imported(module) if name.startswith(FORBIDDEN[package])]
 
 
 @pytest.mark.process

@@ -38,7 +38,7 @@ from std_msgs.msg import Header
 _SETTLE_SECONDS = 0.2
 
 
-class FrameTopics:
+class ImageTopics:
     """
     Publish frames on the topics that have subscribers, and compute nothing for the others.
 

@@ -162,6 +162,3 @@ PARAMETERS = parameter_table(PublisherSettings)
 
 #: Parameters whose change requires reopening the camera.
 REOPEN_ON_CHANGE = frozenset(('width', 'height', 'fps', 'fourcc'))
-
-#: Parameter that may require reopening the camera, because not every format converts to it.
-ENCODING = 'encoding'

@@ -104,11 +104,6 @@ class FrameSubscription:
         """Name of the subscribed topic after remapping."""
         return self._subscription.topic_name
 
-    @property
-    def lost(self) -> int:
-        """Count of messages that were published but did not arrive."""
-        return self.losses.count
-
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
         return self._discovery.explain_no_frames(
@@ -122,7 +117,7 @@ class FrameSubscription:
         :returns: number of messages that were not passed on, due to ``may_continue`` or Ctrl-C.
         """
         now = time.time_ns()
-        rest = 0
+        unprocessed = 0
         is_cut_short = False
 
         def continues() -> bool:
@@ -133,18 +128,18 @@ class FrameSubscription:
         try:
             for subscription in self._subscriptions():
                 for taken in subscription.received_messages(now, continues):
-                    rest = 1
+                    unprocessed = 1
                     self._receive(subscription, *taken)
-                    rest = 0
+                    unprocessed = 0
         except KeyboardInterrupt:
             is_cut_short = True
         for subscription in self._subscriptions() if is_cut_short else ():
             for _, info in subscription.received_messages(now):
                 if not self._is_repeated((info.source_timestamp, info.number)):
                     self.losses.add(info)
-                    rest += 1
+                    unprocessed += 1
         self.destroy()
-        return rest
+        return unprocessed
 
     def destroy(self) -> None:
         """Unsubscribe."""

@@ -34,7 +34,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (Parameter('source', '0', 'a source'),
-         Parameter('gain', 1.0, 'a number of the node', (0, 9), changeable=True))
+         Parameter('gain', 1.0, 'a number of the node', bounds=(0, 9), changeable=True))
 BRIGHTNESS = Control(name='brightness', number=1, kind=ControlType.INTEGER, minimum=0, maximum=255,
                      step=1, default=128)
 FLIP = Control(name='flip', number=2, kind=ControlType.BOOLEAN, minimum=0, maximum=1, step=1,
@@ -112,7 +112,7 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
     node = controlled('brightness:=100')
     assert node.controls.requested == (('brightness', 100),)
     node.camera.values[BRIGHTNESS] = 100
-    node.controls.declare(node.camera)
+    node.controls.declare()
     assert node.shown() == (100, False, 5)
     assert node.change(flip=1, gain_control=7, gain=3) == ''
     assert node.shown() == (100, True, 7)
@@ -129,7 +129,7 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
 def test_what_another_program_sets_is_shown_and_kept(
         controlled: Callable[..., Controlled]) -> None:
     node = controlled('flip:=true', 'brightness:=50')
-    node.controls.declare(node.camera)
+    node.controls.declare()
     node.camera.change(BRIGHTNESS, 77)
     node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself
     spin_until(node, lambda: node.shown() == (77, False, 9))
@@ -142,7 +142,7 @@ def test_what_another_program_sets_is_shown_and_kept(
     gone, node.camera = node.camera, None
     node.camera = Camera()
     node.camera.values = {BRIGHTNESS: 77, FLIP: 1, GAIN: 4}
-    node.controls.declare(node.camera)
+    node.controls.declare()
     assert node.shown() == (77, True, 4)
     assert node.camera.calls == gone.calls == []
 
@@ -155,7 +155,7 @@ def test_what_nobody_has_is_said_once(
     for _ in range(2):
         if not is_there_first:
             node.controls.report_unused()
-        node.controls.declare(node.camera)
+        node.controls.declare()
         node.controls.report_unused()
     said = capfd.readouterr().err
     if is_there_first:

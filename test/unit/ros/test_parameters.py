@@ -33,11 +33,11 @@ from rclpy.node import Node
 TABLE = (
     Parameter('name', 'x', 'a text'),
     Parameter('kind', 'a', 'a choice', choices=('a', 'b'), changeable=True),
-    Parameter('rate', 1.5, 'a fraction', (0, 10), changeable=True),
-    Parameter('count', 3, 'a number', (1, 5), changeable=True),
+    Parameter('rate', 1.5, 'a fraction', bounds=(0, 10), changeable=True),
+    Parameter('count', 3, 'a number', bounds=(1, 5), changeable=True),
     Parameter('turn', 0, 'a choice of numbers', choices=(0, 90), changeable=True),
     Parameter('on', False, 'a switch', changeable=True),
-    Parameter('even', 2, 'every other number', (0, 8), step=2, changeable=True),
+    Parameter('even', 2, 'every other number', bounds=(0, 8), step=2, changeable=True),
 )
 
 
@@ -138,8 +138,8 @@ def test_what_a_parameter_can_be(context: Context, executable: str, name: str) -
 @pytest.mark.parametrize(('name', 'meant'), [
     ('count', ''), ('limit', 'limits'), ('lmits', 'limits'), ('use_sim_time', ''), ('whole', '')])
 def test_a_misspelt_parameter_that_ends_a_node(context: Context, name: str, meant: str) -> None:
-    table = (Parameter('counts', 1, 'a number', (0, 9)),
-             Parameter('limits', 1, 'a limit', (0, 9), ends=True))
+    table = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
+             Parameter('limits', 1, 'a limit', bounds=(0, 9), ends=True))
     if meant:
         with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
             declare_given(context, table, **{name: 1})
