@@ -24,7 +24,7 @@ from pathlib import Path
 import sys
 
 from opencv_tools.image.text import printable
-from opencv_tools.regular_files import write_temporary
+from opencv_tools.regular_files import write_beside, write_buffer
 from opencv_tools.robot.xml.document import DescriptionError
 
 _LONGEST_MESSAGE = 10_000  # characters
@@ -63,7 +63,7 @@ def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
             with _not_written(path):
                 if target.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-                ready.append((path, write_temporary(target, data), target))
+                ready.append((path, write_beside(target, data), target))
         # Output to a stream cannot be undone, so all files are ready before it.
         for path, target, data in reversed(streams):
             if target is None:
@@ -85,7 +85,7 @@ def _is_stream(target: Path) -> bool:
     """Return whether a path exists and is neither a file nor a folder, such as a pipe."""
     try:
         return target.exists() and not target.is_file() and not target.is_dir()
-    except OSError:  # write_temporary reports the error
+    except OSError:  # write_beside reports the error
         return False
 
 
@@ -107,10 +107,8 @@ def print_bytes(data: bytes) -> None:
 
     :raises NotWrittenError: the data cannot be written.
     """
-    remaining = memoryview(data)
     try:
-        while remaining:  # with PYTHONUNBUFFERED, write() may write a part without an error
-            remaining = remaining[sys.stdout.buffer.write(remaining):]
+        write_buffer(sys.stdout.buffer, data)  # with PYTHONUNBUFFERED, write() may write a part
         sys.stdout.buffer.flush()
     except OSError as err:
         # Otherwise Python would write the buffer again at exit.
