@@ -131,7 +131,7 @@ def test_other_files_stand_for_themselves(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('config', 'message'), [
     (None, 'is a folder without model.config and model.sdf; name a file'),
-    ('<model/>', 'model.config names no <sdf>'), ('<model>', 'not well-formed XML')])
+    ('<model/>', 'model.config has no <sdf> with a'), ('<model>', 'not well-formed XML')])
 def test_folders_that_have_no_model(tmp_path: Path, config: str | None, message: str) -> None:
     if config is not None:
         (tmp_path / 'model.config').write_text(config)
@@ -147,7 +147,7 @@ def test_models_that_are_included_have_a_size(tmp_path: Path, monkeypatch: pytes
     content = ('<model name="m"><link name="a"/>' + ''.join(
         f'<include><uri>model://arm</uri><name>{n}</name></include>' for n in range(10)))
     assert len(read(tmp_path, f'{content}</model>').links) == 11
-    with pytest.raises(DescriptionError, match='more than 1000 elements; no robot has so many'):
+    with pytest.raises(DescriptionError, match='more than 1000 elements; include fewer models'):
         read(tmp_path, f'{content}<include><uri>model://arm</uri></include></model>')
 
 
@@ -189,7 +189,7 @@ def test_model_is_chosen_by_the_name_of_its_include(tmp_path: Path) -> None:
              '</uri><name>b</name></include><include><uri>model://gone</uri></include></world>')
     assert read(tmp_path, world, model='b').name == 'b'
     assert read(tmp_path, world, model='arm').name == 'arm'
-    with pytest.raises(DescriptionError, match='3 models; choose one by --model: arm, b, gone'):
+    with pytest.raises(DescriptionError, match='3 models; select one with --model: arm, b, gone'):
         read(tmp_path, world)
 
 
@@ -225,7 +225,7 @@ def test_merged_model_may_have_the_canonical_link(tmp_path: Path) -> None:
 
 def test_merged_names_may_not_meet(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="a"/></model>')
-    with pytest.raises(DescriptionError, match="'a' is the name of <link>"):
+    with pytest.raises(DescriptionError, match="'a' is already the name of <link>"):
         read(tmp_path, robot_with('<uri>model://arm</uri>', 'merge="true"'))
 
 
@@ -293,19 +293,20 @@ def test_errors_name_the_file_that_they_are_about(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('uri', 'message'), [
     (f'model://{"a" * 300}', 'is not found'),
-    ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and name the folder'),
+    ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and add its folder'),
     ('http://x/y', 'download the model'),
-    ('ftp://x/y', 'none that is read'),
-    ('', "<uri> '' names no file"),
-    ('model://', 'names no file'),
-    ('model://gone', "'model://gone' is not found; there is no {folder}/robots/gone, "
-                     '{folder}/gone, {folder}/models/gone: name the folder that has it by --path'),
+    ('ftp://x/y', "'ftp://x/y' is not supported"),
+    ('', "<uri> '' does not name a file"),
+    ('model://', 'does not name a file'),
+    ('model://gone', "'model://gone' is not found, searched {folder}/robots/gone, "
+                     '{folder}/gone, {folder}/models/gone; add the folder that contains the model '
+                     'with --path'),
     ('urdf', '{folder}/robots/urdf/model.sdf is a URDF; convert it'),
-    ('other', 'is no SDF, its root is <x>'),
+    ('other', 'is not SDF: its root is <x>'),
     ('light', 'has no model'),
-    ('two', 'has 2 models where one is expected'),
-    ('circle', '{folder}/robots/circle/model.sdf includes itself'),
-    ('config', 'names no <sdf>'),
+    ('two', 'has 2 models; include a file with one'),
+    ('circle', 'include cycle: {folder}/robots/circle/model.sdf -> {folder}/robots/circle2'),
+    ('config', 'has no <sdf> with a file name'),
     ('lost', 'is not found'),
     ('bomb', f'more than {MAX_INCLUDES} includes')])
 def test_errors(tmp_path: Path, uri: str, message: str) -> None:
@@ -332,12 +333,12 @@ def test_errors(tmp_path: Path, uri: str, message: str) -> None:
 
 def test_placement_frame_needs_a_pose(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
-    with pytest.raises(DescriptionError, match='no <pose> for it'):
+    with pytest.raises(DescriptionError, match='but no <pose>'):
         read(tmp_path, robot_with('<uri>model://arm</uri><placement_frame>tip</placement_frame>'))
 
 
 def test_file_that_includes_itself(tmp_path: Path) -> None:
     text = robot_with('<uri>robot.sdf</uri>')
     put(tmp_path / 'robots' / 'robot.sdf', text)
-    with pytest.raises(DescriptionError, match=r'robot[.]sdf includes itself'):
+    with pytest.raises(DescriptionError, match=r'include cycle: (.*/robot[.]sdf) -> \1$'):
         read(tmp_path, text)

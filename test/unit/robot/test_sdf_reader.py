@@ -23,7 +23,7 @@ from opencv_tools.robot.model import (
     Dynamics, FrameId, Joint, Limit, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.sdf.fragments import axis_from_element, frame_from_element
-from opencv_tools.robot.sdf.joint_reader import marked_loops
+from opencv_tools.robot.sdf.joint_reader import mark_loops
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
@@ -107,46 +107,46 @@ def test_pose_texts(pose: str, expected: Pose) -> None:
     ('<link name="a"><pose>1 2 3</pose></link>', "<pose>: '1 2 3' is not 6 finite numbers"),
     ('<link name="a"><pose>1 2 nan 0 0 0</pose></link>', 'is not 6 finite numbers'),
     ('<link name="a"><pose rotation_format="quat_xyzw">0 0 0 0 0 0</pose></link>', 'is not 7 fin'),
-    ('<link name="a"><pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose></link>', 'no rot'),
+    ('<link name="a"><pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose></link>', 'non-zero'),
     ('<link name="a"><pose rotation_format="quat_xyzw" degrees="1">0 0 0 0 0 0 1</pose></link>',
      'quaternion'),
     ('<link name="a"><pose rotation_format="x">0 0 0 0 0 0</pose></link>', "rotation_format='x'"),
     ('<link name="a"><pose degrees="x">0 0 0 0 0 0</pose></link>', "degrees='x'"),
-    ('<link name="a"><pose relative_to="x"/></link>', "relative_to 'x' is no link"),
+    ('<link name="a"><pose relative_to="x"/></link>', "relative_to 'x' is not a link"),
     ('<link name="a"><pose relative_to="b"/></link><link name="b"><pose relative_to="a"/></link>',
-     'relative to itself'),
+     "placement cycle: 'a' -> 'b' -> 'a'"),
     ('<link name="a"/><frame name="f" attached_to="g"/><frame name="g" attached_to="f"/>',
-     'itself'),
-    ('<link name="a"/><frame name="f" attached_to="x"/>', "attached_to 'x' is no link"),
+     "placement cycle: 'f' -> 'g' -> 'f'"),
+    ('<link name="a"/><frame name="f" attached_to="x"/>', "attached_to 'x' is not a link"),
     ('<link name="a"/><frame name="__f__"/>', "'__f__' is reserved"),
     ('<link name="world"/>', "'world' is reserved"),
-    ('<link name="a::b"/>', "'a::b' has '::' in it"),
+    ('<link name="a::b"/>', "'a::b' contains '::'"),
     ('<link/>', '<link>: has no name'),
     ('', "<model>: model 'm' has no links"),
     ('<model name="n"/>', "model 'm' has no links"),
-    ('<link name="a"/><link name="a"/>', "'a' is the name of <link> in line 2 already"),
-    ('<link name="a"/><frame name="a"/>', "'a' is the name of <link> in line 2 already"),
-    ('<link name="a"/><model name="a"><link name="b"/></model>', "'a' is the name of <link>"),
-    (TWO + joint(child='x'), "<child> 'x' is no link"),
-    (TWO + joint(parent='x'), "<parent> 'x' is no link"),
-    (TWO + joint(child='world'), 'world as its child'),
+    ('<link name="a"/><link name="a"/>', "'a' is already the name of <link> in line 2"),
+    ('<link name="a"/><frame name="a"/>', "'a' is already the name of <link> in line 2"),
+    ('<link name="a"/><model name="a"><link name="b"/></model>', "'a' is already the name"),
+    (TWO + joint(child='x'), "<child> 'x' is not a link"),
+    (TWO + joint(parent='x'), "<parent> 'x' is not a link"),
+    (TWO + joint(child='world'), "<child> is 'world'"),
     (TWO + joint(child='a'), "connects link 'a' with itself"),
-    (TWO + joint(child='j'), "'j' is attached to itself"),
+    (TWO + joint(child='j'), "attachment cycle: 'j' -> 'j'"),
     (TWO + '<joint name="j" type="fixed"><parent>a</parent></joint>', 'has no <child>'),
-    (TWO + joint(kind='piston'), "type='piston' is not a type of joint; write one of fixed, rev"),
+    (TWO + joint(kind='piston'), "type='piston' is not supported; use one of fixed, revolute"),
     (TWO + joint(kind='floating'), "type='floating'"),
-    (TWO + joint('<axis><xyz>0 0 0</xyz></axis>', 'revolute'), '<xyz>: the axis is 0 0 0'),
+    (TWO + joint('<axis><xyz>0 0 0</xyz></axis>', 'revolute'), "<xyz>: is '0 0 0'"),
     (TWO + joint('<axis><xyz>1 0</xyz></axis>', 'revolute'), 'is not 3 finite numbers'),
     (TWO + joint('<axis><xyz expressed_in="x">1 0 0</xyz></axis>', 'revolute'), "_in 'x'"),
     (TWO + joint('<axis><limit><lower>nan</lower></limit></axis>', 'revolute'), "'nan' is not"),
     (TWO + joint('<axis/><urdf:mimic xmlns:urdf="urn:opencv_tools:urdf" joint="x"/>', 'revolute'),
-     "mimics 'x', which is no joint"),
+     "mimics 'x', which is not a joint"),
     ('<link name="a"><visual name="v"><geometry><box><size/></box></geometry></visual></link>',
      "'' is not 3 finite numbers"),
     ('<link name="a"><visual name="v"><geometry><mesh/></geometry></visual></link>', 'no <uri>'),
     ('<link name="a"><visual><geometry/></visual></link>', '<visual>: has no name'),
     ('<link name="a"><visual name="v"><geometry/></visual><visual name="v"/></link>',
-     "'v' is the name of another visual"),
+     "'v' is already the name of another visual"),
     ('<link name="a"><inertial><mass>inf</mass></inertial></link>', "<mass>: 'inf' is not"),
 ])
 def test_errors(content: str, message: str) -> None:
@@ -157,9 +157,9 @@ def test_errors(content: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(('attribute', 'message'), [
-    ('canonical_link="x"', "canonical_link 'x' is no link"),
-    ('canonical_link="f"', "canonical_link='f' is no link"),
-    ('placement_frame="x"', "placement_frame 'x' is no link")])
+    ('canonical_link="x"', "canonical_link 'x' is not a link"),
+    ('canonical_link="f"', "canonical_link='f' is a frame"),
+    ('placement_frame="x"', "placement_frame 'x' is not a link")])
 def test_errors_of_the_model(attribute: str, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         read('<link name="a"/><frame name="f"/>', attributes=attribute)
@@ -167,14 +167,14 @@ def test_errors_of_the_model(attribute: str, message: str) -> None:
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('<robot name="r"/>', 'is not SDF'),
-    ('<sdf><model name="m"/></sdf>', 'has no version; 1.2 to 1.12 are read'),
-    ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not read"),
-    ('<sdf version="x"><model name="m"/></sdf>', "version='x' is not read"),
+    ('<sdf><model name="m"/></sdf>', 'has no version; use 1.2 to 1.12'),
+    ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not supported"),
+    ('<sdf version="x"><model name="m"/></sdf>', "version='x' is not supported"),
     ('<sdf version="1.9"/>', 'has no model'),
     ('<sdf version="1.9"><light name="l"/></sdf>', 'has no model'),
     ('<sdf version="1.9"><model><link name="a"/></model></sdf>', '<model>: has no name'),
     ('<sdf version="1.9"><model name="m"/><model name="n"/></sdf>',
-     'has 2 models; choose one by --model: m, n')])
+     'has 2 models; select one with --model: m, n')])
 def test_errors_of_the_file(text: str, message: str) -> None:
     with pytest.raises(DescriptionError, match=message.replace('.', '[.]')):
         read_text(text)
@@ -194,7 +194,7 @@ def test_model_of_a_world_is_chosen_and_the_rest_is_reported() -> None:
     assert read_text(text, report, 'n').links[0].name == 'b'
     assert [note.element for note in report.warnings] == ['light', 'gravity', 'model']
     assert "'l', 'k'" in report.warnings[0].message
-    with pytest.raises(DescriptionError, match="has no model 'x'; there is m, n"):
+    with pytest.raises(DescriptionError, match="has no model 'x'; select one of m, n"):
         read_text(text, model='x')
 
 
@@ -234,7 +234,7 @@ def test_parent_model_frame_means_nothing_in_a_new_version() -> None:
     robot = read(f'<link name="a"/><link name="b"><pose>0 0 1 {HALF} 0 0</pose></link>'
                  + joint(text.format('1'), 'prismatic'), '1.7', report)
     assert robot.joints[0].axes[0].xyz == (0, 0, 1)
-    assert [note.message[:27] for note in report.warnings] == ['use_parent_model_frame mean']
+    assert [note.message[:33] for note in report.warnings] == ['use_parent_model_frame is ignored']
     read(TWO + joint(text.format('0'), 'prismatic'), '1.7', quiet := Report())
     assert not quiet.warnings
 
@@ -299,7 +299,7 @@ def test_axis_that_stands_for_a_fixed_joint_is_not_kept() -> None:
 
 
 @pytest.mark.parametrize(('lower', 'reported'), [
-    ('2', ['lower 2.0 is above upper 1.0; kept as it is']), ('1', []), ('0', [])])
+    ('2', ['lower=2.0 is greater than upper=1.0']), ('1', []), ('0', [])])
 def test_limits_the_wrong_way_round_are_reported(lower: str, reported: list[str]) -> None:
     report = Report()
     read(TWO + joint(f'<axis><limit><lower>{lower}</lower><upper>1</upper></limit></axis>',
@@ -409,8 +409,8 @@ def test_frames_and_joints_on_them() -> None:
     assert (made.parent, made.child) == ('a', 'b')
     assert made.placement == Placement(Pose((0, 1, 0)), FrameId('frame', 'g'))
     assert [note.message for note in report.notes] == [
-        "its parent is '__model__', which moves with link 'a'",
-        "its child is 'g', which moves with link 'b'"]
+        "<parent> is frame '__model__'; converted to its link 'a'",
+        "<child> is frame 'g'; converted to its link 'b'"]
 
 
 def test_world_is_a_link_where_joints_are_fastened_to_it() -> None:
@@ -526,7 +526,7 @@ def loops(*pairs: str, canonical: str = '') -> list[bool]:
     joints = [Joint(f'j{index}', 'fixed', pair[0], pair[1], Placement(Pose(), MODEL))
               for index, pair in enumerate(pairs)]
     links = sorted(set(''.join(pairs)))
-    return [joint.is_loop for joint in marked_loops(joints, links, canonical)]
+    return [joint.is_loop for joint in mark_loops(joints, links, canonical)]
 
 
 def test_loops_are_marked() -> None:

@@ -428,7 +428,7 @@ def test_gazebo_blocks_give_sdf_what_is_sdf() -> None:
 def test_a_plugin_that_sdf_refuses_stays_in_its_block(part: str) -> None:
     report = Report()
     model = robot(f'<link name="a"/><gazebo reference="a">{part}</gazebo>', report)
-    assert 'which SDF demands; it is kept as it is' in report.warnings[0].message
+    assert 'which SDF requires; it is kept as it is' in report.warnings[0].message
     assert model.links[0].extension.sdf is None
     assert model.extension.urdf is not None
     assert len(model.extension.urdf.findall('gazebo/*')) == 1
