@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Run every benchmark, and write one table of their figures."""
+"""Run all benchmarks and write one table of their figures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BENCHMARKS = (
 
 
 def cpu_model() -> str:
-    """Give the name of the processor, where the system tells it."""
+    """Return the name of the processor, or the machine type if it is unknown."""
     for line in Path('/proc/cpuinfo').read_text().splitlines():
         key, _, name = line.partition(':')
         if key.strip() == 'model name':
@@ -46,7 +46,7 @@ def cpu_model() -> str:
 
 
 def heading() -> str:
-    """Say when and on what was measured."""
+    """Return a line with the date and the machine of the measurement."""
     cores = len(os.sched_getaffinity(0))
     return (f'# Benchmarks of {date.today()}: {cpu_model()}, {cores} cores, '
             f'Python {platform.python_version()}, numpy {np.__version__}, '

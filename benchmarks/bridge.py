@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time that the bridge and the wire format take, as ratios to a copy and to OpenCV in one run."""
+"""Time of cv_bridge and CDR, as ratios to a memcpy and to OpenCV in one run."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The figures of the benchmarks: how they are handed over, and the one table of all."""
+"""Figures of the benchmarks and their common table."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Figure:
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Let a benchmark be told where to write its figures: ``json``, a path or None."""
+    """Parse the path of the file for the figures, ``--json``; None without it."""
     parser.add_argument('--json', type=Path, metavar='FILE', help='also write the figures there')
 
 
@@ -63,7 +63,7 @@ def read_figures(path: Path) -> list[Figure]:
 
 
 def table(figures: Sequence[Figure]) -> str:
-    """Give figures as a table in GitHub's Markdown that reads well as plain text too."""
+    """Return figures as a Markdown table with aligned columns."""
     rows = [_TITLES, *(_cells(figure) for figure in figures)]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     rule = ['-' * width for width in widths]
@@ -73,14 +73,14 @@ def table(figures: Sequence[Figure]) -> str:
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
-    """Give a line of the table, with the values on the right of their column."""
+    """Return a line of the table; the values are right-aligned."""
     padded = [cell.rjust(width) if column == _VALUE else cell.ljust(width)
               for column, (cell, width) in enumerate(zip(cells, widths))]
     return f'| {" | ".join(padded)} |'
 
 
 def _cells(figure: Figure) -> tuple[str, ...]:
-    """Give the texts of a line, the value with three digits or all before the point."""
+    """Return the texts of a line; values have three significant digits."""
     digits = '#.3g' if abs(figure.value) < 100 else '.0f'
     value = f'{figure.value:{digits}}'.rstrip('.')
     verdict = {True: 'met', False: 'missed', None: ''}[figure.met]

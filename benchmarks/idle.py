@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the publisher costs while nobody subscribes, and what each kind of subscriber adds."""
+"""CPU time of the publisher without subscribers, and for each kind of subscriber."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Publisher(NodeProcess):
     """An img_publisher, and how often it publishes."""
 
     def rate(self, seconds: float) -> float:
-        """Give the frames per second of the last so many seconds, by the console's lines."""
+        """Return the frame rate in Hz of the last seconds, from the console output."""
         said = self._said()
         recent = [line for line in said if line[0] >= said[-1][0] - seconds]
         (began, first), (ended, last) = recent[0], recent[-1]
@@ -82,7 +82,7 @@ class Publisher(NodeProcess):
         return (last - first) / (ended - began)
 
     def _said(self) -> list[tuple[float, int]]:
-        """Give the times and numbers of the frames that the console tells of."""
+        """Return times and numbers of the frames on the console."""
         return [(float(line[1]), int(line[2])) for line in _SAID.finditer(
             self.console())]
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node in a process of its own, as the benchmarks start it."""
+"""A node in its own process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAMESPACE = f'/benchmark_{os.getpid()}'
 
 
 def enter_domain() -> None:
-    """Let this process and its nodes find nobody else, and end them on SIGTERM as on Ctrl-C."""
+    """Isolate this process and its nodes in a ROS domain; SIGTERM ends them like Ctrl-C."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     os.environ.update(_DOMAIN)
 
@@ -58,7 +58,7 @@ class NodeProcess:
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=lines)
 
     def console(self) -> str:
-        """Give what it said so far."""
+        """Console output so far."""
         return self._console.read_text()
 
     def wait_for(self, phrase: str) -> None:
@@ -70,7 +70,7 @@ class NodeProcess:
             time.sleep(_POLL_SECONDS)
 
     def cpu(self) -> float:
-        """Give the seconds of CPU, user and system, of all its threads; it has not ended."""
+        """Return the CPU time in s, user and system, of all threads of the running process."""
         # The clock that clock_getcpuclockid(3) gives; /proc/PID/stat has the same in 10 ms steps.
         return time.clock_gettime((~self.process.pid << 3) | 2)
 

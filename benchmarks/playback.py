@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How well files keep their rate: ten seconds of a pattern and of a folder that loops."""
+"""Deviation from the frame rate: ten seconds of a pattern and of a folder in a loop."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How fast 1080p frames get to the disk: against cv2.imwrite, from our publisher, as they came."""
+"""Recording speed of 1080p frames, against cv2.imwrite in one run."""
 
 from __future__ import annotations
 
@@ -92,12 +92,12 @@ class Race:
 
     @property
     def ratios(self) -> list[float]:
-        """Give how many times as fast ours was, in each pair of runs."""
+        """Return the speed ratio of each pair of runs."""
         return [ours / theirs for ours, theirs in zip(self.ours, self.theirs)]
 
     @property
     def ratio(self) -> float:
-        """Give the median of the ratios."""
+        """Median of the ratios."""
         return statistics.median(self.ratios)
 
 
@@ -163,7 +163,7 @@ class Passthrough:
 
     @property
     def ratio(self) -> float:
-        """Give the median of the ratios."""
+        """Median of the ratios."""
         return statistics.median(self.ratios)
 
 
@@ -174,14 +174,14 @@ def clip_frames() -> Iterator[av.VideoFrame]:
 
 
 def clip_pictures() -> list[np.ndarray]:
-    """Give BGR pictures of 1080p from all over the clip."""
+    """Return 1080p BGR images from the whole clip."""
     frames = list(clip_frames())
     return [frame.reformat(*SIZE, 'bgr24').to_ndarray()
             for frame in frames[::len(frames) // PICTURES][:PICTURES]]
 
 
 def make_video(path: Path) -> None:
-    """Make a 1080p30 video of the clip."""
+    """Create a 1080p30 video of the clip."""
     with av.open(str(path), 'w') as container:
         stream = container.add_stream('libx264', rate=RATE, options={'preset': 'veryfast'})
         stream.width, stream.height = SIZE
@@ -195,7 +195,7 @@ def make_video(path: Path) -> None:
 
 
 def folder_here() -> tempfile.TemporaryDirectory[str]:
-    """Make a folder on the disk that is worked on, for the usual one may be in memory."""
+    """Create a folder on the disk of the project, because /tmp may be in memory."""
     return tempfile.TemporaryDirectory(prefix='.benchmark_', dir='.')
 
 
@@ -259,7 +259,7 @@ class CountedNode(NodeProcess):
         self._start_cpu, self._cpu = self.cpu(), 0.0
 
     def cpu_since_start(self) -> float:
-        """Give the seconds of CPU since then, when it has ended those until it did."""
+        """Return the CPU time in s since the start of the measurement."""
         return (self._cpu if self._has_ended() else self.cpu()) - self._start_cpu
 
     def wait(self, seconds: float) -> None:
@@ -276,7 +276,7 @@ class CountedNode(NodeProcess):
                 self.wait(START_SECONDS)
 
     def counts(self, summary: re.Pattern[str]) -> list[float]:
-        """Give the numbers of its summary."""
+        """Return the numbers of the summary."""
         said = summary.search(self.console())
         if self.process.returncode != 0 or not said or said[1] == '0':
             raise SystemExit(f'the {self.name} ended with {self.process.returncode}:\n'
@@ -293,7 +293,7 @@ class CountedNode(NodeProcess):
 
 
 def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
-    """Let our publisher play a video for so long, and our subscriber write it."""
+    """Play a video with our publisher and record it with our subscriber."""
     frames = round(seconds * RATE)
     nodes: list[CountedNode] = []
     with folder_here() as folder:
@@ -356,12 +356,12 @@ def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
 
 
 def verdict(ratio: float, goal: float) -> str:
-    """Say whether a ratio is as high as it should be."""
+    """Return whether a ratio reaches its goal."""
     return f'goal {goal:g} {"met" if ratio >= goal else "missed"}'
 
 
 def listed(ratios: Sequence[float]) -> str:
-    """Give the single ratios."""
+    """Return the single ratios as text."""
     return ' '.join(f'{ratio:.2f}' for ratio in ratios)
 
 
@@ -392,12 +392,12 @@ def print_passthrough(result: Passthrough) -> None:
 
 
 def ratio_figure(name: str, ratio: float, goal: float) -> Figure:
-    """Give a ratio with its goal."""
+    """Return a ratio with its goal as a figure."""
     return Figure('recording', name, ratio, 'x', f'at least {goal:g}', ratio >= goal)
 
 
 def recording_figures(result: Recording) -> list[Figure]:
-    """Give what became of the frames, and the loads."""
+    """Return the counts of frames and the CPU loads as text."""
     kind = f'1080p{RATE} to {result.suffix}'
     return [Figure('recording', f'{kind}, frames kept', result.kept / result.sent * 100, '%'),
             Figure('recording', f'{kind}, CPU of the publisher', result.publisher.per_frame,

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time of urdf_to_sdf beside libsdformat's own conversion, and how it grows with the robot."""
+"""Time of urdf_to_sdf against libsdformat, and its growth with the robot."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ JOINT = """
 
 
 def legged(links: int) -> str:
-    """Give the URDF of a robot of many limbs, each link with all that a real one has."""
+    """Return the URDF of a robot with many limbs and realistic links."""
     generator = random.Random(7)
     parts = ['<?xml version="1.0"?>\n<robot name="bench">\n']
     parts += [f'  <material name="{name}">\n    <color rgba="{rgba}"/>\n  </material>\n'
@@ -127,7 +127,7 @@ def legged(links: int) -> str:
 
 
 def chain(links: int) -> str:
-    """Give the URDF of a chain."""
+    """Return the URDF of a chain of links."""
     inertial = ('<inertial><mass value="0.1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" '
                 'iyz="0" izz="0.01"/></inertial>')
     parts = [f'<link name="link_{number}">{inertial}</link>\n' for number in range(links)]
@@ -158,7 +158,7 @@ def medians(runs: int, *commands: Sequence[str]) -> list[float]:
 
 
 def in_process(path: Path, runs: int) -> tuple[float, float]:
-    """Give the median and the least time of a conversion without Python's start, in ms."""
+    """Return median and minimum time of a conversion in ms, without the start of Python."""
     times = []
     for _ in range(runs + 1):
         began = time.perf_counter()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ten minutes through both nodes: no frame is missed, and nothing that they hold grows."""
+"""Ten minutes of both nodes: no lost frames, no growth of memory, files or threads."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class WatchedNode(NodeProcess):
         super().__init__(name, folder, **parameters)
 
     def look(self, at: float) -> Held:
-        """Take note of what it holds now; the soak is over when it has ended."""
+        """Record memory, files and threads of the process; end the run if it has exited."""
         if self.process.poll() is not None:
             raise SystemExit(f'soak: the {self.name} ended by itself: failed\n{self.console()}')
         folder = Path('/proc', str(self.process.pid))
@@ -90,7 +90,7 @@ class WatchedNode(NodeProcess):
                 if status.st_ino == number and number not in self._others]
 
     def losses(self) -> str:
-        """Give the console's lines in which the number of dropped frames is another."""
+        """Return the console lines with a changed number of dropped frames."""
         lines = list(PROGRESS.finditer(self.console()))
         return '\n'.join(line[0] for before, line in pairwise(lines) if before[1] != line[1])
 
@@ -125,7 +125,7 @@ class Visitor:
                 raw=True)
 
     def spin(self, seconds: float) -> None:
-        """Take what comes for so long."""
+        """Receive frames for a number of seconds."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             rclpy.spin_once(self._node, timeout_sec=left)
@@ -140,7 +140,7 @@ class Visitor:
 
 
 def collect(folder: Path) -> list[int]:
-    """Take the pictures out of a folder; the numbers of those that are whole."""
+    """Remove the images of a folder and return the numbers of complete ones."""
     numbers = []
     for path in folder.glob('*.jpg'):
         content = path.read_bytes()
@@ -177,7 +177,7 @@ def watch(nodes: Sequence[WatchedNode], visitor: Visitor, seconds: float, files:
 
 
 def growth(node: WatchedNode) -> tuple[str, list[str]]:
-    """Tell how much more a node held in the last quarter, and what of it is wrong."""
+    """Return the growth of a node in the last quarter, and its errors."""
     end = node.held[-1].at
     times, memory = np.array([(one.at, one.memory) for one in node.held if one.at > end / 10]).T
     first = statistics.median(memory[times < end / 5])

@@ -78,7 +78,7 @@ class Result:
 
     @property
     def cpu(self) -> float:
-        """Give the CPU of both processes, in ms a frame."""
+        """CPU time of both processes in ms per frame."""
         return self.publisher_cpu + self.subscriber_cpu
 
 
@@ -136,7 +136,7 @@ def _answer(process: subprocess.Popen[bytes], seconds: float, console: IO[str]) 
 
 
 def median(results: list[Result]) -> Result:
-    """Give the median of each number; of what was delivered and of the growth the worst."""
+    """Return the median of each number, but the worst delivery and growth."""
     def middle(name: str) -> float:
         return float(statistics.median(getattr(result, name) for result in results))
 
@@ -151,7 +151,7 @@ def median(results: list[Result]) -> Result:
 def compare(
     load: Load, ours: Result, plain: Result, theirs: Result, copy: float,
 ) -> list[Figure]:
-    """Make the figures of what was measured, with the goals for that load."""
+    """Return the figures of a load, with their goals."""
     title = f'{load.width}x{load.height}@{load.rate:g} {load.qos.replace("_", " ")}'
     is_light = load.width * load.height * load.rate <= FULL_HD * 30
     figures: list[Figure] = []

@@ -82,12 +82,12 @@ class Load:
 
     @property
     def frame_bytes(self) -> int:
-        """Give the bytes of a frame in colour."""
+        """Size of a colour frame in bytes."""
         return self.width * self.height * 3
 
     @property
     def arguments(self) -> list[str]:
-        """Give the arguments of a node."""
+        """Command line arguments of a node."""
         return ['--ros-args', '-r', f'__ns:={self.namespace}']
 
 
@@ -129,7 +129,7 @@ class Camera:
     description = 'bgr8'
 
     def __init__(self, load: Load) -> None:
-        """Make the frames."""
+        """Create the frames."""
         self.rate = load.rate
         self.meter = Meter()
         random = np.random.default_rng(1)
@@ -148,7 +148,7 @@ class Camera:
         self._due += 1 / self.rate
 
     def read(self) -> Frame:
-        """Give the next frame."""
+        """Return the next frame."""
         self.skip()
         number = self.meter.frames
         self.meter.tick()
@@ -157,7 +157,7 @@ class Camera:
         return Frame(image, 'bgr8', time.monotonic_ns())
 
     def close(self) -> None:
-        """Let go of nothing."""
+        """Release nothing."""
 
 
 class Ages:
@@ -170,7 +170,7 @@ class Ages:
         self._ages: list[int] = []
 
     def note(self, image: NDArray[Any], stamp_ns: int) -> None:
-        """Take note of a frame."""
+        """Record the age of a frame."""
         self._ages.append(time.time_ns() - stamp_ns)
         self._meter.tick()
         self._numbers.add(int(_number_of(image)[0]))
@@ -191,7 +191,7 @@ class Stages:
         raw_subscription.take_serialized = self._watch
 
     def note(self, stamp_ns: int) -> None:
-        """Take note of the frame that was taken last."""
+        """Record the age of the last received frame."""
         moments = (stamp_ns, *self._taken, time.time_ns())
         self.times.append([later - earlier for earlier, later in pairwise(moments)])
 
@@ -239,7 +239,7 @@ class TutorialPublisher(Node):
 
     @property
     def is_done(self) -> bool:
-        """Tell whether all was published."""
+        """Return whether all frames were published."""
         return self.camera.meter.frames == self._frames
 
     def timer_callback(self) -> None:
@@ -269,7 +269,7 @@ class TutorialSubscriber(Node):
             Image, TOPIC, self.listener_callback, _tutorials_qos(load))
 
     def listener_callback(self, data: Image) -> None:
-        """Take a frame as upstream's cv_bridge does."""
+        """Convert a frame like upstream's cv_bridge."""
         self.get_logger().info('Receiving video frame')
         frame = np.ndarray((data.height, data.width, 3), np.uint8, buffer=data.data)
         self.ages.note(frame, data.header.stamp.sec * NANO + data.header.stamp.nanosec)
@@ -339,18 +339,18 @@ ENDS = {
 
 
 def command(way: str, end: str, load: Load) -> list[str]:
-    """Give the command line of a process."""
+    """Return the command line of a process."""
     return [sys.executable, __file__, way, end, json.dumps(asdict(load))]
 
 
 def _tutorials_qos(load: Load) -> QoSProfile:
-    """Make the tutorial's profile, a depth of 10, reliable or not."""
+    """Return the tutorial's QoS profile with depth 10, reliable or best effort."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy[load.qos.upper()])
 
 
 def _number_of(image: NDArray[Any]) -> NDArray[Any]:
-    """Give a view of the first four bytes of a frame, which number it."""
+    """Return a view of the first four bytes of a frame, its number."""
     return image.reshape(-1)[:4].view('<u4')
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the tests share: domains of their own, processes that always end, a ROS node in here."""
+"""Shared fixtures: ROS domains, processes that always end, and a plain node."""
 
 from __future__ import annotations
 
@@ -56,18 +56,18 @@ OWN_COMMAND = {'camera': 'OPENCV_TOOLS_CAMERA_MACHINE', 'network': 'OPENCV_TOOLS
                'interop': 'OPENCV_TOOLS_INTEROP'}
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
-# `make` says where ROS is; in a virtual environment that was merely activated it stands there.
+# `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
     os.environ['AMENT_PREFIX_PATH'] = sys.prefix
 
-# Domains 1 to 100 are safe on Linux. Each run and worker begins elsewhere, and a lock keeps it
-# from those in use. The locks are where Fast DDS meets other processes, also those of containers.
+# Domains 1 to 100 are safe on Linux. Each worker starts at another domain and locks it. The locks
+# are in /dev/shm, because Fast DDS meets other processes there, also those of containers.
 _LOCKS = Path('/dev/shm')
 _domains = itertools.count(os.getpid() * 7)
 
 
 class NodeProcess:
-    """One of the executables in a process of its own."""
+    """An executable of the package in its own process."""
 
     def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
         self._log = log
@@ -86,11 +86,11 @@ class NodeProcess:
         return self._log.read_text()
 
     def wait_for(self, text: str) -> None:
-        """Wait until a text is on the console."""
+        """Wait for a text on the console."""
         self.wait_until(lambda output: text in output, repr(text))
 
     def wait_until(self, condition: Callable[[str], bool], name: str = 'the condition') -> None:
-        """Wait until a condition holds for what is on the console."""
+        """Wait for a condition of the console output."""
         deadline = time.monotonic() + DEADLINE
         while not condition(self.output):
             assert self._process.poll() is None, f'ended before {name}:\n{self.output}'
@@ -98,11 +98,11 @@ class NodeProcess:
             time.sleep(0.02)
 
     def is_running(self) -> bool:
-        """Return whether it has not ended yet."""
+        """Return whether the process is running."""
         return self._process.poll() is None
 
     def finish(self) -> int:
-        """Wait for the end; the exit status, which is -N when signal N ended it."""
+        """Wait for the end and return the exit status, -N after signal N."""
         try:
             status = self._process.wait(DEADLINE)
         except subprocess.TimeoutExpired:
@@ -117,11 +117,11 @@ class NodeProcess:
         self._process.send_signal(number)
 
     def segments(self) -> set[Path]:
-        """Give the files of Fast DDS in shared memory that the process uses."""
+        """Return the shared memory files of Fast DDS that the process uses."""
         return mapped_segments(self._process.pid)
 
     def kill(self) -> None:
-        """End the process in any case; a clean end leaves no shared memory behind."""
+        """End the process by SIGTERM, or by SIGKILL after 5 s."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
@@ -132,7 +132,7 @@ class NodeProcess:
 
 
 def mapped_segments(pid: int) -> set[Path]:
-    """Give the files of Fast DDS in shared memory that a process uses, if it is there."""
+    """Return the shared memory files of Fast DDS that a process uses."""
     try:
         maps = Path(f'/proc/{pid}/maps').read_text()
     except OSError:
@@ -156,7 +156,7 @@ def executable(name: str) -> str:
 @pytest.fixture(autouse=True)
 def _no_unmarked_process(
         request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fail where a test that is not marked as one of processes starts one, for `make unit`."""
+    """Fail a test that starts a process without the mark ``process``."""
     if request.node.get_closest_marker('process') is not None:
         return
     start_process = subprocess.Popen.__init__
@@ -165,16 +165,16 @@ def _no_unmarked_process(
         frame = sys._getframe(1)
         while frame.f_back and frame.f_code.co_filename == subprocess.__file__:
             frame = frame.f_back
-        # Libraries may: the first figure of matplotlib on a machine asks for the fonts.
+        # Libraries may start processes: matplotlib lists the fonts once.
         if Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
-            pytest.fail('a test that starts a process has to be marked: pytest.mark.process')
+            pytest.fail('a test that starts a process needs the mark pytest.mark.process')
         start_process(*arguments, **keywords)
 
     monkeypatch.setattr(subprocess.Popen, '__init__', _start)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that start a process, or need what colcon has built: by fixture or folder."""
+    """Mark tests with ``process`` by their fixtures and folders."""
     for item in items:
         if item.path.parent.name in OWN_COMMAND or (
                 {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ()))):
@@ -183,7 +183,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other test on this machine has meanwhile."""
+    """Reserve a ROS domain that no other test on this machine uses."""
     for count in itertools.islice(_domains, 1000):
         number = 1 + count % 100
         path = _LOCKS / f'opencv_tools_test_domain_{number}'
@@ -200,7 +200,7 @@ def free_domain() -> Iterator[int]:
 
 
 def _lock(path: Path) -> int | None:
-    """Open and lock a file, None where another process has it."""
+    """Open and lock a file; None if another process has locked it."""
     for flags in (os.O_RDONLY, os.O_RDONLY | os.O_CREAT | os.O_EXCL):
         try:
             file = os.open(path, flags | os.O_NOFOLLOW, 0o644)
@@ -220,7 +220,7 @@ def _lock(path: Path) -> int | None:
 @pytest.fixture(autouse=True)
 def domain(monkeypatch: pytest.MonkeyPatch,
            tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """Reserve a ROS domain for the test, on this machine only, and keep it out of ~/.ros."""
+    """Reserve a local ROS domain for the test, with a ROS_HOME of its own."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
     with free_domain() as number:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
@@ -230,7 +230,7 @@ def domain(monkeypatch: pytest.MonkeyPatch,
 
 @pytest.fixture
 def other_domain() -> Iterator[int]:
-    """Give a second ROS domain."""
+    """Reserve a second ROS domain."""
     with free_domain() as number:
         yield number
 
@@ -238,10 +238,10 @@ def other_domain() -> Iterator[int]:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
-    Start executables of the package, and end those that a test leaves running.
+    Return a function that starts executables of the package; all of them end with the test.
 
-    Keywords are parameters; words before them go to the command line as they are. What it runs
-    within stands before the executable, and makes place for it by ``exec``.
+    Keywords are parameters. Positional arguments go to the command line unchanged. ``within`` is
+    the prefix of the command; it must replace itself by ``exec``.
     """
     processes: list[NodeProcess] = []
 
@@ -270,7 +270,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
 
 @pytest.fixture
 def mount_namespace() -> tuple[str, ...]:
-    """Return what to run a process within that mounts what no other one sees."""
+    """Return the prefix of a command that runs in its own mount namespace."""
     command = ('unshare', '--mount', *(() if os.getuid() == 0 else ('--user', '--map-root-user')))
     probe = subprocess.run([*command, 'mount', '-t', 'tmpfs', 'none', '/dev/shm'],
                            capture_output=True, text=True, check=False)
@@ -281,7 +281,7 @@ def mount_namespace() -> tuple[str, ...]:
 
 @pytest.fixture
 def node(domain: int) -> Iterator[Node]:
-    """Give a plain node in this process, which knows nothing of the package."""
+    """Create a plain rclpy node in this process."""
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     plain = Node('plain', context=context)
@@ -292,7 +292,7 @@ def node(domain: int) -> Iterator[Node]:
 
 @pytest.fixture
 def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    """Say on the console what a test has found, though it passed."""
+    """Return a function that prints a figure of a passing test."""
     def _tell(text: str) -> None:
         with capsys.disabled():
             print(f'\n{text}')
@@ -333,7 +333,7 @@ def call_service(node: Node, service_type: type, name: str, request: object) -> 
 
 
 def set_parameters(node: Node, **values: object) -> str:
-    """Set parameters of the publisher as ``ros2 param set`` does; why it refuses, or ''."""
+    """Set parameters of the publisher and return the reasons of refusals, or ''."""
     messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
     answer = call_service(node, SetParameters, '/image_publisher/set_parameters',
                           SetParameters.Request(parameters=messages))
@@ -344,7 +344,7 @@ def set_parameters(node: Node, **values: object) -> str:
 
 @contextmanager
 def disk_of(size: int) -> Iterator[None]:
-    """Let no file grow above a size, as on a disk that is full."""
+    """Limit the size of files in bytes, like a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -354,18 +354,18 @@ def disk_of(size: int) -> Iterator[None]:
 
 
 def read_pictures(folder: Path, suffix: str = '.png') -> list[np.ndarray]:
-    """Read the pictures of a folder in the order of their names."""
+    """Read the images of a folder in the order of their names."""
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             for path in sorted(folder.glob(f'*{suffix}'))]
 
 
 def recorded_files(folder: Path) -> list[Path]:
-    """List what was recorded, in the order of the names, without the manifest."""
+    """Return the recorded files in the order of their names."""
     return sorted(path for path in folder.glob('[!.]*') if path.name != 'manifest.jsonl')
 
 
 def read_manifest(folder: Path) -> list[dict[str, Any]]:
-    """Read the manifest, each line of which is true of its file, and which lists every file."""
+    """Read the manifest and check it against the recorded files."""
     lines = [json.loads(line) for line in (folder / 'manifest.jsonl').read_text().splitlines()]
     for line in lines:
         content = (folder / line['file']).read_bytes()

@@ -21,7 +21,7 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
-from opencv_tools.robot.pose import Pose, turned_tensor, Vector
+from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
@@ -44,8 +44,8 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
     kept = _preserved(robot)
     hosts = {name: name for name in kinematics.roots}
     lumped: dict[str, Joint] = {}
-    for name in kinematics.links_below(kinematics.roots):
-        for joint in kinematics.joints_below[name]:
+    for name in kinematics.subtree(kinematics.roots):
+        for joint in kinematics.child_joints[name]:
             stays = joint.type != 'fixed' or joint.name in kept or links[name].is_world
             hosts[joint.child] = joint.child if stays else hosts[name]
             if not stays:
@@ -81,7 +81,7 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
     whole = replace(whole, frames=tuple(
         replace(frame, attached_to=now.get(frame.attached_to, frame.attached_to))
         for frame in whole.frames))
-    return whole.placed(lambda placement: replace(
+    return whole.map_placements(lambda placement: replace(
         placement, relative_to=now.get(placement.relative_to, placement.relative_to)))
 
 
@@ -147,7 +147,7 @@ def _sum(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Inert
     total = [0.0] * 6
     for inertial, pose in zip(inertials, poses):
         x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
-        turned = turned_tensor(inertial.inertia, pose.rotation)
+        turned = rotated_tensor(inertial.inertia, pose.rotation)
         shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
         total = [sum_ + own + inertial.mass * far
                  for sum_, own, far in zip(total, turned, shifted)]

@@ -47,7 +47,7 @@ def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
                         extension=_keeping_name('robot', robot.name, robot.extension))
     taken = {WORLD}
     names: dict[FrameId, str] = {}
-    for frame, thing in robot.framed():
+    for frame, thing in robot.frame_owners():
         if isinstance(thing, Link) and thing.is_world:
             continue
         name = free_name(allowed_name(thing.name), taken, f'_{frame.kind}')
@@ -73,9 +73,9 @@ def with_valid_urdf_names(robot: Robot, report: Report) -> Robot:
         robot = replace(robot, name=name)
     names: dict[FrameId, str] = {}
     taken: dict[str, set[str]] = defaultdict(set)
-    for frame, _ in robot.framed():
+    for frame, _ in robot.frame_owners():
         taken[frame.kind].add(frame.name)
-    for frame, thing in robot.framed():
+    for frame, thing in robot.frame_owners():
         if '::' in thing.name:
             name = free_name(flat_name(thing.name), taken[frame.kind], f'_{frame.kind}')
             taken[frame.kind].add(name)
@@ -92,9 +92,10 @@ def with_original_names(robot: Robot) -> Robot:
 
     :raises DescriptionError: one of them is taken.
     """
-    names = {frame: own for frame, thing in robot.framed() if (own := _own_name(thing.extension))}
+    names = {frame: own for frame, thing in robot.frame_owners()
+             if (own := _own_name(thing.extension))}
     taken: set[FrameId] = set()
-    for frame, thing in robot.framed():
+    for frame, thing in robot.frame_owners():
         named = _id(frame, names)
         if named in taken:
             raise DescriptionError(f'urdf:name={named.name!r} is the name of another {frame.kind} '
@@ -153,7 +154,7 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
             axes=tuple(map(axis, joint.axes))) for joint in robot.joints),
         frames=tuple(replace(named('frame', frame), attached_to=_id(frame.attached_to, names))
                      for frame in robot.frames))
-    return robot.placed(lambda placement: replace(
+    return robot.map_placements(lambda placement: replace(
         placement, relative_to=_id(placement.relative_to, names)))
 
 

@@ -45,9 +45,9 @@ def select_root(robot: Robot, root: str, report: Report) -> Robot:
     links = {link.name: link for link in robot.links}
     for other in roots:
         if other != root:
-            names = kinematics.links_below([other])
+            names = kinematics.subtree([other])
             report.warn('link', other, links[other].line, f'left out: {shortened(names)}')
-    robot = _with_links(robot, set(kinematics.links_below([root])), kinematics)
+    robot = _with_links(robot, set(kinematics.subtree([root])), kinematics)
     return replace(robot, joints=_drop_orphan_mimics(robot.joints, report))
 
 
@@ -56,9 +56,9 @@ def _with_links(robot: Robot, kept: set[str], kinematics: Kinematics) -> Robot:
     joints = tuple(joint for joint in robot.joints
                    if joint.child in kept and joint.parent in kept)
     links = tuple(link for link in robot.links if link.name in kept)
-    carriers = kinematics.carriers() if robot.frames else {}
+    attached = kinematics.attached_links()
     frames = tuple(frame for frame in robot.frames if frame.attached_to == MODEL
-                   or carriers[FrameId('frame', frame.name)].name in kept)
+                   or attached[FrameId('frame', frame.name)].name in kept)
     there = {MODEL, *(FrameId('link', name) for name in kept),
              *(FrameId('joint', joint.name) for joint in joints),
              *(FrameId('frame', frame.name) for frame in frames)}
@@ -66,11 +66,11 @@ def _with_links(robot: Robot, kept: set[str], kinematics: Kinematics) -> Robot:
     def place(placement: Placement) -> Placement:
         if placement.relative_to in there:
             return placement
-        return Placement(kinematics.placed(placement).pose(), MODEL)
+        return Placement(kinematics.placement_pose(placement).pose(), MODEL)
 
     canonical = robot.canonical_link if robot.canonical_link in kept else ''
     return replace(robot, links=links, joints=joints, frames=frames,
-                   canonical_link=canonical).placed(place)
+                   canonical_link=canonical).map_placements(place)
 
 
 def _drop_orphan_mimics(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:

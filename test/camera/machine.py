@@ -73,7 +73,7 @@ def trees() -> list[Path]:
 
 
 def settings(kernel: Kernel) -> dict[str, str]:
-    """Give the environment of the tests."""
+    """Return the environment of the tests."""
     return {
         'PATH': f'{sys.prefix}/bin:/usr/local/bin:/usr/bin:/usr/sbin',
         'HOME': '/root',
@@ -123,7 +123,7 @@ def make_initrd(folder: Path, kernel: Kernel, arguments: list[str]) -> Path:
 
 
 def qemu(kernel: Kernel, initrd: Path, results: Path) -> list[str]:
-    """Give the command that starts the machine; it ends when the machine is turned off."""
+    """Return the command that runs the virtual machine until it powers off."""
     command = [
         'qemu-system-x86_64', '-machine', 'pc', '-m', '1536M',
         # In software always: a /dev/kvm that opens may hang all the same. OpenCV wants more than

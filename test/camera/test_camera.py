@@ -105,7 +105,7 @@ class Viewer:
         self.published.append(info['source_timestamp'] / 1e9)
 
     def wait_for(self, count: int) -> list[Image]:
-        """Give the next images."""
+        """Receive the next images."""
         first = len(self.images)
         spin_until(self.node, lambda: len(self.images) >= first + count)
         return self.images[first:first + count]
@@ -114,7 +114,7 @@ class Viewer:
         return [Time.from_msg(image.header.stamp).nanoseconds / 1e9 for image in self.images]
 
     def ages(self) -> np.ndarray:
-        """Give how old the images were when they were published, in seconds."""
+        """Return the ages of the images at publication in s."""
         return np.array(self.published) - self.stamps()
 
 
@@ -138,7 +138,7 @@ FORMATS = {
 }
 
 
-def test_five_formats_are_negotiated_and_read_back(start: Start, viewer: Viewer) -> None:
+def test_negotiated_formats(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, encoding="''", publish_rate=0)
     publisher.wait_for('opened: BGR3 640x480 at 25 Hz')
     for fourcc, (encoding, step, height) in FORMATS.items():
@@ -161,7 +161,7 @@ def test_five_formats_are_negotiated_and_read_back(start: Start, viewer: Viewer)
 
 
 @pytest.mark.parametrize('encoding', ['yuv422_yuy2', 'yuyv'])
-def test_raw_frames_are_recorded_bit_for_bit(
+def test_raw_frames_bit_for_bit(
         start: Start, tmp_path: Path, encoding: str) -> None:
     control('test_pattern=0', 'osd_text_mode=2')  # colour bars without a counter
     expected = tmp_path / 'expected.raw'
@@ -182,7 +182,7 @@ def test_raw_frames_are_recorded_bit_for_bit(
          f'{len(files)} of {len(files)} files equal to what v4l2-ctl captured')
 
 
-def test_encodings_are_known_by_both_of_their_names(start: Start, viewer: Viewer) -> None:
+def test_encoding_aliases(start: Start, viewer: Viewer) -> None:
     names = {'yuyv': 'YUYV', 'yuv422_yuy2': 'YUYV', 'uyvy': 'UYVY', 'yuv422': 'UYVY'}
     publisher = start('img_publisher', source=0, encoding='yuyv', publish_rate=0)
     for encoding, fourcc in names.items():
@@ -197,7 +197,7 @@ def test_encodings_are_known_by_both_of_their_names(start: Start, viewer: Viewer
     tell('names of encodings', f'{", ".join(names)} as asked')
 
 
-def test_controls_are_parameters(start: Start, viewer: Viewer) -> None:
+def test_controls_as_parameters(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, brightness=100, contrst=5)
     publisher.wait_for('unknown parameter contrst is not used; did you mean contrast?')
     assert '100' in run('v4l2-ctl', '-d', VIDEO, '-C', 'brightness')
@@ -239,7 +239,7 @@ def shown(node: Node, *names: str) -> list[int]:
     return [parameter_value_to_python(value) for value in answer.values]
 
 
-def test_settings_of_another_program_are_shown_and_kept(start: Start, viewer: Viewer) -> None:
+def test_controls_set_by_another_program(start: Start, viewer: Viewer) -> None:
     control('contrast=128', 'horizontal_flip=0', 'vertical_flip=0')
     publisher = start('img_publisher', source=0, brightness=100, contrast=100,
                       horizontal_flip='false')
@@ -261,7 +261,7 @@ def test_settings_of_another_program_are_shown_and_kept(start: Start, viewer: Vi
     tell('another program', 'its settings are shown, and made again on the camera that came back')
 
 
-def test_width_and_height_open_the_camera_anew_once(start: Start, viewer: Viewer) -> None:
+def test_width_and_height_reopen_once(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, publish_rate=0)
     viewer.wait_for(3)
     assert not set_parameters(viewer.node, width=1280, height=720)
@@ -273,7 +273,7 @@ def test_width_and_height_open_the_camera_anew_once(start: Start, viewer: Viewer
     tell('width and height', 'set one after the other, the camera was opened once for both')
 
 
-def test_a_frame_after_a_pause_is_fresh(start: Start, viewer: Viewer) -> None:
+def test_fresh_frame_after_a_pause(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, publish_rate=0, width=320, height=180)
     viewer.wait_for(20)
     usual = float(np.median(viewer.ages()[-15:]))
@@ -295,7 +295,7 @@ def test_a_frame_after_a_pause_is_fresh(start: Start, viewer: Viewer) -> None:
 
 @contextmanager
 def trace(event: str) -> Iterator[None]:
-    """Let the kernel write down an event."""
+    """Trace an event in the kernel."""
     if not TRACE.joinpath('events').exists():
         run('mount', '-t', 'tracefs', 'tracefs', TRACE)
     switch = TRACE / 'events' / event / 'enable'
@@ -316,7 +316,7 @@ def monotonic_to_wall() -> float:
     return min(readings)[1]
 
 
-def test_stamps_are_those_of_the_driver(start: Start, viewer: Viewer) -> None:
+def test_driver_timestamps(start: Start, viewer: Viewer) -> None:
     with trace('v4l2/v4l2_dqbuf'):
         start('img_publisher', source=0, publish_rate=0, width=320, height=180)
         viewer.wait_for(30)
@@ -333,7 +333,7 @@ def test_stamps_are_those_of_the_driver(start: Start, viewer: Viewer) -> None:
 
 @pytest.fixture(scope='class')
 def by_id(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a link to the camera, as udev makes it."""
+    """Create a symbolic link to the camera, like udev."""
     link = tmp_path_factory.mktemp('by-id') / 'camera'
     link.symlink_to(VIDEO)
     return link
@@ -341,7 +341,7 @@ def by_id(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='class')
 def survivor(by_id: Path) -> Iterator[tuple[NodeProcess, Viewer]]:
-    """Give one publisher that lives through all that goes wrong with its camera, and a viewer."""
+    """Start a publisher for all failures of its camera, and a subscriber."""
     environment = {**os.environ, 'ROS_DOMAIN_ID': '101',
                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     publisher = NodeProcess(
@@ -432,7 +432,7 @@ class TestOneLife:
         tell('by-id', f'back in {back:.1f} s as /dev/video1, and in {again:.1f} s as /dev/video0')
 
 
-def test_a_camera_that_stays_away_is_given_up(start: Start, viewer: Viewer) -> None:
+def test_reconnect_timeout(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, reconnect=3)
     viewer.wait_for(3)
     unplug()
@@ -447,7 +447,7 @@ def test_a_camera_that_stays_away_is_given_up(start: Start, viewer: Viewer) -> N
     assert gave_up > 2.5
 
 
-def test_a_busy_camera_is_waited_for_and_left_alone(start: Start, viewer: Viewer) -> None:
+def test_busy_camera_is_retried(start: Start, viewer: Viewer) -> None:
     other = subprocess.Popen(
         ['v4l2-ctl', '-d', VIDEO, '--stream-mmap', '--stream-count=100000'],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -474,7 +474,7 @@ def test_a_busy_camera_is_waited_for_and_left_alone(start: Start, viewer: Viewer
          'a second publisher ends with status 1; set_capture lets go of it')
 
 
-def test_a_camera_that_appears_later(start: Start, viewer: Viewer) -> None:
+def test_camera_connected_later(start: Start, viewer: Viewer) -> None:
     unplug()
     publisher = start('img_publisher', source=0)
     publisher.wait_for('camera /dev/video0 does not exist; cameras on this machine: none.')
@@ -487,7 +487,7 @@ def test_a_camera_that_appears_later(start: Start, viewer: Viewer) -> None:
     tell('late camera', f'there {back:.1f} s after it was plugged in')
 
 
-def test_who_may_not_use_the_camera_is_told_the_group() -> None:
+def test_permission_error_names_the_group() -> None:
     os.chown(VIDEO, 0, 44)
     VIDEO.chmod(0o660)
     os.seteuid(65534)
@@ -499,7 +499,7 @@ def test_who_may_not_use_the_camera_is_told_the_group() -> None:
     tell('permission', 'the group video is named')
 
 
-def test_a_part_of_the_frames_is_missed_and_counted() -> None:
+def test_missed_frames_are_counted() -> None:
     source = CameraSource(VIDEO, CameraRequest(width=320, height=180))
     try:
         stamps = []
@@ -518,7 +518,7 @@ def test_a_part_of_the_frames_is_missed_and_counted() -> None:
     tell('missed', f'{source.missed} of {periods:.0f} frames that a slow reader could not take')
 
 
-def test_only_nodes_that_can_capture_are_listed_as_cameras() -> None:
+def test_list_of_cameras_has_capture_devices_only() -> None:
     run('rmmod', 'vivid')
     try:
         # Of node_types: 0x1 captures video, 0x100 shows it, 0x20000 captures metadata.
@@ -545,7 +545,7 @@ def device_caps(node: Path) -> str:
     return told.partition('Device Caps')[2]
 
 
-def test_frames_that_are_missed_are_on_the_console(start: Start, viewer: Viewer) -> None:
+def test_missed_frames_on_the_console(start: Start, viewer: Viewer) -> None:
     publisher = start('img_publisher', source=0, publish_rate=0, width=320, height=180)
     viewer.wait_for(3)
     control('percentage_of_dropped_buffers=50')
@@ -569,7 +569,7 @@ def capture_bars(fourcc: str) -> np.ndarray:
         source.close()
 
 
-def test_a_camera_that_describes_planes() -> None:
+def test_multiplanar_camera() -> None:
     fourccs = ('YUYV', 'NV12', 'RGB3')
     expected = [capture_bars(fourcc) for fourcc in fourccs]
     run('rmmod', 'vivid')

@@ -341,7 +341,7 @@ def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, l
                    for frame in robot.frames},
         'visuals': shapes(kinematics, links, 'visuals'),
         'collisions': shapes(kinematics, links, 'collisions'),
-        'inertials': {link.name: kinematics.placed(link.inertial.placement)
+        'inertials': {link.name: kinematics.placement_pose(link.inertial.placement)
                       for link in links if link.inertial},
     }
     axes = {f'{joint.name}/{number}': axis_values(axis, joint.type) for joint in joints
@@ -353,7 +353,7 @@ def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, l
 
 def shapes(kinematics: Kinematics, links: Sequence[Link], kind: str) -> dict[str, Transform]:
     """Give where visuals or collisions are in the model."""
-    return {f'{link.name}/{shape.name}': kinematics.placed(shape.placement)
+    return {f'{link.name}/{shape.name}': kinematics.placement_pose(shape.placement)
             for link in links for shape in getattr(link, kind)}
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Hosts on this machine: each has a network and a /dev/shm of its own, and a cable joins two."""
+"""Network namespaces as hosts, each with its own /dev/shm, and a link between them."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class Host:
 
     @property
     def within(self) -> tuple[str, ...]:
-        """Give what stands before a command that runs there."""
+        """Return the prefix of a command that runs on the host."""
         return 'nsenter', '--target', str(self.pid), '--net', '--mount'
 
     @property
     def shared_memory(self) -> Path:
-        """Give its /dev/shm, seen from here."""
+        """Return the path of the host's /dev/shm on this machine."""
         return Path(f'/proc/{self.pid}/root/dev/shm')
 
     def run(self, *command: str, text: str = '') -> str:
@@ -85,12 +85,12 @@ class Host:
         self.run('nft', '-f', '-', text=rules)
 
     def connect(self) -> None:
-        """Take the cable into use, after it was out of use too; it is the only way out."""
+        """Connect the link, the only route of the host."""
         self.run('ip', 'link', 'set', INTERFACE, 'up')
         self.run('ip', 'route', 'replace', 'default', 'dev', INTERFACE)
 
     def disconnect(self) -> None:
-        """Take the cable out of use."""
+        """Disconnect the link."""
         self.run('ip', 'link', 'set', INTERFACE, 'down')
 
     def sent_bytes(self) -> int:
@@ -106,13 +106,13 @@ class Host:
                    if 'counter' in entry)
 
     def close(self) -> None:
-        """Let go of it: it ends with the last process in it."""
+        """Release the host; it ends with its last process."""
         self._keeper.communicate(timeout=TIMEOUT)
 
 
 @contextmanager
 def new_host(address: str = '127.0.0.1', shared_memory: str = '256m') -> Iterator[Host]:
-    """Give a host for as long as the block lasts."""
+    """Create a host for the duration of the block."""
     host = Host(address, shared_memory)
     try:
         yield host

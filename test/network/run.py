@@ -33,7 +33,7 @@ TOOLS = {'ip': 'iproute2', 'tc': 'iproute2', 'nft': 'nftables', 'nsenter': 'util
 
 
 def describe_missing() -> str:
-    """Say in a sentence what is missing here and how to get it, or ''."""
+    """Return a sentence with the missing requirements and their remedy, or ''."""
     if os.geteuid() != 0:
         return 'the tests make network namespaces, which only root may: sudo make test-network'
     missing = [name for name in TOOLS if shutil.which(name) is None]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A container's small /dev/shm, and a user's own profile of Fast DDS."""
+"""Small /dev/shm of containers, and Fast DDS profiles of users."""
 
 from __future__ import annotations
 
@@ -85,20 +85,20 @@ def warnings_of_shared_memory(process: NodeProcess) -> list[str]:
 
 
 @pytest.mark.parametrize('size', [(640, 480), (1920, 1080)])
-def test_frames_go_through_the_shared_memory_of_docker(
+def test_frames_through_docker_sized_shared_memory(
         start: Start, tmp_path: Path, size: tuple[int, int]) -> None:
     with new_host(shared_memory='64m') as host:
         publisher = assert_delivered(start, host.within, tmp_path / 'out', *size)
     assert warnings_of_shared_memory(publisher) == []
 
 
-def test_small_frames_are_delivered_with_hardly_any_shared_memory(
+def test_small_frames_with_little_shared_memory(
         start: Start, tmp_path: Path) -> None:
     with new_host(shared_memory='8m') as host:
         assert_delivered(start, host.within, tmp_path / 'out', 640, 480)
 
 
-def test_large_frames_are_delivered_with_hardly_any_shared_memory_and_a_warning(
+def test_large_frames_with_little_shared_memory(
         start: Start, tmp_path: Path) -> None:
     with new_host(shared_memory='8m') as host:
         publisher = assert_delivered(start, host.within, tmp_path / 'out', 1920, 1080)
@@ -106,7 +106,7 @@ def test_large_frames_are_delivered_with_hardly_any_shared_memory_and_a_warning(
 
 
 @pytest.mark.parametrize('is_users', [False, True])
-def test_a_profile_of_the_user_is_left_alone(
+def test_profile_of_the_user_is_kept(
         start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_users: bool) -> None:
     if is_users:
         profile = tmp_path / 'profile.xml'

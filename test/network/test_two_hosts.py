@@ -47,14 +47,14 @@ NOTHING = 'table inet cut { chain in { type filter hook input priority -1; drop;
 
 @pytest.fixture
 def hosts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hosts]:
-    """Give the publisher's host and the subscriber's, which look for one another."""
+    """Create the hosts of publisher and subscriber, which discover one another."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     with two_hosts(getattr(request, 'param', 'datagrams')) as pair:
         yield pair
 
 
 def describe(subscriber: NodeProcess, sent: int, seconds: float, near: Host, far: Host) -> str:
-    """Say how a transfer went."""
+    """Return a text with the result of a transfer."""
     received, rate = re.search(r'Received (\d+) frames at ([\d.]+) Hz', subscriber.output).groups()
     return (f'{received} of {sent} received at {rate} Hz in {seconds:.1f} s, '
             f'{near.sent_bytes() / 1e6:.1f} MB there and {far.sent_bytes() / 1e6:.2f} MB back, '
@@ -71,7 +71,7 @@ def finish_both(subscriber: NodeProcess, publisher: NodeProcess) -> float:
     return seconds
 
 
-def test_the_cable_loses_about_one_in_a_thousand(hosts: Hosts) -> None:
+def test_packet_loss_of_the_link(hosts: Hosts) -> None:
     near, far = hosts
     near.run('python3', '-c', 'import socket; cable = socket.socket(type=socket.SOCK_DGRAM); '
              f'[cable.sendto(b".", ("{far.address}", 9)) for _ in range(20_000)]')
@@ -83,7 +83,7 @@ def test_the_cable_loses_about_one_in_a_thousand(hosts: Hosts) -> None:
 # arrives any more. The remedy is that of the DDS tuning guide of ROS 2.
 @pytest.mark.parametrize(('hosts', 'rate'), [('datagrams', 10), ('packets', 5)],
                          indirect=['hosts'])
-def test_every_raw_frame_arrives_pixel_for_pixel(
+def test_raw_frames_arrive_pixel_for_pixel(
         hosts: Hosts, rate: int, start: Start, tmp_path: Path, tell: Tell) -> None:
     near, far = hosts
     count = 6 * rate
@@ -101,7 +101,7 @@ def test_every_raw_frame_arrives_pixel_for_pixel(
     assert near.sent_bytes() > sum(frame.nbytes for frame in frames)
 
 
-def test_every_compressed_frame_of_1080p30_arrives(
+def test_compressed_1080p30_arrives_complete(
         hosts: Hosts, start: Start, tmp_path: Path, tell: Tell) -> None:
     near, far = hosts
     count = 180
@@ -134,7 +134,7 @@ def send_without_multicast(hosts: Hosts, start: Start, tmp_path: Path) -> tuple[
 
 # Each node has the addresses of both hosts, as when all robots have the same settings.
 @pytest.mark.parametrize('discovery', ['SUBNET', 'LOCALHOST'])
-def test_static_peers_find_one_another_without_multicast(
+def test_static_peers_without_multicast(
         hosts: Hosts, discovery: str, start: Start, tmp_path: Path, tell: Tell,
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
@@ -150,7 +150,7 @@ def test_static_peers_find_one_another_without_multicast(
 @pytest.mark.parametrize(('discovery', 'peers'), [
     ('SUBNET', ''), ('OFF', '10.77.0.1;10.77.0.2'),
 ])
-def test_no_frame_arrives_without_multicast_and_peers(
+def test_no_discovery_without_multicast_and_peers(
         hosts: Hosts, discovery: str, peers: str, start: Start, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
@@ -180,7 +180,7 @@ def drop_none(hosts: Hosts) -> None:
 
 
 @pytest.mark.parametrize(('cut', 'heal'), [(pull_out, plug_in), (drop_all, drop_none)])
-def test_a_cut_heals_by_itself(
+def test_recovery_after_a_cut_link(
         hosts: Hosts, cut: Callable[[Hosts], None], heal: Callable[[Hosts], None],
         start: Start, tmp_path: Path, tell: Tell) -> None:
     near, far = hosts

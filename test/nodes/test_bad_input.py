@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What users get wrong: one sentence with the value and the remedy, and an exit status."""
+"""Invalid arguments and parameters: one sentence with value and remedy, and an exit status."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ CASES = {'img_publisher': PUBLISHER, 'img_subscriber': SUBSCRIBER}
 
 @pytest.fixture
 def files(tmp_path: Path) -> None:
-    """Make the files that cases name."""
+    """Create the files of the cases."""
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.mp4').write_text('hello')
     (tmp_path / 'text.png').write_text('hello')
@@ -175,7 +175,7 @@ def assignments(parameters: dict[str, object]) -> list[str]:
 @pytest.mark.parametrize(('name', 'case'), [
     (name, case) for name, cases in CASES.items() for case in cases
     if (name, case) not in IN_A_PROCESS])
-def test_refusal(run: Run, name: str, case: str) -> None:
+def test_refused_arguments(run: Run, name: str, case: str) -> None:
     status, parameters, *texts = CASES[name][case]
     ended, output = run(name, '--ros-args', *assignments(parameters))
     assert ended == status, output
@@ -183,7 +183,7 @@ def test_refusal(run: Run, name: str, case: str) -> None:
 
 
 @pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
-def test_a_process_that_refuses(start: Start, files: None, name: str, case: str) -> None:
+def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: str) -> None:
     status, parameters, *texts = CASES[name][case]
     process = start(name, **parameters)
     assert process.finish() == status, process.output
@@ -230,7 +230,7 @@ def test_command_line(run: Run, name: str, words: list[str], status: int, text: 
     ('img_publisher', '-r image_publisher:__name:=img_publisher', None),
     ('image_publisher', '-r __node:=eye', 'none for this node: write eye:'),
     ('', '', None)])
-def test_sections_of_a_parameter_file(
+def test_parameter_file_sections(
         tmp_path: Path, sections: str, words: str, outcome: str | None) -> None:
     file = tmp_path / 'p.yaml'
     file.write_text(yaml.safe_dump(
@@ -249,7 +249,7 @@ def test_sections_of_a_parameter_file(
         assert outcome in str(caught.value)
 
 
-def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) -> None:
+def test_parameter_file_for_another_node(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'p.yaml').write_text('img_subscriber:\n  ros__parameters:\n    timeout: 0.1\n')
     ended, output = run('img_subscriber', '--ros-args', '--params-file', 'p.yaml')
     assert ended == BAD_USAGE
@@ -262,7 +262,7 @@ def test_a_file_for_another_node_ends_with_status_2(run: Run, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize('name', ['', '.', 'none.yaml'])
-def test_a_params_file_of_a_launch_file_that_there_is_not(
+def test_launch_with_a_missing_params_file(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'p.yaml').touch()
@@ -276,7 +276,7 @@ def test_a_params_file_of_a_launch_file_that_there_is_not(
             'params_file']
 
 
-def test_parameter_files_that_are_left_to_rcl(tmp_path: Path) -> None:
+def test_parameter_files_left_to_rcl(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe')  # whoever opens it waits for a writer
     for name, content in {
             'large': 'a: b\n' * 250_000, 'deep': '[' * 5000, 'alias': 'a: &a [1]\nb: *a\n',
@@ -289,7 +289,7 @@ def test_parameter_files_that_are_left_to_rcl(tmp_path: Path) -> None:
             ['x', '--ros-args', '--params-file', str(tmp_path / name)], 'x', 'y', ()) == []
 
 
-def test_an_unknown_parameter_is_said(run: Run) -> None:
+def test_unknown_parameter(run: Run) -> None:
     ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=0', '-p', 'source:=pattern',
                         '-p', 'max_frames:=1')
     assert ended == 0
@@ -297,7 +297,7 @@ def test_an_unknown_parameter_is_said(run: Run) -> None:
 
 
 @pytest.mark.parametrize('reconnect', ['never', '0.2'])
-def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: str) -> None:
+def test_unknown_parameter_without_a_camera(run: Run, reconnect: str) -> None:
     ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
@@ -308,7 +308,7 @@ def test_unknown_parameters_are_said_once_without_a_camera(run: Run, reconnect: 
     assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
 
 
-def test_a_number_where_a_text_or_a_fraction_is_wanted_is_taken(run: Run) -> None:
+def test_numbers_for_texts_and_fractions(run: Run) -> None:
     ended, output = run('img_publisher', '--ros-args', '-p', 'source:=pattern', '-p',
                         'publish_rate:=50', '-p', 'max_frames:=2', '-p', 'frame_id:=7')
     assert ended == 0, output

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files through the publisher's executable, as a subscriber in another process sees them."""
+"""Videos and image files, published by the executable and received in another process."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Run:
         return [deserialize_message(message, Image) for message in self.arrived]
 
     def is_over(self) -> bool:
-        """Tell whether the publisher has published all, and all has come."""
+        """Return whether all frames were published and received."""
         ended = re.search(r'Published (\d+) frames', self.publisher.output)
         return ended is not None and len(self.arrived) >= int(ended[1])
 
@@ -70,7 +70,7 @@ def finish(node: Node, *runs: Run, status: int = 0) -> str:
 
 
 def gaps(messages: list[Image]) -> np.ndarray:
-    """Give the milliseconds from each stamp to the next."""
+    """Return the intervals between stamps in ms."""
     return np.diff([Time.from_msg(message.header.stamp).nanoseconds for message in messages]) / 1e6
 
 
@@ -111,7 +111,7 @@ def numbers(messages: list[Image]) -> list[int]:
     return [message.data[0] for message in messages]
 
 
-def test_every_frame_of_the_clip_comes_in_order_and_in_its_own_time(
+def test_clip_is_published_in_order_and_in_time(
         start: Start, node: Node) -> None:
     run = Run(start, node, source=CLIP, publish_rate=0)
     finish(node, run)
@@ -119,7 +119,7 @@ def test_every_frame_of_the_clip_comes_in_order_and_in_its_own_time(
     assert_gaps(run.messages, 40.0)
 
 
-def test_frames_are_stamped_by_a_variable_rate(start: Start, node: Node) -> None:
+def test_stamps_of_a_variable_frame_rate(start: Start, node: Node) -> None:
     runs = [Run(start, node, suffix, source=CLIP.with_name(f'variable_frame_rate.{suffix}'),
                 publish_rate=0) for suffix in ('mp4', 'mkv')]
     finish(node, *runs)
@@ -131,7 +131,7 @@ def test_frames_are_stamped_by_a_variable_rate(start: Start, node: Node) -> None
             assert np.argmin(difference) == number
 
 
-def test_frames_whose_time_is_not_known_follow_at_the_rate_of_their_file(
+def test_frames_without_times_use_the_rate_of_the_file(
         start: Start, node: Node, tmp_path: Path) -> None:
     # The AVI has B-frames and no times: OpenCV tells 40, 80, ..., 280 and 0 ms.
     writer = cv2.VideoWriter(str(tmp_path / 'in.avi'), cv2.CAP_FFMPEG,
@@ -146,7 +146,7 @@ def test_frames_whose_time_is_not_known_follow_at_the_rate_of_their_file(
 
 
 def damage(kind: str) -> bytes:
-    """Give the clip with the last 40 % of its pictures overwritten, or cut off."""
+    """Create the clip with the last 40 % of its frames overwritten or cut off."""
     content = bytearray(CLIP.read_bytes())
     data, index = content.index(b'mdat') - 4, content.index(b'moov') - 4
     begin = data + (index - data) * 6 // 10
@@ -169,7 +169,7 @@ def damage(kind: str) -> bytes:
     return bytes(content)
 
 
-def test_a_damaged_video_is_shown_as_far_as_it_goes(
+def test_damaged_video_plays_up_to_the_damage(
         start: Start, node: Node, tmp_path: Path) -> None:
     runs = {}
     for kind in ('overwritten', 'index_first', 'spots'):
@@ -190,7 +190,7 @@ def test_a_damaged_video_is_shown_as_far_as_it_goes(
         assert_lines(console)
 
 
-def test_a_video_whose_index_is_cut_off_cannot_be_opened(start: Start, tmp_path: Path) -> None:
+def test_video_without_index(start: Start, tmp_path: Path) -> None:
     (tmp_path / 'in.mp4').write_bytes(damage('cut_off'))
     publisher = start('img_publisher', source='in.mp4')
     assert publisher.finish() == 1
@@ -199,7 +199,7 @@ def test_a_video_whose_index_is_cut_off_cannot_be_opened(start: Start, tmp_path:
 
 
 def jpeg(kind: str) -> bytes:
-    """Give a JPEG with a thumbnail, which is a JPEG in it; or half of what follows that."""
+    """Return a JPEG with an embedded JPEG thumbnail, complete or cut off behind it."""
     noise = np.random.default_rng(6).integers(0, 256, (60, 80, 3), np.uint8)
     whole = cv2.imencode('.jpg', noise)[1].tobytes()
     thumbnail = b'\xff\xe1' + (len(whole) + 2).to_bytes(2, 'big') + whole
@@ -209,7 +209,7 @@ def jpeg(kind: str) -> bytes:
 @pytest.mark.parametrize(('name', 'content', 'reason'), [
     ('1.jpg', jpeg('cut off'), 'of a JPEG picture whose end is missing'),
     ('1.png', b'no picture', 'are not a picture that OpenCV can read')])
-def test_a_broken_picture_is_named_and_counted(
+def test_broken_image_is_logged_and_counted(
         start: Start, node: Node, tmp_path: Path, name: str, content: bytes, reason: str) -> None:
     write_numbered(tmp_path / 'in', 1)
     (tmp_path / 'in' / name).write_bytes(content)
@@ -222,7 +222,7 @@ def test_a_broken_picture_is_named_and_counted(
     assert re.search(r'Published 2 frames at .* Hz, 1 dropped', console)
 
 
-def test_pictures_keep_their_encoding_on_the_way_to_the_disk(
+def test_image_encoding_is_preserved_to_disk(
         start: Start, node: Node, tmp_path: Path) -> None:
     (tmp_path / 'in').mkdir()
     kinds = {'0.png': ('mono16', 1), '1.png': ('bgr16', 3), '2.png': ('mono8', 1),
@@ -243,7 +243,7 @@ def test_pictures_keep_their_encoding_on_the_way_to_the_disk(
     assert_equal(read_pictures(tmp_path / 'out'), expected)
 
 
-def test_a_part_of_a_folder_is_played_as_often_as_asked(
+def test_part_of_a_folder_in_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     write_numbered(tmp_path / 'in', 4)
     whole = Run(start, node, 'whole', source='in', publish_rate=50, loop=3)
@@ -257,7 +257,7 @@ def test_a_part_of_a_folder_is_played_as_often_as_asked(
     assert numbers(held.messages) == [2, 3, 3, 3, 3]
 
 
-def test_a_video_that_is_deleted_while_it_loops_is_shown_to_its_end(
+def test_video_deleted_during_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     copy = tmp_path / 'in.mp4'
     copy.write_bytes(CLIP.with_name('variable_frame_rate.mp4').read_bytes())
@@ -271,7 +271,7 @@ def test_a_video_that_is_deleted_while_it_loops_is_shown_to_its_end(
     assert_lines(console)
 
 
-def test_a_picture_that_is_deleted_while_its_folder_loops_is_left_out(
+def test_image_deleted_during_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     write_numbered(tmp_path / 'in', 3)
     run = Run(start, node, source='in', on_end='loop', publish_rate=50, max_frames=60)

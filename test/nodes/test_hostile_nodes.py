@@ -152,7 +152,7 @@ FORMATS = ('jpeg', '', ESCAPES, 'bgr8; jpeg compressed ' + ESCAPES, 'a' * 10**5)
 
 
 def stamped(message: bytes, sec: int) -> bytes:
-    """Give a message a stamp by which its line in the manifest is known."""
+    """Set the stamp that identifies a message in the manifest."""
     if len(message) < 8 or message[:2] != b'\0\1':
         return message
     return message[:4] + struct.pack('<i', sec) + message[8:]
@@ -206,7 +206,7 @@ def record(start: Start, node: Node, folder: Path, message_type: type, topic: st
 
 
 @pytest.mark.parametrize('name', ['{seq}.png', '{frame_id}_{encoding}.npy'])
-def test_images_of_any_kind_are_written_or_counted(
+def test_hostile_images(
         name: str, start: Start, node: Node, tmp_path: Path) -> None:
     # .npy keeps arrays without pixels.
     rows = {key: row for key, row in IMAGES.items()
@@ -217,7 +217,7 @@ def test_images_of_any_kind_are_written_or_counted(
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.jpg', '.npy'])
-def test_compressed_images_of_any_kind_are_written_or_counted(
+def test_hostile_compressed_images(
         suffix: str, start: Start, node: Node, tmp_path: Path) -> None:
     def message(data: bytes, told: str) -> bytes:
         return compressed_image_to_cdr(WireCompressedImage(1, 2, 'camera', told, data))
@@ -230,7 +230,7 @@ def test_compressed_images_of_any_kind_are_written_or_counted(
            message(JPEG, 'jpeg'), transport='compressed', file_name=f'f{{seq}}{suffix}')
 
 
-def test_a_folder_of_any_pictures_is_played(start: Start, tmp_path: Path) -> None:
+def test_folder_of_hostile_images(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / 'in'
     folder.mkdir()
     for index, (name, (data, _)) in enumerate(PICTURES.items()):
@@ -260,7 +260,7 @@ PARAMETERS: dict[str, Parameter] = {
 }
 
 
-def test_parameters_and_services_are_answered(start: Start, node: Node) -> None:
+def test_hostile_parameters_and_services(start: Start, node: Node) -> None:
     publisher = start('img_publisher', source='pattern:64x48')
     publisher.wait_for('Publishing video frame')
     for name, parameter in PARAMETERS.items():

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Publisher process to subscriber process to disk: every frame, in order, pixel for pixel."""
+"""Frames from the publisher process through the subscriber process to disk."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def assert_same_frames(written: list[np.ndarray], expected: list[np.ndarray]) ->
     assert not different
 
 
-def test_every_frame_of_the_clip_is_on_the_disk(start: Start, tmp_path: Path) -> None:
+def test_every_frame_of_the_clip_is_recorded(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=CLIP_FRAMES,
                        timeout=60, on_overflow='block')
     publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1)
@@ -48,7 +48,7 @@ def test_every_frame_of_the_clip_is_on_the_disk(start: Start, tmp_path: Path) ->
                      subscriber.output)
 
 
-def test_best_effort_frames_are_on_the_disk_or_counted_as_lost(
+def test_best_effort_frames_are_recorded_or_lost(
         start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block')
     publisher = start('img_publisher', source='pattern:1280x720@30', publish_rate=0,
@@ -74,7 +74,7 @@ def find_numbers(pictures: list[np.ndarray]) -> list[int]:
     return numbers[1:]
 
 
-def test_best_effort_publisher_that_was_there_first(start: Start, tmp_path: Path) -> None:
+def test_best_effort_publisher_started_first(start: Start, tmp_path: Path) -> None:
     publisher = start('img_publisher', source='pattern:64x48', publish_rate=50,
                       **{RELIABILITY: 'best_effort'})
     publisher.wait_for('Publishing video frame 1:')
@@ -83,7 +83,7 @@ def test_best_effort_publisher_that_was_there_first(start: Start, tmp_path: Path
     assert len(read_pictures(tmp_path / 'out')) == 5
 
 
-def test_two_subscribers_get_every_frame(start: Start, tmp_path: Path) -> None:
+def test_two_recorders_get_every_frame(start: Start, tmp_path: Path) -> None:
     subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=60)
                    for name in ('first', 'second')]
     publisher = start('img_publisher', source='pattern:320x240@60', publish_rate=0, max_frames=30,
@@ -95,7 +95,7 @@ def test_two_subscribers_get_every_frame(start: Start, tmp_path: Path) -> None:
         assert_same_frames(read_pictures(tmp_path / name), expected)
 
 
-def test_console_says_number_size_rate_and_drops_now_and_then(
+def test_progress_on_the_console(
         start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60, timeout=60)
     publisher = start('img_publisher', source='pattern:64x48@30', publish_rate=0, max_frames=60,
@@ -108,7 +108,7 @@ def test_console_says_number_size_rate_and_drops_now_and_then(
         assert all(line.search(text) for text in lines), lines
 
 
-def test_numbering_goes_on_where_an_earlier_run_ended(start: Start, tmp_path: Path) -> None:
+def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) -> None:
     for expected in (3, 6):
         subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=60)
         start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=3,
@@ -120,7 +120,7 @@ def test_numbering_goes_on_where_an_earlier_run_ended(start: Start, tmp_path: Pa
 
 
 @pytest.mark.parametrize('file_name', ['frame_{seq}.tiff', 'frame_{seq:04d}.npy'])
-def test_the_extension_picks_the_format(start: Start, tmp_path: Path, file_name: str) -> None:
+def test_format_from_the_extension(start: Start, tmp_path: Path, file_name: str) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60,
                        file_name=file_name)
     start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=2,
@@ -135,7 +135,7 @@ def test_the_extension_picks_the_format(start: Start, tmp_path: Path, file_name:
         assert_same_frames(read_pictures(tmp_path / 'out', '.tiff')[1:], [expected])
 
 
-def test_a_frame_that_the_format_cannot_hold_is_reported_and_fails(
+def test_frame_unsupported_by_the_format(
         start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1, timeout=60,
                        file_name='{seq}.jpg'.join('""'))

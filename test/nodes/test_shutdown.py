@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals in the middle and at the end: exit status 0, whole files, nothing left behind."""
+"""Signals at any time: exit status 0, complete files, no leftovers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
 @SIGNALS
-def test_both_nodes_end_cleanly(
+def test_clean_exit_of_both_nodes(
         start: Start, tmp_path: Path, number: int) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
     publisher = start('img_publisher', source='pattern:640x480@60', publish_rate=0,
@@ -75,7 +75,7 @@ def test_both_nodes_end_cleanly(
     ('img_publisher', {'source': 'pattern:8x8@0.01', 'publish_rate': 0}, 'video frame 1:'),
     ('img_publisher', {'source': 987}, 'camera /dev/video987 does not exist'),
 ])
-def test_a_node_that_waits_ends_at_once(
+def test_exit_while_waiting(
         start: Start, name: str, parameters: dict[str, object], text: str, number: int) -> None:
     process = start(name, **parameters)
     process.wait_for(text)
@@ -83,7 +83,7 @@ def test_a_node_that_waits_ends_at_once(
     assert process.finish() == 0, process.output
 
 
-def test_frames_in_the_queue_are_written_before_the_end(start: Start, tmp_path: Path) -> None:
+def test_queued_frames_are_written_at_exit(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
     publisher = start('img_publisher', source='pattern:1280x720', publish_rate=100, max_frames=40,
                       wait_for_subscribers=1)
@@ -98,7 +98,7 @@ def test_frames_in_the_queue_are_written_before_the_end(start: Start, tmp_path: 
     assert len(read_pictures(tmp_path / 'out')) == written
 
 
-def test_signals_after_the_last_line_change_nothing(start: Start) -> None:
+def test_signals_after_the_last_log_line(start: Start) -> None:
     subscriber = start('img_subscriber', max_frames=3)
     publisher = start('img_publisher', source='pattern', max_frames=3, wait_for_subscribers=1)
     for process, last_line in ((publisher, 'Published 3'), (subscriber, 'Received 3')):
@@ -112,7 +112,7 @@ def test_signals_after_the_last_line_change_nothing(start: Start) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize('within', [(), IGNORING_SIGHUP], ids=['as usual', 'as by nohup'])
-def test_a_recording_survives_its_terminal(
+def test_recording_after_hangup(
         start: Start, tmp_path: Path, within: tuple[str, ...]) -> None:
     start('img_publisher', source='pattern:80x60@60', publish_rate=0)
     folder = tmp_path / 'out'

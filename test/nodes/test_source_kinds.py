@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every kind of source, through the publisher's executable and real DDS."""
+"""Every kind of source, published by the executable."""
 
 from __future__ import annotations
 
@@ -80,33 +80,33 @@ def test_folder_and_glob(
     assert_equal(receive(start, node, 3, source=f"'{tmp_path / name}'"), pictures)
 
 
-def test_picture_file(
+def test_image_file(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray]) -> None:
     assert_equal(receive(start, node, 1, source=tmp_path / 'in' / '1.png'), pictures[1:2])
 
 
-def test_a_path_is_relative_to_where_the_node_is_started(
+def test_relative_path(
         start: Start, node: Node, pictures: list[np.ndarray]) -> None:
     assert_equal(receive(start, node, 1, source='in/2.png'), pictures[2:])
 
 
 @pytest.mark.parametrize(('on_end', 'order'), [
     ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2])])
-def test_what_follows_the_last_frame(
+def test_end_of_a_source(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray], on_end: str,
         order: list[int]) -> None:
     received = receive(start, node, len(order), source=tmp_path / 'in', on_end=on_end)
     assert_equal(received, [pictures[number] for number in order])
 
 
-def test_a_video_loops_from_its_first_frame(start: Start, node: Node) -> None:
+def test_video_loop(start: Start, node: Node) -> None:
     received = receive(
         start, node, 95, source=CLIP, on_end='loop', max_frames=95, encoding='mono8')
     expected = [cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) for frame in decode_clip()]
     assert_equal(received, expected + expected[:5])
 
 
-def test_empty_encoding_keeps_the_depth_of_a_picture(
+def test_empty_encoding_keeps_the_depth(
         start: Start, node: Node, tmp_path: Path) -> None:
     depth = np.random.default_rng(5).integers(0, 65536, (6, 9), np.uint16)
     cv2.imwrite(str(tmp_path / 'depth.png'), depth)
@@ -162,13 +162,13 @@ def server() -> Iterator[ThreadingHTTPServer]:
         running.shutdown()
 
 
-def test_a_file_on_a_web_server_is_shown_whole(
+def test_file_on_a_web_server(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
     url = f'http://127.0.0.1:{server.server_port}/clip.mp4'
     assert_equal(receive(start, node, 90, source=url), decode_clip())
 
 
-def test_a_stream_is_shown_in_order_until_a_signal(
+def test_stream_until_a_signal(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
     shown: list[int] = []
     node.create_subscription(
@@ -182,7 +182,7 @@ def test_a_stream_is_shown_in_order_until_a_signal(
     assert shown == sorted(set(shown))
 
 
-def test_a_stream_that_breaks_is_opened_again(
+def test_reconnect_to_a_stream(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
     shown: list[int] = []
     node.create_subscription(
@@ -194,7 +194,7 @@ def test_a_stream_that_breaks_is_opened_again(
     assert publisher.output.count(f'{url} is back after') >= 2
 
 
-def test_pictures_of_different_sizes_and_a_broken_one(
+def test_images_of_different_sizes_and_a_broken_one(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray]) -> None:
     (tmp_path / 'in' / '1.png').write_text('no picture')
     large = np.zeros((20, 30, 3), np.uint8)
@@ -202,7 +202,7 @@ def test_pictures_of_different_sizes_and_a_broken_one(
     assert_equal(receive(start, node, 3, source='in'), [pictures[0], pictures[2], large])
 
 
-def test_a_picture_without_colours_is_left_out_and_the_rest_is_shown(
+def test_image_that_cannot_be_converted_is_skipped(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray]) -> None:
     cv2.imwrite(str(tmp_path / 'in' / '0.tiff'), np.zeros((4, 4), np.float32))
     assert_equal(receive(start, node, 3, source='in'), pictures)

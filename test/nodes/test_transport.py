@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames from process to process: in order, none twice, pixel for pixel, ours without a gap."""
+"""Transport between processes: order, no duplicates, right pixels, no losses."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def count(tmp_path: Path) -> Iterator[Count]:
 
 @cache
 def checksums(width: int, height: int, frames: int) -> dict[int, int]:
-    """Give the numbers of the pattern's frames by their checksums."""
+    """Return the frame numbers of the pattern by checksum."""
     source = PatternSource(PatternSpec(width, height))
     numbers = {zlib.crc32(source.read().image): number for number in range(frames)}
     assert len(numbers) == frames
@@ -145,7 +145,7 @@ LARGE = pytest.mark.parametrize(('width', 'height', 'rate', 'frames'), [
 
 
 @LARGE
-def test_our_reliable_subscriber_gets_every_large_frame(
+def test_large_frames_to_a_reliable_subscriber(
         start: Start, count: Count, width: int, height: int, rate: int, frames: int) -> None:
     ours, plain = count('ours'), count('plain')
     publisher = start('img_publisher', source=f'pattern:{width}x{height}@{rate}', publish_rate=0.0,
@@ -158,7 +158,7 @@ def test_our_reliable_subscriber_gets_every_large_frame(
 
 
 @LARGE
-def test_best_effort_subscribers_get_large_frames_whole_and_in_order(
+def test_large_frames_to_best_effort_subscribers(
         start: Start, count: Count, width: int, height: int, rate: int, frames: int) -> None:
     counters = [count(kind, '--best-effort') for kind in ('ours', 'plain')]
     publisher = start('img_publisher', source=f'pattern:{width}x{height}@{rate}', publish_rate=0.0,
@@ -174,7 +174,7 @@ def test_best_effort_subscribers_get_large_frames_whole_and_in_order(
 
 
 @pytest.mark.parametrize('nodes', [1, 4])
-def test_several_subscribers_at_once_get_every_frame(
+def test_large_frames_to_several_subscribers(
         start: Start, count: Count, nodes: int) -> None:
     numbers = checksums(640, 480, 40)
     ours, plain = (count(kind, '--nodes', str(nodes)) for kind in ('ours', 'plain'))
@@ -185,7 +185,7 @@ def test_several_subscribers_at_once_get_every_frame(
     assert len(received(plain, numbers)) == nodes
 
 
-def test_subscribers_that_come_late_leave_or_are_killed_disturb_nobody(
+def test_subscribers_joining_leaving_and_killed(
         start: Start, count: Count) -> None:
     stays = count('ours')
     leaving, killed = (start('img_subscriber', mode='on_request') for _ in range(2))
@@ -211,7 +211,7 @@ def test_subscribers_that_come_late_leave_or_are_killed_disturb_nobody(
         assert (found[0] == 0) is first
 
 
-def test_publishers_that_are_killed_leave_nothing_that_adds_up(
+def test_segments_of_killed_publishers_are_removed(
         start: Start, count: Count, tell: Callable[[str], None], other_domain: int,
         monkeypatch: pytest.MonkeyPatch) -> None:
     counter = count('ours')
@@ -250,7 +250,7 @@ def test_publishers_that_are_killed_leave_nothing_that_adds_up(
 
 
 @pytest.mark.process
-def test_a_subscriber_that_is_away_for_five_large_frames_loses_none(
+def test_subscriber_stopped_for_five_large_frames(
         count: Count, send: NodeProcess) -> None:
     counter = count('ours')
     counter.wait_for('a frame of 1 bytes')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What followers of the tutorial have: its publisher, its subscriber, its names."""
+"""Compatibility with nodes, topics and names of the tutorial."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def fill_as_the_tutorial_does(frame: np.ndarray) -> Image:
     return message
 
 
-def test_the_tutorials_publisher_is_received_and_written(
+def test_publisher_of_the_tutorial_is_recorded(
         start: Start, node: Node, tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     frames = [random.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(10)]
@@ -58,7 +58,7 @@ def test_the_tutorials_publisher_is_received_and_written(
     assert all(np.array_equal(left, right) for left, right in zip(written, frames, strict=True))
 
 
-def test_a_plain_subscriber_reads_our_frames(start: Start, node: Node) -> None:
+def test_plain_subscriber_receives_frames(start: Start, node: Node) -> None:
     messages: list[Image] = []
     node.create_subscription(Image, 'video_frames', messages.append, 10)
     began = time.time()
@@ -79,7 +79,7 @@ def test_a_plain_subscriber_reads_our_frames(start: Start, node: Node) -> None:
     assert min(np.diff(stamps)) > 1 / 20 - 0.001  # a busy machine is later, none is earlier
 
 
-def test_the_names_of_the_tutorial(start: Start, node: Node) -> None:
+def test_names_of_the_tutorial(start: Start, node: Node) -> None:
     publisher = start('img_publisher', source='pattern')
     subscriber = start('img_subscriber')
     spin_until(node, lambda: {'image_publisher', 'image_subscriber'} <= set(node.get_node_names()))
@@ -92,7 +92,7 @@ def test_the_names_of_the_tutorial(start: Start, node: Node) -> None:
     subscriber.wait_for('Receiving video frame')
 
 
-def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_written(
+def test_inconsistent_messages_are_skipped(
         start: Start, node: Node, tmp_path: Path) -> None:
     good = fill_as_the_tutorial_does(np.full((4, 6, 3), 7, np.uint8))
     messages = []
@@ -116,7 +116,7 @@ def test_messages_that_contradict_themselves_are_left_out_and_the_rest_is_writte
     assert all(np.array_equal(picture, expected) for picture in read_pictures(tmp_path / 'out'))
 
 
-def test_frames_of_a_second_publisher_are_not_missed_when_it_leaves(
+def test_second_publisher_leaving_loses_no_frames(
         start: Start, node: Node, tmp_path: Path) -> None:
     message = fill_as_the_tutorial_does(np.zeros((48, 64, 3), np.uint8))
     stays, leaves = (node.create_publisher(Image, 'video_frames', 10) for _ in range(2))
@@ -138,7 +138,7 @@ def test_frames_of_a_second_publisher_are_not_missed_when_it_leaves(
     assert re.search(r'Received 41 .*: 41 written to .*, 0 dropped', subscriber.output)
 
 
-def test_frames_that_do_not_arrive_are_counted(start: Start, node: Node, tmp_path: Path) -> None:
+def test_lost_frames_are_counted(start: Start, node: Node, tmp_path: Path) -> None:
     message = fill_as_the_tutorial_does(np.zeros((720, 1280, 3), np.uint8))
     publisher = node.create_publisher(Image, 'video_frames', 10)
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{sec}.png')

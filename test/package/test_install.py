@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an installed package has, where ROS 2 looks for it."""
+"""Contents of the installed package."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def share(prefix: Path) -> Path:
 
 @pytest.mark.process
 @pytest.mark.parametrize('name', EXECUTABLES)
-def test_the_executables_stand_beside_python(name: str) -> None:
+def test_executables_stand_beside_python(name: str) -> None:
     # The pip of Debian 12 put them elsewhere, because setup.cfg says where colcon puts them.
     if not Path(sys.prefix, 'installed').exists():
         pytest.skip('this python is none that make has set up; ros2 run finds the executables')
@@ -69,7 +69,7 @@ def test_the_executables_stand_beside_python(name: str) -> None:
     assert finished.stdout.startswith(f'usage: {name} ')
 
 
-def test_ros2_run_finds_and_runs_the_executables(prefix: Path, tmp_path: Path) -> None:
+def test_executables_of_the_nodes_run(prefix: Path, tmp_path: Path) -> None:
     folder = prefix / 'lib' / 'opencv_tools'
     assert sorted(path.name for path in folder.iterdir()) == EXECUTABLES
     for path in folder.iterdir():
@@ -81,7 +81,7 @@ def test_ros2_run_finds_and_runs_the_executables(prefix: Path, tmp_path: Path) -
     assert 'Publishing video frame' in finished.stderr
 
 
-def test_ros2_run_finds_and_runs_the_commands_for_robots(prefix: Path, share: Path,
+def test_executables_for_robots_run(prefix: Path, share: Path,
                                                          tmp_path: Path) -> None:
     urdf, sdf = share / 'urdf' / 'my_robot.urdf', share / 'sdf' / 'my_robot' / 'model.sdf'
     for command, *arguments in (
@@ -98,7 +98,7 @@ def test_ros2_run_finds_and_runs_the_commands_for_robots(prefix: Path, share: Pa
     assert 'base_footprint' in finished.stdout
 
 
-def test_gazebo_is_told_where_the_robot_and_its_mesh_are(share: Path) -> None:
+def test_gazebo_model_paths_are_exported(share: Path) -> None:
     # What ros_gz_sim does with <gazebo_ros gazebo_model_path>: ${prefix} is the share folder.
     paths = [Path(export.attrib['gazebo_model_path'].replace('${prefix}', str(share)))
              for export in ElementTree.parse(share / 'package.xml').iter('gazebo_ros')]
@@ -109,7 +109,7 @@ def test_gazebo_is_told_where_the_robot_and_its_mesh_are(share: Path) -> None:
         assert any((path / robot / 'model.config').is_file() for path in paths)
 
 
-def test_launch_config_and_robots_are_installed(share: Path) -> None:
+def test_data_files_are_installed(share: Path) -> None:
     for file in ('urdf/my_robot.urdf.xacro', 'urdf/my_robot.urdf', 'urdf/my_arm.urdf',
                  'sdf/my_robot/model.sdf', 'sdf/my_robot/model.config',
                  'sdf/my_arm/model.sdf', 'sdf/my_arm/model.config',
@@ -121,7 +121,7 @@ def test_launch_config_and_robots_are_installed(share: Path) -> None:
     assert ElementTree.parse(share / 'package.xml').findtext('name') == 'opencv_tools'
 
 
-def test_every_parameter_in_the_config_exists_and_is_accepted(
+def test_config_files_have_valid_parameters(
         share: Path, start: Callable[..., NodeProcess], tmp_path: Path) -> None:
     config = share / 'config' / 'camera.yaml'
     nodes = yaml.safe_load(config.read_text())
@@ -139,7 +139,7 @@ def test_every_parameter_in_the_config_exists_and_is_accepted(
 @pytest.mark.process
 @pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'sdf_to_urdf',
                                      'urdf_to_sdf'])
-def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
+def test_robot_commands_run_as_a_module(command: str) -> None:
     finished = subprocess.run(
         [sys.executable, '-m', 'opencv_tools.robot.cli', command, '--help'],
         capture_output=True, text=True, timeout=30, check=False)
@@ -149,7 +149,7 @@ def test_the_commands_for_robots_can_be_run_by_the_module(command: str) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize('module', ['basic_image_publisher', 'basic_image_subscriber'])
-def test_the_modules_can_be_run(module: str) -> None:
+def test_nodes_run_as_modules(module: str) -> None:
     finished = subprocess.run([sys.executable, '-m', f'opencv_tools.{module}', '--help'],
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which room may import what: the pure ones work without ROS and without OpenCV."""
+"""Allowed imports of each package; pure packages work without ROS and OpenCV."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_urdf_imports_of_sdf_only_fragments_and_values(module: str) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize('room', PURE)
-def test_pure_modules_need_neither_ros_nor_opencv(room: str) -> None:
+def test_pure_modules_without_ros_and_opencv(room: str) -> None:
     others = ('rclpy', 'cv2', 'sensor_msgs')
     if room == 'opencv_tools.robot':
         others += ('numpy', 'matplotlib')
@@ -112,7 +112,7 @@ def test_pure_modules_need_neither_ros_nor_opencv(room: str) -> None:
 
 
 @pytest.mark.process
-def test_no_module_needs_pyav_before_a_video_is_written() -> None:
+def test_imports_without_pyav() -> None:
     script = ('import importlib, sys\n'
               'sys.modules["av"] = None\n'
               f'for module in {MODULES}: importlib.import_module(module)\n')
@@ -122,7 +122,7 @@ def test_no_module_needs_pyav_before_a_video_is_written() -> None:
 
 
 @pytest.mark.process
-def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_need() -> None:
+def test_conversion_without_optional_modules() -> None:
     slow = ('numpy', 'matplotlib', 'xacro', 'yaml', 'rclpy', 'cv2', 'sensor_msgs')
     blocked = (f'import sys; sys.modules.update(dict.fromkeys({slow})); '
                'from opencv_tools.robot.cli import urdf_to_sdf; '
@@ -135,7 +135,7 @@ def test_a_robot_is_converted_without_numpy_and_without_what_only_other_files_ne
 
 
 @pytest.mark.process
-def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
+def test_cv_bridge_imports_no_opencv_and_no_rclpy() -> None:
     blocked = ('import sys; sys.modules.update(cv2=None); import opencv_tools.cv_bridge; '
                'assert "rclpy" not in sys.modules')
     finished = subprocess.run(
@@ -144,7 +144,7 @@ def test_the_bridge_imports_no_opencv_and_no_rclpy() -> None:
 
 
 @pytest.mark.process
-def test_without_opencv_the_bridge_says_what_needs_it() -> None:
+def test_cv_bridge_error_without_opencv() -> None:
     script = ('import sys; sys.modules.update(cv2=None); import numpy as np; '
               'from opencv_tools.cv_bridge import CvBridge, CvBridgeError\n'
               'bridge = CvBridge(); image = np.zeros((2, 2, 3), np.uint8)\n'

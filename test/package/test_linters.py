@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The linters of ROS 2 Jazzy, ruff, and mypy on the rooms that do not import ROS."""
+"""Linters of ROS 2 Jazzy, ruff, and mypy for packages that do not import ROS."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_flake8() -> None:
 @pytest.mark.process
 @pytest.mark.linter
 @pytest.mark.flake8
-def test_a_failure_shows_what_was_found_and_no_list_of_files(tmp_path: Path) -> None:
+def test_flake8_failure_shows_only_the_findings(tmp_path: Path) -> None:
     (tmp_path / 'good.py').write_text('')
     (tmp_path / 'bad.py').write_text('import os\n')
     with pytest.raises(pytest.fail.Exception) as failure:
@@ -98,7 +98,7 @@ def test_copyright() -> None:
 
 @pytest.mark.linter
 @pytest.mark.copyright
-def test_every_source_file_begins_with_the_licence() -> None:
+def test_licence_header_of_source_files() -> None:
     files = [path for folder in CODE for path in ROOT.glob(f'{folder}/**/*.py')]
     header = (ROOT / 'setup.py').read_text().partition('\n\n')[0]
     assert 'Licensed under the Apache License, Version 2.0' in header
@@ -114,7 +114,7 @@ def test_xmllint() -> None:
 
 
 @pytest.mark.linter
-def test_package_xml_is_what_colcon_and_rosdep_read() -> None:
+def test_package_xml_for_colcon_and_rosdep() -> None:
     warnings: list[str] = []
     package = parse_package(ROOT / 'package.xml', warnings=warnings)
     package.validate(warnings=warnings)
@@ -123,7 +123,7 @@ def test_package_xml_is_what_colcon_and_rosdep_read() -> None:
 
 
 @pytest.mark.linter
-def test_rosdep_finds_every_dependency() -> None:
+def test_rosdep_keys_exist() -> None:
     package = parse_package(ROOT / 'package.xml')
     kinds = ('buildtool', 'build', 'build_export', 'buildtool_export', 'exec', 'test', 'doc')
     keys = {dependency.name for kind in kinds

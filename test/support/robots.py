@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the tests of robots share: robots made up of whatever is allowed, and counted calls."""
+"""Random robots, and a check that a conversion has linear cost."""
 
 from __future__ import annotations
 
@@ -71,31 +71,31 @@ def add(parent: Element, tag: str, text: str = '', **attributes: str) -> Element
 
 
 def number(random: Random) -> float:
-    """Give a number as robots have them: round, odd, or nothing."""
+    """Return a random number: round, arbitrary or zero."""
     return random.choice((0.0, 0.5, -0.25, 1e-7, random.uniform(-2, 2), random.uniform(-2, 2)))
 
 
 def angle(random: Random) -> float:
-    """Give an angle, often one at which roll and yaw are about one axis."""
+    """Return a random angle, often one of a gimbal lock."""
     right = math.pi / 2
     return random.choice((0.0, right, -right, 1.5708, right - 1e-9, -right + 1e-12, math.pi,
                           random.uniform(-4, 4), random.uniform(-4, 4)))
 
 
 def pose(random: Random) -> str:
-    """Give six numbers."""
+    """Return six random numbers of a pose."""
     return ' '.join([*(repr(number(random)) for _ in range(3)),
                      *(repr(angle(random)) for _ in range(3))])
 
 
 def axis(random: Random) -> str:
-    """Give a direction, of length 1 or not."""
+    """Return a random direction of any length."""
     return random.choice(('1 0 0', '0 0 1', '0 -1 0', '1 1 0', '0 0 3.5', '-0.3 0.4 1e-3',
                           '0.6 0 0.8'))
 
 
 def urdf(random: Random, links: int) -> Element:
-    """Make a robot up in URDF, of so many links, with what robots out there have."""
+    """Create a random URDF robot with features of public robots."""
     robot = ElementTree.Element('robot', name=random.choice(('made_up', 'made::up')))
     add(add(robot, 'material', name='global'), 'color', rgba='0.2 0.4 0.6 1')
     for index in range(links):
@@ -186,7 +186,7 @@ def _urdf_link(random: Random, robot: Element, name: str) -> None:
 
 
 def sdf(random: Random, links: int) -> Element:
-    """Make a robot up in SDF, of so many links, placed in whatever there is."""
+    """Create a random SDF robot, placed in random frames."""
     root = ElementTree.Element('sdf', version='1.11')
     model = add(root, 'model', name='made_up')
     if random.random() < 0.5:

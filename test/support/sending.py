@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Images that a test publishes itself, with stamps of its own and as fast as it likes."""
+"""Publish images with chosen stamps at any rate."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ NANO = 10**9
 
 
 def create_publisher(node: Node, depth: int = 1000) -> Publisher:
-    """Create a publisher that keeps so many frames until they are received."""
+    """Create a reliable publisher of images."""
     return node.create_publisher(Image, 'video_frames', QoSProfile(depth=depth))
 
 
 def stamped(image: np.ndarray, encoding: str, stamp_ns: int, frame_id: str = 'camera') -> Image:
-    """Make a message of an image."""
+    """Create a message of an image."""
     message = CvBridge().cv2_to_imgmsg(image, encoding)
     sec, nanosec = divmod(stamp_ns, NANO)
     message.header = Header(frame_id=frame_id)

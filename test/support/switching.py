@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Threads that are stopped where it is worst: what a lock is for can be seen."""
+"""Forced thread switches inside a function, to test locks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from typing import Any
 
 @contextmanager
 def switching_in(function: Callable[..., object]) -> Iterator[None]:
-    """Let other threads go on before every line of a function, in threads that start meanwhile."""
+    """Switch threads before every line of a function, in threads started meanwhile."""
     code = function.__code__
     moments = random.Random(6)
 

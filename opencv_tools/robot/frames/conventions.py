@@ -73,7 +73,7 @@ def draw(robot: Robot, listing: Mapping[str, Any], positions: Mapping[str, float
     :param listing: as `frames.frames` returns it at these positions.
     """
     kinematics = Kinematics(robot)
-    poses = kinematics.at(with_mimics(robot, {name: (at,) for name, at in positions.items()}))
+    poses = kinematics.forward(with_mimics(robot, {name: (at,) for name, at in positions.items()}))
     shapes = [(kind, [[_seen(point) for point in line] for line in moved(
                   lines, poses[FrameId('link', link.name)] @ kinematics.within(
                       FrameId('link', link.name), shape.placement).transform())])
@@ -105,13 +105,13 @@ def _urdf(listing: Mapping[str, Any], kinematics: Kinematics, poses: Mapping[Fra
           ) -> _Panel:
     def home(link: str) -> FrameId:
         """Return the frame that URDF means by a link: that of the joint above it."""
-        above = kinematics.joint_above.get(link)
+        above = kinematics.parent_joint.get(link)
         return FrameId('joint', above.name) if above else FrameId('link', link)
 
     panel = _Panel('URDF: joints are placed', 'each <origin> is in the frame of the link above')
     names = [name for name, _ in depth_first(listing)]
     for name in names:
-        place, above = poses[home(name)], kinematics.joint_above.get(name)
+        place, above = poses[home(name)], kinematics.parent_joint.get(name)
         panel.frames.append(place)
         if len(names) <= _FEW:
             panel.entries.append(Entry(name, '', _seen(place.translation), on_left=True))

@@ -20,9 +20,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
-from opencv_tools.robot.kinematics import AXES, DOF, Kinematics, with_mimics
+from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    Axis, FrameId, Joint, JOINT_TYPES, Limit, Link, MODEL, Placement, Robot, Shape)
+    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError
@@ -55,7 +55,7 @@ def frames(robot: Robot, positions: Mapping[str, float], report: Report | None =
     result: dict[str, Any] = {
         'robot': robot.name,
         'root': listing.root,
-        'links': {name: listing.link(name) for name in listing.kinematics.links_below(
+        'links': {name: listing.link(name) for name in listing.kinematics.subtree(
             [listing.root, *(name for name in listing.kinematics.roots if name != listing.root)])},
         'joints': {joint.name: listing.joint(joint) for joint in robot.joints},
     }
@@ -74,7 +74,7 @@ class _Listing:
         self.kinematics = Kinematics(robot)
         self._links = {link.name: link for link in robot.links}
         moved = with_mimics(robot, {name: (value,) for name, value in positions.items()})
-        poses = self.kinematics.at(moved)
+        poses = self.kinematics.forward(moved)
         self.root = self._first_root(robot)
         home = poses[FrameId('link', self.root)].inverse()
         self._poses = {frame: home @ pose for frame, pose in poses.items()}
@@ -85,20 +85,20 @@ class _Listing:
     def _first_root(self, robot: Robot) -> str:
         """Name the first root, but not a world that nothing is fastened to."""
         roots = self.kinematics.roots or [robot.links[0].name]
-        return next((name for name in roots if self.kinematics.joints_below[name]
+        return next((name for name in roots if self.kinematics.child_joints[name]
                      or not self._links[name].is_world), roots[0])
 
     def _moved_links(self) -> set[str]:
         """Name the links below a joint that is not at zero."""
         names: set[str] = set()
-        for name in self.kinematics.links_below(self.kinematics.roots):
-            above = self.kinematics.joint_above.get(name)
+        for name in self.kinematics.subtree(self.kinematics.roots):
+            above = self.kinematics.parent_joint.get(name)
             if above and (above.parent in names or any(self._positions.get(above.name, ()))):
                 names.add(name)
         return names
 
     def link(self, name: str) -> dict[str, Any]:
-        link, above = self._links[name], self.kinematics.joint_above.get(name)
+        link, above = self._links[name], self.kinematics.parent_joint.get(name)
         inertial = link.inertial
         return {
             'parent': above.parent if above else None,
@@ -115,23 +115,19 @@ class _Listing:
         }
 
     def joint(self, joint: Joint) -> dict[str, Any]:
-        kind = JOINT_TYPES[joint.type]
-        axes = joint.axes[:AXES[kind]]
-        limit = (axes[0].limit if axes else None) or Limit()
-        lower, upper = limit.lower, limit.upper
-        if kind not in ('turn', 'shift', 'two turns') or joint.type == 'continuous':
-            lower, upper = -math.inf, math.inf
+        axes, dof = joint.axes[:joint.kind.axes], joint.kind.dof
+        limit = joint.limit if joint.has_position_limits else Limit()
         frame = FrameId('joint', joint.name)
-        position = (*self._positions.get(joint.name, ()), *([0.0] * DOF[kind]))
+        position = (*self._positions.get(joint.name, ()), *([0.0] * dof))
         return {
             'type': joint.type, 'parent': joint.parent, 'child': joint.child,
             'axis': self._axis(joint, axes[0]) if axes else None,
             'pose': self.pose(frame),
-            'position': list(position[:DOF[kind]]),
+            'position': list(position[:dof]),
             'in_parent': self._written(FrameId('link', joint.parent), frame),
             'in_child': self._written(FrameId('link', joint.child), frame),
-            'lower': lower if lower > -UNLIMITED else None,
-            'upper': upper if upper < UNLIMITED else None,
+            'lower': limit.lower if limit.lower > -UNLIMITED else None,
+            'upper': limit.upper if limit.upper < UNLIMITED else None,
         }
 
     def pose(self, frame: FrameId) -> list[float]:
@@ -175,7 +171,7 @@ def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None
     """Refuse positions that no joint can be put to, and note those it should not be put to."""
     joints = {joint.name: joint for joint in robot.joints}
     movable = {name: joint for name, joint in joints.items()
-               if DOF[JOINT_TYPES[joint.type]] == 1 and not joint.is_loop
+               if joint.kind.dof == 1 and not joint.is_loop
                and not any(axis.mimic for axis in joint.axes)}
     for name, value in positions.items():
         if name not in movable:
@@ -186,7 +182,7 @@ def _check(robot: Robot, positions: Mapping[str, float], report: Report) -> None
             raise DescriptionError(f'{name!r} cannot be put to {value}; give a finite number',
                                    source=robot.source, tag='joint')
         joint = joints[name]
-        limit = (joint.axes[0].limit if joint.axes else None) or Limit()
+        limit = joint.limit
         if joint.type != 'continuous' and not limit.lower <= value <= limit.upper:
             report.warn('joint', name, joint.line, f'{value:.6g} is outside its limits, '
                         f'{limit.lower:.6g} to {limit.upper:.6g}')
@@ -207,7 +203,7 @@ def _choice(joints: Mapping[str, Joint], movable: Iterable[str]) -> str:
     names = ', '.join(map(repr, movable))
     if names:
         return f'the movable joints are {names}'
-    some = any(DOF[JOINT_TYPES[joint.type]] for joint in joints.values())
+    some = any(joint.kind.dof for joint in joints.values())
     none = f'the robot has no {"joint that one number moves" if some else "movable joint"}'
     return f'{none}; its joints are {shortened([*joints])}' if joints else none
 

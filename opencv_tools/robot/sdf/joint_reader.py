@@ -20,8 +20,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Joint, JOINT_TYPES, Limit, Mimic, SDF_TYPES
+from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic
 from opencv_tools.robot.pose import ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Rotation
 from opencv_tools.robot.sdf.link_reader import ReadContext
@@ -34,8 +35,6 @@ from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
-# Largest number of axes by kind of joint.
-_AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
 
 
 def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
@@ -65,7 +64,7 @@ def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinem
     :param kinematics: kinematics of the robot with all its frames.
     """
     axes = []
-    for tag in AXES[:_AXIS_COUNT[JOINT_TYPES[joint.type]]]:
+    for tag in AXES[:joint.kind.max_axes]:
         child = element.find(tag)
         if child is not None:
             axis = axis_from_element(child, _rotation(child, joint, context, kinematics),
@@ -78,14 +77,13 @@ def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinem
     urdf_type = element.get(_TYPE)
     if urdf_type == 'fixed':
         element.take_first(AXES[0])  # before SDF 1.5 it is a revolute joint with an axis
-    limit = (axes[0].limit if axes else None) or Limit()
-    if limit.lower > limit.upper:
+    joint = replace(joint, axes=tuple(axes), extension=context.extension(element))
+    limits = joint.limit.lower, joint.limit.upper
+    if limits[0] > limits[1]:
         context.report.warn('limit', joint.name, joint.line,
-                            f'lower={limit.lower} is greater than upper={limit.upper}')
-    is_unlimited = (limit.lower, limit.upper) == (-math.inf, math.inf)
-    if joint.type == 'revolute' and is_unlimited and not urdf_type:
-        joint = replace(joint, type='continuous')
-    return replace(joint, axes=tuple(axes), extension=context.extension(element))
+                            f'lower={limits[0]} is greater than upper={limits[1]}')
+    is_continuous = joint.type == 'revolute' and limits == (-math.inf, math.inf) and not urdf_type
+    return replace(joint, type='continuous') if is_continuous else joint
 
 
 def mark_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
@@ -142,7 +140,7 @@ class _DisjointSets:
 def _joint_type(element: TrackedElement) -> str:
     text = element.get(_TYPE, element.get('type', '')).strip().lower()
     # A joint in the namespace of URDF may have a type that is not supported by SDF.
-    types = SDF_TYPES if element.tag == JOINTS[0] else tuple(JOINT_TYPES)
+    types = SDF_TYPES if element.tag == JOINTS[0] else tuple(JOINT_KINDS)
     if text not in types:
         raise DescriptionError(f'type={text!r} is not supported; use one of {", ".join(types)}',
                                element)

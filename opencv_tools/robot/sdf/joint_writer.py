@@ -20,7 +20,8 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, SDF_TYPES, WORLD
+from opencv_tools.robot.joint_kinds import SDF_TYPES
+from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, WORLD
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element
 from opencv_tools.robot.sdf.link_writer import WriteContext
 from opencv_tools.robot.sdf.values import (
@@ -73,8 +74,7 @@ def _supported_joint(joint: Joint, version: Version) -> Joint:
 
 def _preserve_type(element: Element, joint: Joint, context: WriteContext) -> None:
     """Preserve a type that SDF does not support, or that its reader would change."""
-    limit = (joint.axes[0].limit if joint.axes else None) or Limit()
-    is_unlimited = (limit.lower, limit.upper) == (-math.inf, math.inf)
+    is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
     is_revolute = joint.type == 'fixed' and context.version < JOINT_AXES
     if is_revolute or (joint.type == 'revolute' and is_unlimited):
         element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)

@@ -55,7 +55,7 @@ def write_link(model: Element, link: Link, context: WriteContext) -> None:
     """Write a link into a model."""
     element = etree.SubElement(model, 'link', name=link.name)
     frame, kinematics = FrameId('link', link.name), context.kinematics
-    joint = kinematics.joint_above.get(link.name) if context.relative else None
+    joint = kinematics.parent_joint.get(link.name) if context.relative else None
     base = FrameId('link', joint.parent) if joint and joint.parent != WORLD else MODEL
     pose_element(element, kinematics.between(base, frame), base.name)
     if link.inertial is not None:

@@ -17,7 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from graphlib import CycleError
 
+from opencv_tools.robot.kinematics import cycle_text, resolve_chain
 from opencv_tools.robot.model import FrameId, WORLD
 from opencv_tools.robot.sdf.scopes import Scope
 from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, MODEL_FRAME, SEPARATOR, text_of
@@ -81,16 +83,15 @@ class FrameRegistry:
 
         :raises DescriptionError: the frame is attached to itself.
         """
-        chain: dict[FrameId, None] = {}
-        while frame.kind != 'link' and frame not in self._links:
-            if frame in chain:
-                cycle = [*chain, frame]
-                raise DescriptionError(
-                    f'attachment cycle: {cycle_text(cycle[cycle.index(frame):])}',
-                    self.elements.get(frame))
-            chain[frame] = None
-            frame = self.attached_to(frame)
-        link = self._links.get(frame, frame.name)
+        def next_frame(name: FrameId) -> FrameId | None:
+            return None if name.kind == 'link' or name in self._links else self.attached_to(name)
+
+        try:
+            chain = resolve_chain(frame, next_frame)
+        except CycleError as err:
+            raise DescriptionError(f'attachment cycle: {cycle_text(err)}',
+                                   self.elements.get(err.args[1][0])) from err
+        link = self._links.get(chain[-1], chain[-1].name)
         self._links.update(dict.fromkeys(chain, link))
         return link
 
@@ -161,11 +162,6 @@ class FrameRegistry:
         self._declared_in[frame] = scope
         if namesake is None or _KINDS.index(frame.kind) < _KINDS.index(namesake.kind):
             self._frames[name] = frame
-
-
-def cycle_text(cycle: Sequence[FrameId]) -> str:
-    """Return the names of a cycle of frames, for messages."""
-    return ' -> '.join(repr(frame.name) for frame in cycle)
 
 
 def _checked_name(element: TrackedElement, scope: Scope) -> str:

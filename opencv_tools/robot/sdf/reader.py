@@ -18,17 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from graphlib import CycleError, TopologicalSorter
+from graphlib import CycleError
 
 from lxml import etree
-from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.kinematics import (
+    check_mimic_cycles, cycle_text, Kinematics, resolve_chain)
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
 from opencv_tools.robot.sdf.includes import first_file, ModelLoader
 from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
-from opencv_tools.robot.sdf.names import cycle_text, FRAME_TAGS, FrameRegistry, JOINTS
+from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
 from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
@@ -81,7 +82,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     robot = replace(robot, joints=mark_loops(robot.joints, links, canonical))
     # The extension is what no earlier step has read.
     robot = replace(robot, extension=_model_extension(contexts[0], pose_in_world))
-    with_mimics(robot, {})  # raises if joints mimic each other in a cycle
+    check_mimic_cycles(robot)
     return robot
 
 
@@ -140,13 +141,15 @@ def _check_placements(robot: Robot, registry: FrameRegistry) -> None:
 
     :raises DescriptionError: frames are placed relative to each other in a cycle.
     """
+    bases = {frame: owner.placement.relative_to for frame, owner in robot.frame_owners()}
+    placed = {MODEL}
     try:
-        TopologicalSorter({frame: (framed.placement.relative_to,)
-                           for frame, framed in robot.framed()}).prepare()
+        for start in bases:
+            placed.update(resolve_chain(
+                start, lambda frame: None if frame in placed else bases[frame]))
     except CycleError as err:
-        cycle = err.args[1][::-1]
-        raise DescriptionError(f'placement cycle: {cycle_text(cycle)}',
-                               registry.elements.get(cycle[0])) from None
+        raise DescriptionError(f'placement cycle: {cycle_text(err)}',
+                               registry.elements.get(err.args[1][0])) from err
 
 
 def _with_placement_frames(robot: Robot, scopes: Sequence[Scope], registry: FrameRegistry

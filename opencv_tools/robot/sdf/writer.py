@@ -19,8 +19,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, MODEL, Robot, SDF_TYPES, WORLD
+from opencv_tools.robot.model import Frame, FrameId, MODEL, Robot, WORLD
 from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.joint_writer import write_joint
 from opencv_tools.robot.sdf.link_writer import write_link, WriteContext
@@ -75,7 +76,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
 def _check_links(robot: Robot, context: WriteContext) -> None:
     if all(link.is_world for link in robot.links):
         raise DescriptionError(f'robot {robot.name!r} has no links', source=robot.source)
-    joint = context.kinematics.joint_above.get(WORLD)
+    joint = context.kinematics.parent_joint.get(WORLD)
     if joint and any(link.is_world for link in robot.links):
         raise DescriptionError(f"joint {joint.name!r} has the child 'world', which is not "
                                'supported by SDF; make the world its parent',

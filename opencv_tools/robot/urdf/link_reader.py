@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from opencv_tools.robot.geometry import (
-    Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHT_COLORS, Material, Mesh, Sphere)
+    BLACK, Box, Capsule, Color, Cylinder, Geometry, LIGHT_COLORS, Material, Mesh, Sphere)
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.xml.document import (
@@ -261,7 +261,7 @@ def with_default_lights(look: Material) -> Material:
     """Give a material of URDF the lights that SDF tells apart from its colour."""
     if look.color is None:
         return look
-    return Material(look.name, look.color, look.color, DARK, DARK, look.texture)
+    return Material(look.name, look.color, look.color, BLACK, BLACK, look.texture)
 
 
 def material_name(link: str, visual: str) -> str:

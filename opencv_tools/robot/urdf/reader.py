@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.kinematics import with_mimics
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
+from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
-    Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
+    Axis, Dynamics, Extension, Frame, FrameId, Joint, Limit, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
@@ -94,7 +94,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         extras = Extension(kept, extras.sdf)
     robot = select_root(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
                      root_link, report)
-    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    check_mimic_cycles(robot)
     return robot
 
 
@@ -150,7 +150,7 @@ def _joint(element: TrackedElement, source: _ReadContext) -> Joint:
         axes = _axes(element, kind, source)
         return Joint(name, kind, parent, child, placement, axes, is_loop,
                      _carried(element, extra), line_of(element))
-    if own not in JOINT_TYPES:
+    if own not in JOINT_KINDS:
         raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
     kept = _carried(element, extra)
     more = TrackedElement(etree.Element('joint') if kept.sdf is None else kept.sdf)

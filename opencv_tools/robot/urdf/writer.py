@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (
-    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
+from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
@@ -52,7 +52,7 @@ class _WriteContext:
 
     def home(self, link: str) -> FrameId:
         """Give the frame that URDF means by a link: that of the joint above it."""
-        above = self.kinematics.joint_above.get(link)
+        above = self.kinematics.parent_joint.get(link)
         return FrameId('joint', above.name) if above else FrameId('link', link)
 
     def offset(self, link: str) -> Pose:
@@ -95,7 +95,7 @@ def write_urdf(robot: Robot, report: Report) -> Element:
 
 def _frames_by_name(robot: Robot) -> dict[str, FrameId]:
     names = {MODEL_FRAME: MODEL}
-    for frame, thing in robot.framed():
+    for frame, thing in robot.frame_owners():
         names.setdefault(thing.name, frame)
     return names
 
@@ -198,7 +198,7 @@ def _without(rest: Element | None, tags: frozenset[str]) -> Element | None:
 
 def _in_gazebo(name: str, kind: str, target: _WriteContext) -> frozenset[str]:
     """Tell what of an object goes into a ``<gazebo>`` block: of two of one name, the link's."""
-    if kind == 'joint' and name in target.kinematics.joints_below:
+    if kind == 'joint' and name in target.kinematics.child_joints:
         return frozenset()
     return GAZEBO[kind]
 

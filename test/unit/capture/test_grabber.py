@@ -266,7 +266,7 @@ def test_a_camera_that_stalls_is_opened_anew_until_it_gives_frames(
     (0.0, 'gone', []), (0.0625, r'not there; gave up after 0\.1 s', [0.0625]),
     (0.5, r'not there; gave up after 0\.5 s', [0.1, 0.2, 0.2]),
     (3.0, r'not there; gave up after 3\.0 s', [0.1, 0.2, 0.4, 0.8, 1.0, 0.5])])
-def test_a_camera_that_stays_away_is_given_up(
+def test_reconnect_timeout(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, reconnect: float,
         message: str, waits: list[float]) -> None:
     frames = grab(camera, *itertools.repeat(UnavailableError('not there'), 20),

@@ -329,7 +329,7 @@ def numbers(player: Player, most: int) -> list[int]:
 
 @pytest.mark.parametrize(('on_end', 'expected'), [
     ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2, 2, 2])])
-def test_what_follows_the_last_frame(tmp_path: Path, on_end: str, expected: list[int]) -> None:
+def test_end_of_a_source(tmp_path: Path, on_end: str, expected: list[int]) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
     settings = {'plays': 0} if on_end == 'loop' else {'on_end': on_end}

@@ -287,11 +287,11 @@ def _compare_with_judge(robot: Robot, seen: Any, positions: dict[str, float]) ->
     moved = {name: value for name, value in positions.items()
              if seen.joint_map[name].type in ('revolute', 'continuous', 'prismatic')}
     seen.update_cfg({**dict.fromkeys(positions, 0.0), **moved})
-    poses = kinematics.at(with_mimics(robot, {name: (moved[name],) for name in moved}))
+    poses = kinematics.forward(with_mimics(robot, {name: (moved[name],) for name in moved}))
     base, = kinematics.roots
     home = poses[FrameId('link', base)].inverse()
     # The frame that URDF means by a link is that of the joint above it.
-    for joint in kinematics.joint_above.values():
+    for joint in kinematics.parent_joint.values():
         ours = home @ poses[FrameId('joint', joint.name)]
         theirs = seen.get_transform(joint.child, base)
         assert math.dist(ours.translation, theirs[:3, 3]) < 1e-9

@@ -54,7 +54,7 @@ def urdf(data: bytes) -> Robot:
 
 def about_the_origin(inertial: Inertial, kinematics: Kinematics) -> np.ndarray:
     """Give moments of inertia about the model's origin, along the model's axes."""
-    pose = kinematics.placed(inertial.placement)
+    pose = kinematics.placement_pose(inertial.placement)
     xx, xy, xz, yy, yz, zz = inertial.inertia
     rotation = np.reshape(pose.rotation, (3, 3))
     own = rotation @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ rotation.T
@@ -77,7 +77,7 @@ def test_what_was_on_a_lumped_link_stays_where_it_was() -> None:
     robot = lump_fixed(urdf(ARM), report)
     kinematics = Kinematics(robot)
     visual, = robot.links[0].visuals
-    assert kinematics.placed(visual.placement).translation == (1, 0, 1)
+    assert kinematics.placement_pose(visual.placement).translation == (1, 0, 1)
     assert kinematics.pose(FrameId('link', 'tip')).translation == pytest.approx((1, 1, 0))
     assert kinematics.pose(FrameId('frame', 'plate')).translation == (1, 0, 0)
     assert [(note.element, note.name) for note in report.warnings] == [('joint', 'screws')]
@@ -128,7 +128,7 @@ def test_mass_and_places_of_any_robot_stay(seed: int) -> None:
     np.testing.assert_allclose(
         sum(about_the_origin(one, after) for one in inertials(lumped.links)),
         sum(about_the_origin(one, before) for one in inertials(robot.links)), atol=1e-9)
-    places = [sorted(np.round(kinematics.placed(shape.placement).translation, 9).tolist()
+    places = [sorted(np.round(kinematics.placement_pose(shape.placement).translation, 9).tolist()
                      for link in one.links for shape in (*link.visuals, *link.collisions))
               for one, kinematics in ((robot, before), (lumped, after))]
     assert places[0] == places[1]

@@ -503,7 +503,7 @@ def test_static_model_without_links_moves_with_the_model_around_it() -> None:
                  .replace('>a<', '>world<'))
     assert [frame.name for frame in robot.frames] == ['n::__model__', 'n::f']
     kinematics = Kinematics(robot)
-    assert set(kinematics.carriers().values()) == {FrameId('link', 'a')}
+    assert set(kinematics.attached_links().values()) == {FrameId('link', 'a')}
     assert kinematics.pose(FrameId('frame', 'n::f')).translation == (1, 2, 0)
     assert (robot.joints[0].parent, robot.joints[0].child) == ('world', 'a')
 

@@ -267,10 +267,10 @@ def test_the_mesh_is_closed_and_lies_over_the_collision_box() -> None:
     robot = read(URDF)
     kinematics = Kinematics(robot)
     visual, collision = robot.links[1].visuals[0], robot.links[1].collisions[0]
-    place = kinematics.placed(visual.placement)
+    place = kinematics.placement_pose(visual.placement)
     points = [place.apply((facet[i], facet[i + 1], facet[i + 2]))
               for facet in facets for i in (3, 6, 9)]
-    centre = kinematics.placed(collision.placement).translation
+    centre = kinematics.placement_pose(collision.placement).translation
     for axis, length in enumerate(box(robot)):
         values = [point[axis] for point in points]
         assert min(values) == pytest.approx(centre[axis] - length / 2, abs=1e-6)
