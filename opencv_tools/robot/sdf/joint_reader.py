@@ -41,9 +41,9 @@ def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
     """Read a joint without its axes."""
     scope, registry = context.scope, context.registry
     name = scope.qualified(required_name(element))
-    child, parent = registry.child_frame(element, scope), registry.parent_frame(element, scope)
-    links = {'parent': registry.link_of(parent), 'child': registry.link_of(child)}
-    for tag, frame in (('parent', parent), ('child', child)):
+    ends = {tag: registry.joint_end(element, scope, tag) for tag in ('parent', 'child')}
+    links = {tag: registry.link_of(frame) for tag, frame in ends.items()}
+    for tag, frame in ends.items():
         if frame.kind != 'link':
             context.report.preserve('joint', name, line_of(element),
                                     f'<{tag}> is frame {frame.name or MODEL_FRAME!r}; '
@@ -52,7 +52,7 @@ def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
         raise DescriptionError(f'connects link {links["child"]!r} with itself; name two links',
                                element)
     return Joint(name, _joint_type(element), links['parent'], links['child'],
-                 context.placement(element, child), line=line_of(element))
+                 context.placement(element, ends['child']), line=line_of(element))
 
 
 def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinematics: Kinematics

@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf.values import (
     text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
-from opencv_tools.robot.xml.numbers import number, number_text, vector
+from opencv_tools.robot.xml.numbers import number, numbers, vector
 from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import TrackedElement
@@ -209,27 +209,23 @@ def _read_known_geometry(element: TrackedElement, context: ReadContext) -> Geome
         return Mesh(context.resolved_uri(uri),
                     None if scale is None else vector(scale.text, scale))
     if tag == 'box':
-        size = element.find('size')
-        if size is None:
-            _warn_of_default(element, 'size', '1 1 1', context)
-        return Box((1.0, 1.0, 1.0) if size is None else vector(size.text, size))
-    radius = _read_length(element, 'radius', 0.5 if tag == 'capsule' else 1.0, context)
+        x, y, z = _read_size(element, 'size', '1 1 1', context)
+        return Box((x, y, z))
+    radius, = _read_size(element, 'radius', '0.5' if tag == 'capsule' else '1', context)
     if tag == 'sphere':
         return Sphere(radius)
-    shape = Cylinder if tag == 'cylinder' else Capsule
-    return shape(radius, _read_length(element, 'length', 1.0, context))
+    length, = _read_size(element, 'length', '1', context)
+    return Cylinder(radius, length) if tag == 'cylinder' else Capsule(radius, length)
 
 
-def _read_length(element: TrackedElement, tag: str, default: float, context: ReadContext) -> float:
-    if element.find(tag) is None:
-        _warn_of_default(element, tag, number_text(default), context)
-    return number_of(element, tag, default)
-
-
-def _warn_of_default(element: TrackedElement, tag: str, default: str, context: ReadContext
-                     ) -> None:
-    context.report.warn(element.tag, '', line_of(element),
-                        f'has no <{tag}>; the default of SDF is {default}')
+def _read_size(element: TrackedElement, tag: str, default: str, context: ReadContext
+               ) -> tuple[float, ...]:
+    child = element.find(tag)
+    if child is None:
+        context.report.warn(element.tag, '', line_of(element),
+                            f'has no <{tag}>; the default of SDF is {default}')
+    text, holder = (default, element) if child is None else (child.text, child)
+    return numbers(text, len(default.split()), holder)
 
 
 def _read_material(element: TrackedElement, context: ReadContext) -> Material:

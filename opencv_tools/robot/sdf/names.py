@@ -95,20 +95,17 @@ class FrameRegistry:
         self._links.update(dict.fromkeys(chain, link))
         return link
 
-    def child_frame(self, joint: TrackedElement, scope: Scope) -> FrameId:
-        """Return the child frame of a joint."""
-        name = _required_text(joint, 'child')
-        if name == WORLD:
+    def joint_end(self, joint: TrackedElement, scope: Scope, tag: str) -> FrameId:
+        """Return the frame of ``<parent>`` or ``<child>``; the link `WORLD` for the world."""
+        name = text_of(joint, tag)
+        if not name:
+            raise DescriptionError(f'has no <{tag}>', joint)
+        if name != WORLD:
+            return self.lookup(scope, name, joint, f'<{tag}>')
+        if tag == 'child':
             raise DescriptionError("<child> is 'world', which cannot move; make it the <parent>",
                                    joint)
-        return self.lookup(scope, name, joint, '<child>')
-
-    def parent_frame(self, joint: TrackedElement, scope: Scope) -> FrameId:
-        """Return the parent frame of a joint; the link `WORLD` for the world."""
-        name = _required_text(joint, 'parent')
-        if name == WORLD:
-            return FrameId('link', WORLD)
-        return self.lookup(scope, name, joint, '<parent>')
+        return FrameId('link', WORLD)
 
     def attached_to(self, frame: FrameId) -> FrameId:
         """Return the frame that a joint, a frame or a model moves with."""
@@ -116,7 +113,7 @@ class FrameRegistry:
             return self._canonical_frame(self._models[frame])
         element, scope = self.elements[frame], self._declared_in[frame]
         if frame.kind == 'joint':
-            return self.child_frame(element, scope)
+            return self.joint_end(element, scope, 'child')
         name = element.get('attached_to') or MODEL_FRAME
         return self.lookup(scope, name, element, 'attached_to')
 
@@ -172,10 +169,3 @@ def _checked_name(element: TrackedElement, scope: Scope) -> str:
     if scope.version >= _NESTED_NAMES and SEPARATOR in name:
         raise DescriptionError(f'{name!r} contains {SEPARATOR!r}; use another name', element)
     return name
-
-
-def _required_text(element: TrackedElement, tag: str) -> str:
-    text = text_of(element, tag)
-    if not text:
-        raise DescriptionError(f'has no <{tag}>', element)
-    return text
