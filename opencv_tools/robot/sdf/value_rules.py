@@ -43,7 +43,10 @@ def read_number(text: str) -> float | None:
     if found is None:
         return None
     word = found[0].lower()
-    value = float(int(word, 16)) if 'x' in word else float(word)
+    try:
+        value = float(int(word, 16)) if 'x' in word else float(word)
+    except OverflowError:
+        return None
     return None if math.isinf(value) and 'inf' not in word else value
 
 

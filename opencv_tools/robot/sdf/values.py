@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import math
+import re
 from typing import NamedTuple, TypeVar
 
 from lxml import etree
 from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import number, numbers, numbers_text, unclamped
+from opencv_tools.robot.xml.numbers import number, numbers, numbers_text, quoted, unclamped
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
@@ -70,10 +71,8 @@ _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
 def version_of(text: str) -> Version | None:
     """Read a version; return None if the text is not a version."""
-    major, _, minor = text.strip().partition('.')
-    if not (major.isascii() and major.isdigit() and minor.isascii() and minor.isdigit()):
-        return None
-    return Version(int(major), int(minor))
+    match = re.fullmatch(r'([0-9]{1,9})\.([0-9]{1,9})', text.strip())
+    return Version(int(match[1]), int(match[2])) if match else None
 
 
 def file_version(root: Element, report: Report) -> Version:
@@ -84,12 +83,10 @@ def file_version(root: Element, report: Report) -> Version:
     :raises DescriptionError: the version is missing, invalid or too old.
     """
     text = root.get('version')
-    if text is None:
-        raise DescriptionError(f'has no version; use {OLDEST_READ} to {NEWEST}', root)
-    version = version_of(text)
+    version = version_of(text or '')
     if version is None or version < OLDEST_READ:
-        raise DescriptionError(f'version={text!r} is not supported; use {OLDEST_READ} to {NEWEST}',
-                               root)
+        flaw = 'has no version' if text is None else f'version={quoted(text)} is not supported'
+        raise DescriptionError(f'{flaw}; use {OLDEST_READ} to {NEWEST}', root)
     if version > NEWEST:
         report.warn('sdf', '', line_of(root),
                     f'version {text} is newer than {NEWEST}; read as {NEWEST}')
@@ -105,7 +102,7 @@ def written_version(text: str) -> Version:
     version = version_of(text)
     if version is None or not OLDEST_WRITTEN <= version <= NEWEST:
         raise DescriptionError(
-            f'SDF version {text!r} cannot be written; use {OLDEST_WRITTEN} to {NEWEST}')
+            f'SDF version {quoted(text)} cannot be written; use {OLDEST_WRITTEN} to {NEWEST}')
     return version
 
 
@@ -167,8 +164,6 @@ def _quaternion_pose(element: AnyElement, degrees: bool) -> Pose:
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
     if not any((qx, qy, qz, qw)):
         raise DescriptionError('the quaternion is 0 0 0 0; give a non-zero quaternion', element)
-    if not any((qx, qy, qz)):
-        return Pose((x, y, z))
     return Transform(rotation_of_quaternion((qw, qx, qy, qz)), (x, y, z)).pose()
 
 

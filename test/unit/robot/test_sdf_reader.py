@@ -170,6 +170,7 @@ def test_errors_of_the_model(attribute: str, message: str) -> None:
     ('<sdf><model name="m"/></sdf>', 'has no version; use 1.2 to 1.12'),
     ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not supported"),
     ('<sdf version="x"><model name="m"/></sdf>', "version='x' is not supported"),
+    (f'<sdf version="1.{"9" * 5000}"><model name="m"/></sdf>', "...' is not supported"),
     ('<sdf version="1.9"/>', 'has no model'),
     ('<sdf version="1.9"><light name="l"/></sdf>', 'has no model'),
     ('<sdf version="1.9"><model><link name="a"/></model></sdf>', '<model>: has no name'),
