@@ -21,7 +21,7 @@ from dataclasses import replace
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
-from opencv_tools.robot.pose import Pose, turned_tensor, Vector
+from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
@@ -147,7 +147,7 @@ def _sum(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Inert
     total = [0.0] * 6
     for inertial, pose in zip(inertials, poses):
         x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
-        turned = turned_tensor(inertial.inertia, pose.rotation)
+        turned = rotated_tensor(inertial.inertia, pose.rotation)
         shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
         total = [sum_ + own + inertial.mass * far
                  for sum_, own, far in zip(total, turned, shifted)]

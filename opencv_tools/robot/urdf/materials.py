@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from lxml import etree
-from opencv_tools.robot.geometry import Color, DARK, LIGHT_COLORS, Material
+from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
 from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
@@ -119,7 +119,7 @@ def with_default_lights(material: Material) -> Material:
     """Return a material of URDF with the other colours of SDF that follow from its colour."""
     if material.color is None:
         return material
-    return replace(material, ambient=material.color, specular=DARK, emissive=DARK)
+    return replace(material, ambient=material.color, specular=BLACK, emissive=BLACK)
 
 
 def restore_colors(root: Element) -> None:

@@ -25,10 +25,10 @@ from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_KINDS, Limit, Link, Mimic, MODEL,
-    Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
+    Axis, Dynamics, Extension, Frame, FrameId, Joint, Limit, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of

@@ -29,8 +29,7 @@ from opencv_tools.robot.sdf.values import CUT
 from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.urdf.materials import ORIGINAL_RGBA
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import (
-    clamped, number_text, numbers_text, unclamped, UNLIMITED)
+from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 

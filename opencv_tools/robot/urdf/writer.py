@@ -25,9 +25,10 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
+    Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of

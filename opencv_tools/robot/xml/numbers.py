@@ -70,10 +70,14 @@ def limit_number(text: str | None, element: AnyElement, attribute: str = '') -> 
 
 def _error(text: str | None, expected: str, element: AnyElement, attribute: str
            ) -> DescriptionError:
-    text = (text or '').strip()
-    quoted = repr(text if len(text) <= 60 else f'{text[:57]}...')
     subject = f'{attribute}=' if attribute else ''
-    return DescriptionError(f'{subject}{quoted} is not {expected}', element)
+    return DescriptionError(f'{subject}{quoted(text)} is not {expected}', element)
+
+
+def quoted(text: str | None) -> str:
+    """Return a text in quotation marks for a message, shortened if it is long."""
+    text = (text or '').strip()
+    return repr(text if len(text) <= 60 else f'{text[:57]}...')
 
 
 def _float(word: str) -> float:

@@ -108,7 +108,7 @@ HARMFUL = {
         (('b.xacro', f'<robot {XACRO}><xacro:include filename="a.xacro"/></robot>'),)),
     'SDF that includes itself by way of another file': Bad(
         '<sdf version="1.8"><model name="a"><include><uri>b.sdf</uri></include></model></sdf>',
-        ('includes itself',), 'a.sdf',
+        ('include cycle', 'a.sdf -> '), 'a.sdf',
         (('b.sdf', '<sdf version="1.8"><model name="b">\n<include><uri>a.sdf</uri></include>'
                    '</model></sdf>'),)),
     'includes that double with every file': Bad(

@@ -70,6 +70,10 @@ def sdf() -> Robot:
         replace(joint, placement=on(joint.child)) for joint in robot.joints))
 
 
+def absent(element: str, name: str) -> Difference:
+    return Difference(element=element, name=name, property='presence', a='yes', b='no')
+
+
 def with_link(robot: Robot, name: str, **changes: Any) -> Robot:
     return replace(robot, links=tuple(replace(link, **changes) if link.name == name else link
                                       for link in robot.links))
@@ -93,7 +97,7 @@ def with_visual(robot: Robot, **changes: Any) -> Robot:
 def told(a: Robot, b: Robot, **options: Any) -> list[tuple[str, str, str]]:
     """Give what is told, the same whichever of both robots is the first."""
     found, other_way = (
-        [(one.element, one.name, one.what) for one in differences(*both, **options)]
+        [(one.element, one.name, one.property) for one in differences(*both, **options)]
         for both in ((a, b), (b, a)))
     assert sorted(found) == sorted(other_way)
     return found
@@ -162,7 +166,7 @@ def test_types_parents_children_and_loops_are_compared() -> None:
 @pytest.mark.parametrize('pose', [Pose((0.1, 0.0, 1e-6)), Pose((0.1, 0.0, 0.0), (1e-6, 0.0, 0.0))])
 def test_a_pose_that_is_off_is_told_once_with_its_size(pose: Pose) -> None:
     found = differences(urdf(), with_visual(sdf(), placement=on('arm', pose)))
-    assert [(one.element, one.name, one.what) for one in found] == [
+    assert [(one.element, one.name, one.property) for one in found] == [
         ('visual', 'arm/0', 'pose at zero')]
     assert found[0].size == pytest.approx(1e-6)
     assert found[0].a != found[0].b
@@ -203,7 +207,7 @@ def test_centre_and_presence_of_inertials_are_compared() -> None:
     assert told(urdf(), with_link(sdf(), 'arm', inertial=off)) == [
         ('inertial', 'arm', 'pose at zero')]
     one, = differences(urdf(), with_link(sdf(), 'arm', inertial=None))
-    assert one == Difference('inertial', 'arm', 'presence', 'yes', 'no')
+    assert one == absent('inertial', 'arm')
 
 
 @pytest.mark.parametrize(('changes', 'what'), [
@@ -362,10 +366,10 @@ def test_circles_are_errors() -> None:
 def test_a_table_is_aligned_and_empty_without_differences() -> None:
     assert table([]) == ''
     heading, first, second, count = table([
-        Difference('joint', 'j', 'upper', '1', '22', 21.0),
-        Difference('collision', 'a/0', 'presence', 'yes', 'no')]).splitlines()
-    assert heading.split() == ['element', 'name', 'what', 'a', 'b', 'difference']
-    assert first.index('upper') == second.index('presence') == heading.index('what')
+        Difference(element='joint', name='j', property='upper', a='1', b='22', size=21.0),
+        absent('collision', 'a/0')]).splitlines()
+    assert heading.split() == ['element', 'name', 'property', 'a', 'b', 'difference']
+    assert first.index('upper') == second.index('presence') == heading.index('property')
     assert first.endswith('22  21')
     assert second == second.rstrip()
     assert count == '2 differences'
@@ -377,7 +381,7 @@ def test_a_table_is_aligned_and_empty_without_differences() -> None:
     (173, 50, 50, ['... and 123 more; --all shows them', '173 differences']),
     (173, None, 173, ['173 differences'])])
 def test_a_table_has_a_limit(count: int, most: int | None, rows: int, last: list[str]) -> None:
-    found = [Difference('link', f'{number}', 'presence', 'yes', 'no') for number in range(count)]
+    found = [absent('link', f'{number}') for number in range(count)]
     lines = table(found, most).splitlines()
     assert [line.split()[1] for line in lines[1:rows + 1]] == [f'{n}' for n in range(rows)]
     assert lines[rows + 1:] == last

@@ -17,9 +17,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
+from opencv_tools.robot.joint_kinds import JOINT_KINDS
 from opencv_tools.robot.kinematics import joint_transform, Kinematics, with_mimics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, JOINT_KINDS, Link, Mimic, MODEL, Placement, Robot)
+    Axis, Frame, FrameId, Joint, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import IDENTITY, Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
