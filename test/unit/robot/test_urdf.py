@@ -174,7 +174,7 @@ def test_several_roots_are_named_and_one_is_chosen() -> None:
     chosen = robot(content, report, 'a')
     assert [link.name for link in chosen.links] == ['a', 'b']
     assert [note.name for note in report.warnings] == ['c', 'd']
-    with pytest.raises(DescriptionError, match="--root 'b' is no root"):
+    with pytest.raises(DescriptionError, match="--root 'b' is not a root link"):
         robot(content, root_link='b')
 
 
@@ -527,7 +527,7 @@ def test_writing_again_writes_the_same_tags() -> None:
 
 def test_several_roots_are_not_written() -> None:
     model = replace(baked(), joints=())
-    with pytest.raises(DescriptionError, match="by --root: 'a', 'b', 'c'"):
+    with pytest.raises(DescriptionError, match="with --root: 'a', 'b', 'c'"):
         write_urdf(model, Report())
 
 
