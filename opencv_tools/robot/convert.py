@@ -24,8 +24,8 @@ from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
-from opencv_tools.robot.sdf.rules import keep_sdf_rules, note_inertials
-from opencv_tools.robot.sdf.values import FRAMES, version_text, written_version
+from opencv_tools.robot.sdf.rules import keep_sdf_rules, report_inertials
+from opencv_tools.robot.sdf.values import FRAMES, written_version
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
@@ -60,11 +60,11 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     if lump:
         if written_version(version) < FRAMES:
             raise DescriptionError(f'--fixed lump needs <frame>, which SDF {version} does not '
-                                   f'support; give --sdf-version {version_text(FRAMES)} or newer',
+                                   f'support; give --sdf-version {FRAMES} or newer',
                                    source=robot.source)
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
-    note_inertials(robot, report)
+    report_inertials(robot, report)
     robot = with_valid_sdf_names(robot, report)
     root = write_sdf(robot, report, version=version, relative=relative)
     keep_sdf_rules(root, robot.source, report)

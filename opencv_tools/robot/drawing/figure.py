@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.robot.xml.document import DescriptionError
-from opencv_tools.robot.xml.output import write
+from opencv_tools.robot.xml.output import write_all
 
 DPI = 120
 _SUFFIXES = ('.png', '.svg')
@@ -71,7 +71,7 @@ def save(path: str, draw: Callable[[], Any]) -> None:
     with matplotlib_module().rc_context(_SETTINGS):
         draw().savefig(data, dpi=DPI, format=suffix[1:],
                        metadata={'Date': None} if suffix == '.svg' else None)
-    write(path, data.getvalue())
+    write_all([(path, data.getvalue())])
 
 
 def new_figure() -> Any:

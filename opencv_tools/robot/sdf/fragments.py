@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parts of SDF that a URDF may carry: axes and frames, and elements of ``<gazebo>``."""
+"""SDF that a URDF may contain: axes, frames, and the contents of ``<gazebo>``."""
 
 from __future__ import annotations
 
@@ -23,101 +23,96 @@ from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Axis, Dynamics, Frame, FrameId, Limit, Mimic, MODEL, Placement
 from opencv_tools.robot.pose import normalised, Vector, ZERO
-from opencv_tools.robot.sdf.value_rules import flaw_of, looked_at
+from opencv_tools.robot.sdf.value_rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
-    MIMIC, MODEL_FRAME, pose_element, pose_of, text_element, Version)
+    MIMIC, MODEL_FRAME, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, ElementT, line_of, required_name)
-from opencv_tools.robot.xml.numbers import limit_number, number, number_text, numbers_text, vector
+from opencv_tools.robot.xml.numbers import limit_number, number_text, numbers_text, vector
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 
 AXES = ('axis', 'axis2')
 _XYZ = f'{{{URDF_NAMESPACE}}}xyz'
-# What turns a direction into the joint's frame; None where it is in it already.
-Turn = Callable[[Vector], Vector] | None
+Rotation = Callable[[Vector], Vector]
 
 
-def axis_from_element(element: AnyElement, turn: Turn = None, *, kind: str = '') -> Axis:
+def axis_from_element(element: AnyElement, rotation: Rotation | None = None, *,
+                      joint_type: str = '') -> Axis:
     """
     Read an axis.
 
-    :param kind: type of the joint; the positions of a continuous one have no limits.
-    :param turn: what turns its direction into the joint's frame, where it is in another one.
-    :raises DescriptionError: it has no direction, or a number that is none.
+    :param rotation: rotates the direction into the joint frame; None if it is in that frame.
+    :param joint_type: type of the joint; position limits of a continuous joint are not read.
+    :raises DescriptionError: the direction is zero, or a number is invalid.
     """
     child = element.find('xyz')
     xyz: Vector = (0.0, 0.0, 1.0) if child is None else vector(child.text, child)
     if xyz == ZERO:
-        raise DescriptionError('the axis is 0 0 0, which is no direction',
-                               element if child is None else child)
-    xyz = turn(xyz) if turn else xyz
+        raise DescriptionError("is '0 0 0'; give a non-zero direction", child)
+    xyz = rotation(xyz) if rotation else xyz
     if child is not None and child.get(_XYZ):
-        written = vector(child.get(_XYZ), child, 'urdf:xyz')
-        # Someone may have changed the axis since; what was written says nothing then.
-        if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
-            xyz = written
+        original = vector(child.get(_XYZ), child, 'urdf:xyz')
+        # The original numbers count only if the direction was not edited since.
+        if original != ZERO and math.dist(normalised(original), normalised(xyz)) < 1e-9:
+            xyz = original
     limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
-    return Axis(xyz, None if limit is None else _limit(limit, kind),
+    return Axis(xyz, None if limit is None else _limit(limit, joint_type),
                 None if dynamics is None else _dynamics(dynamics),
-                None if mimic is None else _plain_mimic(mimic))
+                None if mimic is None else _mimic(mimic))
 
 
-def _plain_mimic(element: AnyElement) -> Mimic:
-    values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
+def _limit(element: AnyElement, joint_type: str) -> Limit:
+    positions = () if joint_type == 'continuous' else ('lower', 'upper')
+    values = {tag: limit_number(child.text, child) for tag in (*positions, 'effort', 'velocity')
               if (child := element.find(tag)) is not None}
-    multiplier = values.get('multiplier', 1.0)
-    reference = values.get('reference', 0.0)
-    return Mimic(element.get('joint', ''), multiplier,
-                 values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
+    for tag in ('effort', 'velocity'):
+        negative = _negative(element, tag)
+        # SDF does not enforce a negative effort or velocity.
+        values[tag] = negative if tag not in values else _not_negative(values[tag])
+    return Limit(**values)
 
 
-def _limit(element: AnyElement, kind: str) -> Limit:
-    values = {}
-    positions = () if kind == 'continuous' else ('lower', 'upper')
-    for tag in (*positions, 'effort', 'velocity'):
-        child = element.find(tag)
-        if child is not None:
-            values[tag] = limit_number(child.text, child)
-    lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
-    effort, velocity = (_limit_or_inf(values[tag]) if tag in values else kept[tag] for tag in kept)
-    return Limit(lower, upper, effort, velocity)
-
-
-def _limit_or_inf(value: float) -> float:
-    """Give an effort or a velocity, which is not enforced where it is negative."""
+def _not_negative(value: float) -> float:
     return math.inf if value < 0 else abs(value)
 
 
 def _negative(limit: AnyElement, tag: str) -> float:
-    """Read the negative number by which URDF said that there is no limit."""
+    """Return the preserved negative number with which a URDF means no limit, or infinity."""
     text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
     value = limit_number(text, limit, f'urdf:{tag}')
     return value if value < 0 else math.inf
 
 
 def _dynamics(element: AnyElement) -> Dynamics:
-    return Dynamics(*(None if child is None else number(child.text, child)
-                      for child in map(element.find, ('damping', 'friction'))))
+    return Dynamics(number_of(element, 'damping', None), number_of(element, 'friction', None))
+
+
+def _mimic(element: AnyElement) -> Mimic:
+    multiplier = number_of(element, 'multiplier', 1.0)
+    offset, reference = number_of(element, 'offset', 0.0), number_of(element, 'reference', 0.0)
+    return Mimic(element.get('joint', ''), multiplier, offset - multiplier * reference)
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version,
                     direction: Vector | None = None) -> Element:
     """
-    Write an axis, of unit length.
+    Write an axis of unit length.
 
     :param tag: ``axis`` or ``axis2``.
-    :param direction: the axis in the frame that this version wants it in; None for the joint's.
+    :param direction: direction in the frame that the version requires; None for the joint frame.
     """
     element = etree.Element(tag)
     unit = normalised(axis.xyz if direction is None else direction)
     xyz = text_element(element, 'xyz', numbers_text(unit))
     if unit != axis.xyz:
-        xyz.set(f'{{{URDF_NAMESPACE}}}xyz', numbers_text(axis.xyz))
+        xyz.set(_XYZ, numbers_text(axis.xyz))
     if axis.limit is not None:
         _limit_element(element, axis.limit)
     if axis.dynamics is not None:
-        _dynamics_element(element, axis.dynamics)
+        dynamics = etree.SubElement(element, 'dynamics')
+        for name in ('damping', 'friction'):
+            if (value := getattr(axis.dynamics, name)) is not None:
+                text_element(dynamics, name, number_text(value))
     if axis.mimic is not None and version >= MIMIC:
         mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
         text_element(mimic, 'multiplier', number_text(axis.mimic.multiplier))
@@ -130,55 +125,40 @@ def _limit_element(axis: Element, limit: Limit) -> None:
     element = etree.SubElement(axis, 'limit')
     for tag in ('lower', 'upper', 'effort', 'velocity'):
         value = getattr(limit, tag)
-        # No limit is what SDF means where it has none.
+        # An omitted value means no limit.
         if tag in ('effort', 'velocity') and value < 0:
             element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
         elif math.isfinite(value):
             text_element(element, tag, number_text(value))
 
 
-def _dynamics_element(axis: Element, dynamics: Dynamics) -> None:
-    element = etree.SubElement(axis, 'dynamics')
-    for tag in ('damping', 'friction'):
-        value = getattr(dynamics, tag)
-        if value is not None:
-            text_element(element, tag, number_text(value))
-
-
-def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], FrameId],
-                       model: FrameId = MODEL) -> Frame:
+def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], FrameId]) -> Frame:
     """
     Read a frame.
 
-    :param lookup: gives the frame of a name; it is asked with the element that has the name.
-    :param model: the frame of the model that it stands in.
+    :param lookup: returns the frame of a name; its second argument is the element with the name.
     """
-    name = element.get('attached_to') or MODEL_FRAME
-    home = model if name == MODEL_FRAME else lookup(name, element)
-    pose = element.find('pose')
-    start = home if pose is None else _named_frame(pose, lookup, model, home)
-    return Frame(required_name(element), home, Placement(pose_of(pose), start),
+    def frame_of(holder: ElementT, attribute: str, default: FrameId) -> FrameId:
+        name = holder.get(attribute)
+        if not name:
+            return default
+        return MODEL if name == MODEL_FRAME else lookup(name, holder)
+
+    attached_to, pose = frame_of(element, 'attached_to', MODEL), element.find('pose')
+    base = attached_to if pose is None else frame_of(pose, 'relative_to', attached_to)
+    return Frame(required_name(element), attached_to, Placement(pose_of(pose), base),
                  line=line_of(element))
 
 
-def _named_frame(pose: ElementT, lookup: Callable[[str, ElementT], FrameId], model: FrameId,
-                 default: FrameId) -> FrameId:
-    name = pose.get('relative_to')
-    if not name:
-        return default
-    return model if name == MODEL_FRAME else lookup(name, pose)
-
-
 def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
-    """Write a frame, placed in what it is attached to."""
-    home = frame.attached_to
+    """Write a frame, placed relative to the frame that it is attached to."""
     element = etree.Element('frame', name=frame.name)
-    if home != MODEL:
-        element.set('attached_to', home.name)
-    pose_element(element, kinematics.between(home, FrameId('frame', frame.name)))
+    if frame.attached_to != MODEL:
+        element.set('attached_to', frame.attached_to.name)
+    pose_element(element, kinematics.between(frame.attached_to, FrameId('frame', frame.name)))
     return element
 
 
 def fragment_flaw(element: Element) -> str:
-    """Return what the parser of SDF refuses of an element and of those inside it, or nothing."""
-    return next(filter(None, map(flaw_of, (element, *looked_at(element)))), '')
+    """Return why the parser of SDF rejects an element or its contents; empty if it does not."""
+    return next(filter(None, map(find_flaw, (element, *parsed_elements(element)))), '')

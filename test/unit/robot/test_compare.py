@@ -71,7 +71,7 @@ def test_equal_robots_with_different_placements() -> None:
     assert differences(sdf(), urdf(), tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize(('name', 'changes', 'what'), [
+@pytest.mark.parametrize(('name', 'changes', 'names'), [
     ('turn', {'limit': Limit(-1.0, 2.1, 3.0, 4.0)}, ['upper']),
     ('turn', {'limit': Limit(-1.1, 2.0, 3.0, 4.0)}, ['lower']),
     ('turn', {'limit': Limit(-1.0, 2.0, 3.1, math.inf)}, ['effort', 'velocity']),
@@ -82,10 +82,9 @@ def test_equal_robots_with_different_placements() -> None:
     ('slide', {'mimic': Mimic('turn', 0.1, 0.3)}, ['offset']),
     ('slide', {'mimic': Mimic('turn', 0.2, 0.2)}, ['multiplier']),
 ])
-def test_joint_properties(name: str, changes: dict[str, Any], what: list[str]
-                                       ) -> None:
+def test_joint_properties(name: str, changes: dict[str, Any], names: list[str]) -> None:
     found = diff(urdf(), with_axis(sdf(), name, **changes), samples=0)
-    assert sorted(found) == sorted(('joint', name, one) for one in what)
+    assert sorted(found) == sorted(('joint', name, property_) for property_ in names)
 
 
 def test_axis_direction_in_space() -> None:

@@ -126,8 +126,8 @@ def test_linear_time_for_a_chain_of_5000_links() -> None:
     ('gearbox', (0.25, 0.5), Pose(rpy=(0.0, 0.0, 0.75))),
 ])
 @pytest.mark.parametrize('length', [1.0, 7.0])
-def test_joint_transforms_with_axes_of_any_length(type_: str, position: tuple[float, ...],
-                                               expected: Pose, length: float) -> None:
+def test_joint_transforms_with_axes_of_any_length(
+        type_: str, position: tuple[float, ...], expected: Pose, length: float) -> None:
     moved = joint('j', 'a', 'b', type_=type_, xyz=(0.0, 0.0, length))
     found = joint_transform(moved, position).pose()
     assert found.xyz == pytest.approx(expected.xyz)

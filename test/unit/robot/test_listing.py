@@ -114,8 +114,7 @@ def test_first_axis_of_a_universal_joint() -> None:
     ({'turn': math.nan}, "position of 'turn' is nan"),
     ({'turn': math.inf}, "position of 'turn' is inf"),
 ])
-def test_impossible_position_errors(position: dict[str, float], message: str
-                                                     ) -> None:
+def test_impossible_position_errors(position: dict[str, float], message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
         frames(tutorial(), position)
 
