@@ -47,9 +47,9 @@ def resolve_chain(start: _Node, step: Callable[[_Node], _Node | None]) -> list[_
 
 
 def cycle_text(err: CycleError) -> str:
-    """Return the names of a cycle's nodes, such as ``'a' -> 'b' -> 'a'``."""
-    return ' -> '.join(repr(node.name if isinstance(node, FrameId) else node)
-                       for node in err.args[1])
+    """Return the names of a cycle's nodes, such as ``'a' -> 'b' -> 'a'``; some if it is long."""
+    names = [repr(node.name if isinstance(node, FrameId) else node) for node in err.args[1]]
+    return ' -> '.join(names if len(names) < 8 else [*names[:5], '...', names[-1]])
 
 
 class Kinematics:

@@ -38,7 +38,7 @@ SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
     'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
     'python3-tqdm', 'python3-yaml'}
-CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'setup.py')
+CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'docs', 'setup.py')
 
 
 def check(*command: str) -> None:
@@ -151,5 +151,5 @@ def test_ruff() -> None:
 def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
           'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
-          'opencv_tools/regular_files.py',
+          'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
           'opencv_tools/cv_bridge.py', 'opencv_tools/robot')

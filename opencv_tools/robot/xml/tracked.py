@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Elements of XML that remember what a reader took of them, so that the rest can be carried."""
+"""Elements of XML that record which of their parts a reader has consumed."""
 
 from __future__ import annotations
 
@@ -23,31 +23,32 @@ from lxml import etree
 
 _Element = etree._Element
 
-# Marks what is left of an element that was read, apart from elements that were not read at all.
+# Marks an unread element of which other parts were read. Its value is TEXT_READ if they include
+# the text.
 PARTLY_READ = '{urn:opencv_tools:preserved}part'
-TEXT_READ = 'text'  # its value where the text was read
+TEXT_READ = 'text'
 
 
 class TrackedElement:
     """
-    An element as a reader sees it, who takes what it understands by asking for it.
+    An element that records which attributes, texts and children a reader consumed.
 
-    The element itself is never changed. Of several children with one tag the first is read, unless
-    all are asked for.
+    Reading an attribute or a text consumes it. A child from `find` keeps its unread parts in this
+    element; a child from `take_first` or `take_all` has its own. The XML is never changed.
     """
 
-    __slots__ = ('_is_whole', '_names', '_parts', 'element')
+    __slots__ = ('_children', '_is_taken', '_names', 'element')
 
     def __init__(self, element: _Element) -> None:
         """
-        Begin with nothing taken.
+        Begin with nothing consumed.
 
-        :param element: the element, to name in messages.
+        :param element: the element; reading from it consumes nothing.
         """
         self.element = element
-        self._names: set[str] = set()  # of attributes that were taken; '' for the text
-        self._parts: dict[_Element, TrackedElement] = {}
-        self._is_whole = True  # whether its rest is its own, not its parent's
+        self._names: set[str] = set()  # consumed attributes; '' is the text
+        self._children: dict[_Element, TrackedElement] = {}
+        self._is_taken = True  # whether its unread parts are its own, not its parent's
 
     @property
     def tag(self) -> str:
@@ -56,21 +57,21 @@ class TrackedElement:
 
     @property
     def sourceline(self) -> int | None:
-        """Line that the element begins at; None when it comes from no file."""
+        """Line where the element begins; None if it does not come from a file."""
         return self.element.sourceline
 
     def getroottree(self) -> etree._ElementTree:
-        """Return the document that the element is in."""
+        """Return the document of the element."""
         return self.element.getroottree()
 
     @property
     def text(self) -> str | None:
-        """Text of the element, which is taken."""
+        """Text of the element; reading consumes it."""
         self._names.add('')
         return self.element.text
 
     def __contains__(self, name: str) -> bool:
-        """Return whether there is an attribute."""
+        """Return whether the element has an attribute, without consuming it."""
         return name in self.element.attrib
 
     @overload
@@ -79,7 +80,7 @@ class TrackedElement:
     def get(self, name: str, default: str) -> str: ...
 
     def get(self, name: str, default: str | None = None) -> str | None:
-        """Take an attribute."""
+        """Return an attribute and consume it."""
         value = self.element.get(name)
         if value is None:
             return default
@@ -87,76 +88,74 @@ class TrackedElement:
         return value
 
     def find(self, tag: str) -> TrackedElement | None:
-        """Return the first child with a tag, to take parts of it; its rest stays in this one's."""
+        """Return the first child with a tag; its unread parts stay those of this element."""
         child = next(self.element.iterchildren(tag), None)
-        return None if child is None else self._part(child)
+        return None if child is None else self._child(child)
 
     def findtext(self, tag: str) -> str | None:
-        """Take the text of the first child with a tag."""
+        """Return the text of the first child with a tag, and consume it."""
         child = self.find(tag)
         return None if child is None else child.text or ''
 
     def take_first(self, tag: str) -> TrackedElement | None:
-        """Take the first child with a tag whole; it has a rest of its own."""
+        """Return the first child with a tag and consume it; its unread parts are its own."""
         child = next(self.element.iterchildren(tag), None)
-        return None if child is None else self._part(child, whole=True)
+        return None if child is None else self._child(child, take=True)
 
     def take_all(self, *tags: str) -> list[TrackedElement]:
-        """Take all children with one of some tags; each has a rest of its own."""
-        return [self._part(child, whole=True) for child in self.element.iterchildren(*tags)]
+        """Return the children with certain tags and consume them; unread parts are their own."""
+        return [self._child(child, take=True) for child in self.element.iterchildren(*tags)]
 
     def put_back(self, child: TrackedElement) -> None:
-        """Return a child to the rest, with all that was taken of it."""
-        self._parts.pop(child.element, None)
+        """Mark a child as not consumed."""
+        self._children.pop(child.element, None)
 
     def unread(self) -> _Element | None:
         """
-        Return a copy of the element with what was not taken; None where nothing is left.
+        Return a copy of the element with its unread parts only; None if everything was read.
 
-        Children that were read in part have the attribute ``PARTLY_READ``.
+        Children of which only a part was read have the attribute ``PARTLY_READ``.
         """
-        parts, element, names = [], self.element, self._names
+        element, names = self.element, self._names
+        children = []
         for child in element:
-            part = self._parts.get(child)
-            if part is None:
-                parts.append(detached(child))
-            elif not part._is_whole and (left := part.unread()) is not None:
-                parts.append(left)
-        untaken = [str(name) for name in element.attrib
-                   if name not in names and name != PARTLY_READ]
+            tracked = self._children.get(child)
+            if tracked is None:
+                children.append(detached(child))
+            elif not tracked._is_taken and (unread := tracked.unread()) is not None:
+                children.append(unread)
+        attributes = {str(name): str(value) for name, value in element.attrib.items()
+                      if name not in names and name != PARTLY_READ}
         text = '' if '' in names else (element.text or '').strip()
-        rest = None
-        if parts or untaken or text:
-            attributes = {name: element.get(name, '') for name in untaken}
-            if not self._is_whole and (PARTLY_READ in element.attrib or self._is_taken()):
-                attributes[PARTLY_READ] = (
-                    TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
-            rest = etree.Element(element.tag, attributes, nsmap=element.nsmap)
-            # Messages about it name the file.
-            rest.getroottree().docinfo.URL = element.getroottree().docinfo.URL
-            rest.text = text or None
-            rest.extend(parts)
-        if self._is_whole:  # nothing more is read of its other parts, and a robot has many
-            self._parts = {child: part for child, part in self._parts.items() if part._is_whole}
-        return rest
+        if self._is_taken:  # only taken children are read again; a robot has many children
+            self._children = {child: tracked for child, tracked in self._children.items()
+                              if tracked._is_taken}
+        if not (children or attributes or text):
+            return None
+        if not self._is_taken and (PARTLY_READ in element.attrib or self._is_partly_read()):
+            attributes[PARTLY_READ] = (
+                TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
+        copy = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+        copy.getroottree().docinfo.URL = element.getroottree().docinfo.URL  # for messages
+        copy.text = text or None
+        copy.extend(children)
+        return copy
 
-    def _part(self, child: _Element, *, whole: bool = False) -> TrackedElement:
-        part = self._parts.get(child)
-        if part is None:
-            part = self._parts[child] = TrackedElement(child)
-            part._is_whole = False
-        if whole:
-            part._is_whole = True
-        return part
+    def _child(self, child: _Element, *, take: bool = False) -> TrackedElement:
+        tracked = self._children.get(child)
+        if tracked is None:
+            tracked = self._children[child] = TrackedElement(child)
+            tracked._is_taken = False
+        tracked._is_taken |= take
+        return tracked
 
-    def _is_taken(self) -> bool:
-        """Return whether anything of the element was taken."""
+    def _is_partly_read(self) -> bool:
         return bool(self._names) or any(
-            part._is_whole or part._is_taken() for part in self._parts.values())
+            child._is_taken or child._is_partly_read() for child in self._children.values())
 
 
 def detached(element: _Element) -> _Element:
-    """Copy an element without the text that follows it."""
+    """Return a copy of an element without the text that follows it."""
     copy = deepcopy(element)
     copy.tail = None
     return copy

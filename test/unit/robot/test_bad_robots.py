@@ -125,7 +125,7 @@ READS_FILES = {
     'external entity in xacro': Bad(EXTERNAL.replace('{more}', XACRO), ('entit',)),
     'entity in an attribute in UTF-16': Bad(
         '<!DOCTYPE robot [<!ENTITY name "arm">]><robot name="&name;"><link name="base"/></robot>'
-        .encode('utf-16'), ('entities are not read',)),
+        .encode('utf-16'), ('entity declarations are not supported',)),
     'external entity in UTF-16': Bad(EXTERNAL.encode('utf-16'), ()),
     'external entity in UTF-16 in xacro': Bad(
         EXTERNAL.replace('{more}', XACRO).encode('utf-16'), ('entit',)),
@@ -283,18 +283,18 @@ def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path
 
 
 @pytest.mark.parametrize(('uri', 'instead'), [
-    ('https://example.com/a.urdf', 'download the file and name it'),
-    ('package://arm/urdf/a.urdf', 'name the file, $(ros2 pkg prefix --share arm)/urdf/a.urdf'),
-    ('model://arm', 'name the file or the folder of the model'),
-    ('file:///home/a.urdf', 'name the file, /home/a.urdf')])
+    ('https://example.com/a.urdf', 'download the file and give its path'),
+    ('package://arm/urdf/a.urdf', 'give the path $(ros2 pkg prefix --share arm)/urdf/a.urdf'),
+    ('model://arm', 'give the path of the file or of the model folder'),
+    ('file:///home/a.urdf', 'give the path /home/a.urdf')])
 def test_what_is_no_file_but_a_uri(uri: str, instead: str, capfd: pytest.CaptureFixture[str]
                                    ) -> None:
     for command in (urdf_to_sdf, sdf_to_urdf, robot_frames):
         assert command([uri]) == 2
         scheme = uri.partition(':')[0]
         assert _one_line(capfd.readouterr().err, command.__name__) == (
-            f'{command.__name__}: error: {uri}: cannot be read: only files are read, and this is '
-            f'a URI of {scheme}:; {instead}\n')
+            f'{command.__name__}: error: {uri}: cannot be read: URIs of {scheme}: '
+            f'are not supported; {instead}\n')
 
 
 @pytest.mark.parametrize('folder', ['/dev/fd', '/proc/self/fd'])

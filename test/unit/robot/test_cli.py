@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from io import BytesIO, TextIOWrapper
 import json
-import os
 from pathlib import Path
 import subprocess
 import sys
@@ -78,31 +77,6 @@ def test_they_are_a_pipe() -> None:
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
 
 
-@pytest.mark.process
-def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
-    section = (ROOT / 'README.md').read_text().split('\n## One robot in URDF and SDF\n')[1]
-    lines = section.split('```console\n')[1].split('```')[0].splitlines()
-    commands = [line.removeprefix('$ ') for line in lines if line.startswith('$ ')]
-    # A folder that looks as the root of the repository does after `make demo`.
-    (tmp_path / '.venv' / 'bin').mkdir(parents=True)
-    (tmp_path / 'demo').mkdir()
-    for folder in ('urdf', 'sdf'):
-        (tmp_path / folder).symlink_to(ROOT / folder)
-    for name in ('urdf_to_sdf', 'sdf_to_urdf', 'robot_compare', 'robot_frames'):
-        assert any(name in command for command in commands)
-        script = tmp_path / '.venv' / 'bin' / name
-        script.write_text(
-            f'#!/bin/sh\nexec "{sys.executable}" -m opencv_tools.robot.cli {name} "$@"\n')
-        script.chmod(0o755)
-    done = subprocess.run(
-        ['bash', '-e', '-o', 'pipefail'], input='\n'.join(commands), cwd=tmp_path, check=True,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=120)
-    assert done.stderr == ''
-    assert done.stdout.splitlines() == [line for line in lines if not line.startswith('$ ')]
-    written = sorted(path.name for path in (tmp_path / 'demo').iterdir())
-    assert written == ['conventions.png', 'frames.png', 'my_arm.sdf', 'my_arm.urdf']
-
-
 def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: Text) -> None:
     report = tmp_path / 'report.json'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / 'arm.sdf'), '--report', str(report)]) == 0
@@ -156,12 +130,12 @@ def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> N
 
     assert urdf_to_sdf([str(path), '-o', there, '--report', str(report)]) == 0
     *moved, kept = carried()
-    assert moved == [('sensor', 'a', 2, 'out of <gazebo>; SDF has it in the link itself'),
-                     ('plugin', 'r', 4, 'out of <gazebo>; SDF has it in the model itself')]
+    assert moved == [('sensor', 'a', 2, 'moved from <gazebo> into the link'),
+                     ('plugin', 'r', 4, 'moved from <gazebo> into the model')]
     assert kept[:3] == ('gazebo', 'r', 0)
     lines = Path(there).read_text().splitlines()
     assert sdf_to_urdf([there, '-o', str(path), '--report', str(report)]) == 0
-    word = 'URDF has no word for it; kept in <gazebo>, which Gazebo reads'
+    word = 'not supported by URDF; preserved in <gazebo>'
     assert [(*note[:2], note[3]) for note in carried()] == [
         ('plugin', 'r', word), ('sensor', 'a', word)]
     assert ['<plugin' in lines[carried()[0][2] - 1], '<sensor' in lines[carried()[1][2] - 1]
@@ -308,7 +282,7 @@ def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
         assert urdf_to_sdf([str(path), '--arg', argument]) == 0
         assert written in capsys.readouterr().out
     assert urdf_to_sdf([str(path), '--arg', 'sise:=0.25']) == 0
-    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is no argument of this file, "
+    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is not an argument of this file, "
             "which has 'name', 'size'; it is ignored\n") in capsys.readouterr().err
     assert urdf_to_sdf([str(XACRO), '--arg', 'size=1']) == 0
     assert 'which has none; it is ignored' in capsys.readouterr().err

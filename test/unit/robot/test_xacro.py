@@ -23,7 +23,7 @@ from pathlib import Path
 import sys
 
 from opencv_tools.robot.xacro import process as xacro_process
-from opencv_tools.robot.xacro.errors import sentence
+from opencv_tools.robot.xacro.errors import to_description_error
 from opencv_tools.robot.xacro.expand import expand, is_xacro
 from opencv_tools.robot.xacro.process import expand_apart, Limits
 from opencv_tools.robot.xml.document import DescriptionError, Element, parse
@@ -175,7 +175,7 @@ def test_an_argument_that_a_file_does_not_have_is_said(tmp_path: Path) -> None:
     expanded(tmp_path / 'a.xacro', '<xacro:arg name="a" default="1"/><link name="$(arg b)"/>',
              {'a': '1', 'b': '2', 'c': '3'}, report)
     assert [(note.name, note.message) for note in report.warnings] == [
-        ('c', "is no argument of this file, which has 'a', 'b'; it is ignored")]
+        ('c', "is not an argument of this file, which has 'a', 'b'; it is ignored")]
 
 
 def test_what_xacro_says_is_a_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -199,7 +199,7 @@ ENDLESS = '<xacro:macro name="m"><xacro:m/></xacro:macro>\n<xacro:m/>'
     ('\n\n<link name="$(arg missing)"/>', 3, 'link', '--arg missing:=VALUE'),
     ('\n<link name="$(nothing at all)"/>', 2, 'link', 'Unknown substitution command'),
     ('\n<link name="$(env NOT_SET_AT_ALL)"/>', 2, 'link', 'NOT_SET_AT_ALL'),
-    ('\n<link name="$(find a/../../b)"/>', 2, 'link', 'names no package'),
+    ('\n<link name="$(find a/../../b)"/>', 2, 'link', 'is not the name of a package'),
     ('\n<xacro:nothing/>', 2, 'xacro:nothing', 'unknown macro name'),
     ('\n<xacro:if value="maybe"/>', 2, 'xacro:if', 'not a boolean expression'),
     ('\n<xacro:property value="1"/>', 2, 'xacro:property', "missing attribute 'name'"),
@@ -214,13 +214,13 @@ ENDLESS = '<xacro:macro name="m"><xacro:m/></xacro:macro>\n<xacro:m/>'
     ('\n<link name="${xacro.load_yaml(\'$(find no_pkg)/a\')}"/>', 2, 'link', "'no_pkg'"),
     ('\n<xacro:include filename="a.xacro"/>', 2, 'xacro:include', 'includes itself'),
     ('\n<xacro:include filename="*.xacro"/>', 2, 'xacro:include', 'includes itself'),
-    (ENDLESS, 1, 'xacro:m', 'calls itself without end'),
+    (ENDLESS, 1, 'xacro:m', 'infinite recursion'),
     ('\n<a b="${xacro.fatal(\'no way\')}"/>', 2, 'a', 'no way'),
     ('\n<xacro:include filename="pipe"/>', 2, 'xacro:include', 'is a named pipe; only regular'),
     ('\n<xacro:include filename="p*e"/>', 2, 'xacro:include', 'cannot be read'),
     ('\n<link name="${xacro.load_yaml(\'pipe\')}"/>', 2, 'link', 'is a named pipe'),
     ('\n<link name="${xacro.load_yaml(\'/dev/zero\')}"/>', 2, 'link', 'is a device'),
-    ('\n<link name="${\'a\' * 10**18}"/>', 2, 'link', 'takes more memory to expand'),
+    ('\n<link name="${\'a\' * 10**18}"/>', 2, 'link', 'needs more memory than'),
 ])
 def test_failures_are_one_line_with_a_place(
         content: str, line: int, tag: str, message: str, tmp_path: Path,
@@ -238,11 +238,12 @@ def test_failures_are_one_line_with_a_place(
 
 
 def test_an_error_without_words_has_a_reason() -> None:
-    assert str(sentence(KeyError(), 'a.xacro')) == 'a.xacro: cannot be expanded: KeyError'
+    error = to_description_error(KeyError(), 'a.xacro')
+    assert str(error) == 'a.xacro: cannot be expanded: KeyError'
 
 
 def test_macros_that_call_each_other_ever_more_often_end(tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match=r'a\.xacro:2: <xacro:m>: more than 5000 macros'):
+    with pytest.raises(DescriptionError, match=r'a\.xacro:2: <xacro:m>: more than 5000'):
         expanded(tmp_path / 'a.xacro', '<xacro:macro name="m" params="n">\n<xacro:if value="${n}">'
                  '<xacro:m n="${n-1}"/><xacro:m n="${n-1}"/></xacro:if></xacro:macro>'
                  '<xacro:m n="30"/>')
@@ -257,7 +258,7 @@ def test_macros_may_be_nested_as_deep_as_robots_need(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('content', 'message'), [
     ('<robot>\n<link>', ':2: not well-formed'),
-    ('<!DOCTYPE r [\n<!ENTITY a "b">]><robot/>', ':2: <!ENTITY>: entities are not read'),
+    ('<!DOCTYPE r [\n<!ENTITY a "b">]><robot/>', ':2: <!ENTITY>: entity declarations are'),
     ('<a>' * 10_000 + '</a>' * 10_000, 'nested more than 256 deep'),
 ])
 def test_included_files_are_checked_like_others(content: str, message: str, tmp_path: Path
@@ -272,7 +273,7 @@ def test_included_files_are_checked_like_others(content: str, message: str, tmp_
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-16'])
 def test_entities_are_refused_in_every_encoding(encoding: str) -> None:
     text = f'<?xml version="1.0" encoding="{encoding}"?><!DOCTYPE r [<!ENTITY a "b">]>'
-    with pytest.raises(DescriptionError, match='entities are not read'):
+    with pytest.raises(DescriptionError, match='entity declarations are not supported'):
         expand('a.xacro', f'{text}{HEAD}&a;</robot>'.encode(encoding), {}, Report())
 
 
@@ -281,7 +282,7 @@ def test_a_circle_of_includes_is_told(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError) as caught:
         expanded(tmp_path / 'a.xacro', '<xacro:include filename="b.xacro"/>')
     assert str(caught.value).startswith(f'{tmp_path}/b.xacro:2: <xacro:include>: file ')
-    assert str(caught.value).endswith("a.xacro' includes itself, by way of others")
+    assert str(caught.value).endswith("a.xacro' includes itself through other files")
 
 
 @pytest.mark.parametrize('content', ['<link name="a"/>', '<link name="${nothing}"/>', ENDLESS,
@@ -310,16 +311,16 @@ DEAF = 'max(range(10**15))'
 @pytest.mark.process
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
     (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
-     ':2: <link>: takes more memory to expand than any robot; look for a property'),
+     ':2: <link>: needs more memory than the limit'),
     ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
-     'takes more memory to expand than any robot'),
-    ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: takes more memory to expand'),
+     'needs more memory than the limit'),
+    ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: needs more memory'),
     (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
-     ':2: <link>: takes more than 1 s of processor time to expand; look for an expression'),
+     ':2: <link>: expansion needs more than 1 s of processor time; look for an expression'),
     (f'\n<link name="${{{DEAF}}}"/>', Limits(seconds=1, grace=0),
-     ': takes more than 1 s of processor time to expand'),
-    (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': is not expanded after 0.5 s; look for'),
-    (f'\n<link name="${{{DEAF}}}"/>', Limits(wait=0.5, grace=0), ': is not expanded after 0.5 s'),
+     ': expansion needs more than 1 s of processor time'),
+    (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': expansion timed out after 0.5 s; lo'),
+    (f'\n<link name="${{{DEAF}}}"/>', Limits(wait=0.5, grace=0), ': expansion timed out'),
 ])
 def test_what_would_take_all_memory_or_time(content: str, limits: Limits, message: str,
                                             tmp_path: Path) -> None:
@@ -353,9 +354,9 @@ def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('script', 'message'), [
     ('import nothing_at_all', "cannot be expanded: ModuleNotFoundError: No module named 'nothing"),
-    ('raise MemoryError', 'takes more memory to expand than any robot'),
-    ('import sys; sys.exit(3)', 'cannot be expanded: the process ended with 3'),
-    ('pass', 'cannot be expanded: the process ended with 0')])
+    ('raise MemoryError', 'needs more memory than the limit'),
+    ('import sys; sys.exit(3)', 'cannot be expanded: the process ended with exit status 3'),
+    ('pass', 'cannot be expanded: the process ended with exit status 0')])
 @pytest.mark.process
 def test_a_process_that_ends_without_a_reply(script: str, message: str,
                                              monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,7 +88,7 @@ def test_calls_that_wait_are_answered_at_the_end(
     executor = SingleThreadedExecutor()
     executor.add_node(subscriber)
     client = create_client(subscriber)
-    futures = call(executor, client, subscriber._requests)
+    futures = call(executor, client, subscriber._session.requests)
     futures.append(client.call_async(Trigger.Request()))  # which is taken last
     assert subscriber.close() == 0
     spin_until_all(executor, futures)
