@@ -25,7 +25,7 @@ from opencv_tools.robot.model import Inertial, Robot, WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name
 from opencv_tools.robot.sdf.value_rules import (
     COLORS, find_flaw, is_ignored, parsed_elements, read_number)
-from opencv_tools.robot.sdf.values import CUT
+from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
 from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
@@ -93,10 +93,10 @@ def _clamp_color(element: Element, report: Report) -> None:
     values = tuple(value for word in words if (value := read_number(word)) is not None)
     if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
-        element.set(CUT, text)
+        element.set(ORIGINAL_COLOR, text)
         element.text = numbers_text(clamped(values))
         previous = element.getprevious()
-        if previous is not None and previous.get(CUT) == text:
+        if previous is not None and previous.get(ORIGINAL_COLOR) == text:
             return  # ambient and diffuse come from one colour of URDF
         report.warn(local_name(element), _owner(element), line_of(element),
                     f'{text!r} is outside of 0 to 1; clamped to {element.text!r}')

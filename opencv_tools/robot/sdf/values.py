@@ -59,7 +59,7 @@ CAPSULE = Version(1, 8)
 MIMIC = Version(1, 11)
 
 # Attribute with the original of a clamped colour.
-CUT = f'{{{URDF_NAMESPACE}}}color'
+ORIGINAL_COLOR = f'{{{URDF_NAMESPACE}}}color'
 
 # The colours of a material, with the field of each.
 MATERIAL_COLORS = {
@@ -187,6 +187,6 @@ def poses_in(element: Element) -> Iterator[Element]:
 
 def color_of(element: AnyElement) -> Color:
     """Read a colour, or the original of a clamped colour; the default of alpha is 1."""
-    text = unclamped(element.text or '', element.get(CUT))
+    text = unclamped(element.text or '', element.get(ORIGINAL_COLOR))
     red, green, blue, *alpha = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, alpha[0] if alpha else 1.0

@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping
 import math
 import re
 
-from opencv_tools.robot.sdf.values import CUT
+from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
 from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.urdf.materials import ORIGINAL_RGBA
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
@@ -69,8 +69,8 @@ def _restore_sdf(root: Element) -> None:
         for element in block.iter():
             if URDF_NAME in element.attrib:
                 element.set('name', element.attrib.pop(URDF_NAME))
-            if CUT in element.attrib:
-                element.text = unclamped(element.text or '', element.attrib.pop(CUT))
+            if ORIGINAL_COLOR in element.attrib:
+                element.text = unclamped(element.text or '', element.attrib.pop(ORIGINAL_COLOR))
 
 
 def _complete_limits(root: Element) -> None:
