@@ -57,7 +57,7 @@ SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
 # What breaks a rule of SDF or URDF is mended, so that it does not come back as it was.
-MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
+MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_duplicate_material_name.sdf',
           'warning_version_of_urdf.sdf'}
 
 # What the independent check cannot judge, and why.
