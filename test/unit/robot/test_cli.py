@@ -152,7 +152,7 @@ def test_a_model_is_named_by_its_folder(tmp_path: Path, capsys: Text) -> None:
         assert json.loads(report.read_text())['input'] == str(MODEL)
     capsys.readouterr()
     assert urdf_to_sdf([folder]) == 2
-    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is SDF already\n'
+    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is already SDF\n'
 
 
 def test_a_comparison_counts_and_lists_the_differences(tmp_path: Path, capsys: Text) -> None:
@@ -226,7 +226,7 @@ def test_what_is_written_is_whole_or_not_there(arm: str, tmp_path: Path, capsys:
     output = tmp_path / 'out.sdf'
     output.write_text('precious')
     assert urdf_to_sdf([str(MODEL), '-o', str(output)]) == 2
-    assert 'is SDF already' in capsys.readouterr().err
+    assert 'is already SDF' in capsys.readouterr().err
     assert output.read_text() == 'precious'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / 'no' / 'such.sdf')]) == 2
     assert 'cannot be written: No such file' in capsys.readouterr().err
@@ -321,7 +321,7 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
         assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
         assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
-    assert "'down'; the movable joints are 'up'\n" in capsys.readouterr().err
+    assert "'down' does not exist; the movable joints are 'up'\n" in capsys.readouterr().err
     for wrong in ('up=nan', 'up', '=1', ':=1'):
         with pytest.raises(SystemExit):
             robot_frames([str(path), '--joint', wrong])

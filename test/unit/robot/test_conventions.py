@@ -28,9 +28,9 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 import numpy as np
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
-from opencv_tools.robot.frames import conventions, plot
-from opencv_tools.robot.frames.drawing import numbers
-from opencv_tools.robot.frames.figures import DPI
+from opencv_tools.robot.drawing import conventions, plot
+from opencv_tools.robot.drawing.primitives import pose_text
+from opencv_tools.robot.drawing.figure import DPI
 from opencv_tools.robot.frames.listing import frames
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot
@@ -199,8 +199,8 @@ NAMES = dict.fromkeys(['base_link', 'upper_arm', 'forearm', 'tool'], '')
 @pytest.mark.parametrize('name', ['my_arm', 'my_arm.sdf'])
 def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
     urdf, sdf = panels(ROBOTS[name])
-    assert urdf.texts[0].get_text() == 'URDF: joints are placed'
-    assert sdf.texts[0].get_text() == 'SDF: links are placed'
+    assert urdf.texts[0].get_text() == 'URDF places joints'
+    assert sdf.texts[0].get_text() == 'SDF places links'
     assert entries(urdf) == NAMES | ORIGINS
     assert entries(sdf) == {
         'frame of the model': '', 'base_link': 'xyz 0 0 0  rpy 0 0 0',
@@ -232,7 +232,7 @@ def test_joints_that_are_not_at_their_links(shifted: Robot) -> None:
     assert isinstance(origin, etree._Element)
     xyz = [float(value) for value in origin.get('xyz', '').split()]
     assert xyz == pytest.approx([0.3, 0.0, 0.15])
-    assert found['wrist (prismatic)'] == f'in arm\n{numbers(xyz, (0.0, 0.0, 0.0), "  ")}'
+    assert found['wrist (prismatic)'] == f'in arm\n{pose_text(xyz, (0.0, 0.0, 0.0), "  ")}'
     assert entries(sdf) == {
         'frame of the model': '', 'base': 'xyz 0 0 0  rpy 0 0 0',
         'arm': 'xyz 0.5 0 0.3  rpy 0 0 0', 'hand': 'xyz 0.5 0 0.7  rpy 0 0 0',

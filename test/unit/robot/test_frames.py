@@ -133,11 +133,11 @@ def test_the_first_axis_of_two_does_not_turn_with_the_second() -> None:
 
 
 @pytest.mark.parametrize(('position', 'message'), [
-    ({'nothing': 1.0}, "there is no joint 'nothing'; the movable joints are 'turn'$"),
-    ({'base_joint': 1.0}, "joint 'base_joint' is fixed, which one number .*'turn'"),
-    ({'push': 1.0}, "joint 'push' mimics 'turn'; put that one"),
-    ({'turn': math.nan}, "'turn' cannot be put to nan"),
-    ({'turn': math.inf}, "'turn' cannot be put to inf"),
+    ({'nothing': 1.0}, "joint 'nothing' does not exist; the movable joints are 'turn'$"),
+    ({'base_joint': 1.0}, "joint 'base_joint' is fixed, not of one degree of freedom; .*'turn'"),
+    ({'push': 1.0}, "joint 'push' mimics 'turn'; move 'turn' instead"),
+    ({'turn': math.nan}, "position of 'turn' is nan"),
+    ({'turn': math.inf}, "position of 'turn' is inf"),
 ])
 def test_positions_that_no_joint_can_have_are_errors(position: dict[str, float], message: str
                                                      ) -> None:
@@ -147,7 +147,7 @@ def test_positions_that_no_joint_can_have_are_errors(position: dict[str, float],
 
 def test_a_joint_of_several_numbers_is_an_error() -> None:
     with pytest.raises(DescriptionError, match=r"'turn' is floating, .*; the robot has no joint "
-                       r"that one number moves; its joints are 'base_joint', 'turn', 'push'$"):
+                       r"of one degree of freedom; its joints are 'base_joint', 'turn', 'push'$"):
         frames(movable(type='floating'), {'turn': 1.0})
 
 
@@ -157,7 +157,7 @@ def test_a_joint_of_several_numbers_is_an_error() -> None:
 def test_a_robot_without_movable_joints_is_said_to_have_none(count: int, message: str) -> None:
     robot = replace(tutorial(), links=tutorial().links[:count],
                     joints=tutorial().joints[:count - 1])
-    with pytest.raises(DescriptionError, match=f"there is no joint 'arm'; {message}"):
+    with pytest.raises(DescriptionError, match=f"joint 'arm' does not exist; {message}"):
         frames(robot, {'arm': 0.5})
 
 
@@ -168,7 +168,7 @@ def test_a_position_outside_the_limits_is_noted_and_taken() -> None:
     assert report.warnings == []
     assert frames(robot, {'turn': 1.5}, report) == frames(robot, {'turn': 1.5})
     note, = report.warnings
-    assert (note.name, note.message) == ('turn', '1.5 is outside its limits, -1 to 1')
+    assert (note.name, note.message) == ('turn', 'position 1.5 is outside the limits -1 to 1')
 
 
 def test_poses_are_in_the_root_links_frame_wherever_that_is() -> None:
@@ -202,12 +202,12 @@ def test_other_frames_are_listed_only_if_there_are_any() -> None:
 
 
 def test_a_robot_without_links_and_one_beyond_numbers_are_errors() -> None:
-    with pytest.raises(DescriptionError, match='has no link'):
+    with pytest.raises(DescriptionError, match='has no links'):
         frames(Robot('none', ()), {})
     far = Pose((1.7e308, 0.0, 0.0))
     robot = Robot('far', (Link('a', Placement(Pose(), MODEL)), Link('b', on('a', far)),
                           Link('c', on('b', far))))
-    with pytest.raises(DescriptionError, match='further away than a number'):
+    with pytest.raises(DescriptionError, match='too far away for floating-point'):
         frames(robot, {})
 
 

@@ -27,11 +27,12 @@ import sys
 from typing import Any
 
 import numpy as np
-from opencv_tools.robot.frames import drawing
-from opencv_tools.robot.frames.drawing import AXIS_COLORS, DARK, GREY, hull, outline, SHAPE_COLORS
-from opencv_tools.robot.frames.labels import Labels
+from opencv_tools.robot.drawing import primitives
+from opencv_tools.robot.drawing.primitives import (
+    AXIS_COLORS, GREY, hull, outline, SHAPE_COLORS, TEXT_COLOR)
+from opencv_tools.robot.drawing.labels import Labels
 from opencv_tools.robot.frames.listing import frames
-from opencv_tools.robot.frames.plot import draw, plot
+from opencv_tools.robot.drawing.plot import draw, plot
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose, Vector
@@ -77,7 +78,7 @@ def test_a_png_is_a_picture_with_colours(tmp_path: Path) -> None:
     picture = imread(path)
     assert picture.shape[0] > 800
     assert picture.shape[1] > 1200
-    for color in drawing.AXIS_COLORS:
+    for color in primitives.AXIS_COLORS:
         wanted = [int(color[start:start + 2], 16) / 255 for start in (1, 3, 5)]
         assert (abs(picture[..., :3] - wanted).max(axis=2) < 0.02).sum() > 100
 
@@ -150,16 +151,16 @@ VISUAL, COLLISION = SHAPE_COLORS['visual'], SHAPE_COLORS['collision']
 LAYOUTS = pytest.mark.parametrize('layout', [
     Layout({}, (0.0, 0.0, 0.9), (0.1, 0.0, 0.9), UPRIGHT, (0.025, 0.02125, 0.52125),
            (0.2189250, 0.2189250, 0.5473125), (0.1425, 0.152), (
-               ((-0.29, 0.0, -0.29, 0.4), DARK, '0.4', (-0.2995, 0.2)),
-               ((-0.385, 0.4, -0.385, 0.9), DARK, '0.5', (-0.3945, 0.65)),
+               ((-0.29, 0.0, -0.29, 0.4), TEXT_COLOR, '0.4', (-0.2995, 0.2)),
+               ((-0.385, 0.4, -0.385, 0.9), TEXT_COLOR, '0.5', (-0.3945, 0.65)),
                ((-0.48, 0.0, -0.48, 0.05), VISUAL, '0.05', (-0.4895, 0.025)),
                ((0.0, 1.178, 0.1, 1.178), COLLISION, '0.1', (0.05, 1.1875))),
            (-0.1, 0.15, 0.0, 0.95), 0.95),
     Layout({'elbow': math.pi / 2, 'slide': 0.1}, (0.6, 0.0, 0.4), (0.6, 0.0, 0.3), BENT,
            (0.30625, 0.00625, 0.2), (0.4265625, 0.170625, 0.21), (0.1125, 0.12), (
-               ((-0.25, 0.0, -0.25, 0.4), DARK, '0.4', (-0.2575, 0.2)),
-               ((0.0, 0.58, 0.5, 0.58), DARK, '0.5', (0.25, 0.5875)),
-               ((0.5, 0.64, 0.6, 0.64), DARK, '0.1', (0.55, 0.6475)),
+               ((-0.25, 0.0, -0.25, 0.4), TEXT_COLOR, '0.4', (-0.2575, 0.2)),
+               ((0.0, 0.58, 0.5, 0.58), TEXT_COLOR, '0.5', (0.25, 0.5875)),
+               ((0.5, 0.64, 0.6, 0.64), TEXT_COLOR, '0.1', (0.55, 0.6475)),
                ((-0.325, 0.0, -0.325, 0.05), VISUAL, '0.05', (-0.3325, 0.025)),
                ((-0.4, 0.4, -0.4, 0.3), COLLISION, '0.1', (-0.4075, 0.35))),
            (-0.1, 0.65, 0.0, 0.4), 0.75)], ids=['at zero', 'moved'])
@@ -279,8 +280,8 @@ def test_side_view_is_where_kinematics_puts_it(layout: Layout) -> None:
                     [(*place, *end) for (place, _), end in zip(places, tips)])
         assert near([one.xy for one in side.texts if one.get_text() == letter], tips)
     assert side.get_title() == (
-        'Side view: x to the right, z up, y away; metres. Links are in base, '
-        'joints in the link above')
+        'Side view in metres: x to the right, z up, y away. Links are in base, '
+        'joints in their parent links')
     outlines = [patch.get_xy() for patch in side.patches]
     assert near(outlines[0], [(-0.1, 0), (0.1, 0), (0.1, 0.1), (-0.1, 0.1), (-0.1, 0)])
     assert np.abs(np.hypot(*(outlines[1] - (x, z)).T) - 0.05).max() < 1e-9
@@ -298,7 +299,7 @@ def test_side_view_is_where_kinematics_puts_it(layout: Layout) -> None:
 @LAYOUTS
 def test_side_view_says_how_far_things_are_apart(layout: Layout) -> None:
     side = drawn(ARM, layout.positions)[2]
-    for color in (DARK, VISUAL, COLLISION):
+    for color in (TEXT_COLOR, VISUAL, COLLISION):
         wanted = [size for size in layout.sizes if size[1] == color]
         assert near(arrows(side, '<|-|>', color), [size[0] for size in wanted])
         texts = [text for text in side.texts if text.get_color() == color
@@ -309,7 +310,7 @@ def test_side_view_says_how_far_things_are_apart(layout: Layout) -> None:
         assert any(near(line.get_xydata().ravel(), size) for line in side.lines)
     # Thin lines lead from what is measured to the arrows.
     ends = [end for size, *_ in layout.sizes for end in (size[:2], size[2:])]
-    thin = [line.get_xydata() for line in side.lines if line.get_color() == drawing.PALE]
+    thin = [line.get_xydata() for line in side.lines if line.get_color() == primitives.PALE]
     assert near([line[1] for line in thin], ends)
     known = [place[::2] for place, _ in layout.places.values()]
     known += [layout.center[::2], (0.0, 0.05), *marks(side, 'h')]
@@ -455,7 +456,7 @@ def test_positions_are_in_the_file(tmp_path: Path) -> None:
 def test_names_do_not_lie_on_one_another() -> None:
     axes = empty_axes()
     labels = Labels(axes)
-    labels.avoid((0.0, 0.5), (1.0, 0.5))
+    labels.avoid_line((0.0, 0.5), (1.0, 0.5))
     for index in range(12):
         labels.place(f'a_long_name_{index}', (0.5, 0.5))
     boxes = boxes_of(axes)
@@ -503,7 +504,7 @@ def test_a_name_is_next_to_its_point_and_in_the_picture(
 def test_names_keep_off_lines_and_are_tied_to_their_points_when_far() -> None:
     axes = empty_axes()
     labels = Labels(axes)
-    labels.avoid((0.3, 0.4), (0.7, 0.6))
+    labels.avoid_line((0.3, 0.4), (0.7, 0.6))
     for _ in range(9):
         labels.place('a_long_name', (0.5, 0.5))
     texts = [text for text in axes.texts if text.get_text()]
@@ -531,7 +532,7 @@ def test_names_keep_off_texts() -> None:
 def test_a_name_is_drawn_though_its_point_is_beyond_the_axes() -> None:
     axes = empty_axes()
     bounds = axes.figure.bbox
-    Labels(axes, (0.0, 0.0, bounds.width, bounds.height)).place('a_name', (1.02, 0.5))
+    Labels(axes, bounds).place('a_name', (1.02, 0.5))
     box, = boxes_of(axes)
     assert axes.bbox.x1 < box.x0 < box.x1 < bounds.width
     pixels = np.asarray(axes.figure.canvas.buffer_rgba())[::-1]
@@ -595,7 +596,7 @@ def test_names_are_no_formulas(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('name', ['robot.pdf', 'robot', 'png'])
 def test_another_suffix_is_an_error(tmp_path: Path, name: str) -> None:
-    with pytest.raises(DescriptionError, match=r'a picture is \.png or \.svg, not'):
+    with pytest.raises(DescriptionError, match=r'needs the suffix \.png or \.svg, not'):
         plot(tutorial(), {}, str(tmp_path / name))
     assert list(tmp_path.iterdir()) == []
 
@@ -614,7 +615,7 @@ def test_without_matplotlib_the_error_says_how_to_get_it(
 
 @pytest.mark.process
 def test_neither_matplotlib_nor_numpy_is_imported_before_it_is_needed() -> None:
-    script = ('import sys, opencv_tools.robot.frames.plot; '
+    script = ('import sys, opencv_tools.robot.drawing.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
     subprocess.run([sys.executable, '-c', script], check=True, timeout=30)
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Columns of texts beside a drawing, each with a line to its point."""
+"""Columns of texts beside a drawing, with lines to their points."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from opencv_tools.robot.frames.drawing import DARK, GREY, PALE, plain, Point
-from opencv_tools.robot.frames.figures import size_of
+from opencv_tools.robot.drawing.figure import size_of
+from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, Point, TEXT_COLOR
+
+_LINE_GAP, _ENTRY_GAP = 0.03, 0.08  # inches
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A text in a column beside the drawing, with a line to its point."""
+    """A bold title and grey numbers for a point of the drawing."""
 
     title: str
     numbers: str
@@ -35,46 +37,48 @@ class Entry:
 
 
 class Column:
-    """Texts one above the other beside a drawing, each near the height of its point."""
+    """A column of entries, each near the height of its point."""
 
     def __init__(self, axes: Any, entries: Sequence[Entry]) -> None:
         self._axes, self._points = axes, [entry.point for entry in entries]
         self._texts = [[axes.text(0, 0, plain(text), fontsize=8, color=color, va='top',
                                   fontweight=weight, linespacing=1.15)
-                        for text, color, weight in ((entry.title, DARK, 'bold'),
+                        for text, color, weight in ((entry.title, TEXT_COLOR, 'bold'),
                                                     (entry.numbers, GREY, 'normal')) if text]
                        for entry in entries]
         self._sizes = [[size_of(text) for text in texts] for texts in self._texts]
-        self._heights = [sum(high for _, high in sizes) + 0.03 for sizes in self._sizes]
+        self._heights = [sum(high for _, high in sizes) + _LINE_GAP for sizes in self._sizes]
         self.width = max((wide for sizes in self._sizes for wide, _ in sizes), default=0.0)
-        self.height = sum(self._heights) + 0.08 * len(self._heights)
+        self.height = sum(self._heights) + _ENTRY_GAP * len(self._heights)
 
-    def lay_out(self, x: float, side: int, height: float, at: Callable[[Point], Point]) -> None:
+    def lay_out(self, x: float, side: int, height: float, to_inches: Callable[[Point], Point]
+                ) -> None:
         """
-        Place the texts, and draw a line from each to its point.
+        Place the texts and draw their lines.
 
-        :param x: where the column begins, in inches, on the side of the drawing.
-        :param side: -1 for a column on the left of the drawing, 1 for one on its right.
-        :param at: returns the place of a point in inches.
+        :param x: edge of the column beside the drawing, in inches.
+        :param side: -1 for a column left of the drawing, 1 for a column right of it.
+        :param height: height of the drawing in inches.
+        :param to_inches: returns the position of a point in inches.
         """
-        spots = [at(point) for point in self._points]
-        order = sorted(range(len(spots)), key=lambda index: -spots[index][1])
-        tops = _spread([spots[index][1] for index in order],
-                       [self._heights[index] + 0.08 for index in order], height)
-        for index, middle in zip(order, tops):
+        points = [to_inches(point) for point in self._points]
+        order = sorted(range(len(points)), key=lambda index: -points[index][1])
+        middles = _spread([points[index][1] for index in order],
+                          [self._heights[index] + _ENTRY_GAP for index in order], height)
+        for index, middle in zip(order, middles):
             y = middle + self._heights[index] / 2
             for text, (_, high) in zip(self._texts[index], self._sizes[index]):
                 text.set_position((x, y))
                 text.set_horizontalalignment('left' if side > 0 else 'right')
-                y -= high + 0.03
-            self._axes.plot([x - side * 0.05, spots[index][0]], [middle, spots[index][1]],
+                y -= high + _LINE_GAP
+            self._axes.plot([x - side * 0.05, points[index][0]], [middle, points[index][1]],
                             color=PALE, lw=0.7, zorder=3)
 
 
-def _spread(wanted: Sequence[float], heights: Sequence[float], top: float) -> list[float]:
-    """Return middles near the wanted ones, from top to bottom, of boxes that do not overlap."""
+def _spread(targets: Sequence[float], heights: Sequence[float], top: float) -> list[float]:
+    """Return the middles of boxes that do not overlap, near their targets, from top to bottom."""
     middles: list[float] = []
-    for middle, height in zip(wanted, heights):
+    for middle, height in zip(targets, heights):
         middles.append(min(middle, top - height / 2))
         top = middles[-1] - height / 2
     bottom = 0.0
