@@ -57,7 +57,7 @@ EXPECTED = {'error_empty.urdf': ['not well-formed XML']}
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
 # The conversion corrects what breaks a rule of the format, so it is not restored.
-CORRECTED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
+CORRECTED = {'ok_contact_of_a_visuals_name.sdf', 'warning_duplicate_material_name.sdf',
              'warning_version_of_urdf.sdf'}
 
 # Fixtures that yourdfpy cannot check, and the reason.
