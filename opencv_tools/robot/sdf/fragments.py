@@ -25,7 +25,7 @@ from opencv_tools.robot.model import Axis, Dynamics, Frame, FrameId, Limit, Mimi
 from opencv_tools.robot.pose import normalised, Vector, ZERO
 from opencv_tools.robot.sdf.value_rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
-    MIMIC, MODEL_FRAME, number_of, pose_element, pose_of, text_element, Version)
+    MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, ElementT, line_of, required_name)
 from opencv_tools.robot.xml.numbers import limit_number, number_text, numbers_text, vector
@@ -112,12 +112,12 @@ def axis_to_element(axis: Axis, tag: str, version: Version,
         dynamics = etree.SubElement(element, 'dynamics')
         for name in ('damping', 'friction'):
             if (value := getattr(axis.dynamics, name)) is not None:
-                text_element(dynamics, name, number_text(value))
+                number_element(dynamics, name, value)
     if axis.mimic is not None and version >= MIMIC:
         mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
-        text_element(mimic, 'multiplier', number_text(axis.mimic.multiplier))
-        text_element(mimic, 'offset', number_text(axis.mimic.offset))
-        text_element(mimic, 'reference', '0')
+        number_element(mimic, 'multiplier', axis.mimic.multiplier)
+        number_element(mimic, 'offset', axis.mimic.offset)
+        number_element(mimic, 'reference', 0.0)
     return element
 
 
@@ -129,7 +129,7 @@ def _limit_element(axis: Element, limit: Limit) -> None:
         if tag in ('effort', 'velocity') and value < 0:
             element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
         elif math.isfinite(value):
-            text_element(element, tag, number_text(value))
+            number_element(element, tag, value)
 
 
 def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], FrameId]) -> Frame:

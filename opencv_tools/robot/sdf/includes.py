@@ -107,21 +107,22 @@ class ModelLoader:
         """
         includes = [include]
         while True:
+            include = includes[-1]
             self._include_count += 1
             if self._include_count > MAX_INCLUDES or len(files) > MAX_DEPTH:
-                raise DescriptionError(
-                    f'more than {MAX_INCLUDES} includes, or includes nested deeper than '
-                    f'{MAX_DEPTH}; use fewer includes', includes[-1])
-            path = self._find(includes[-1], files[-1].parent)
+                raise DescriptionError(f'more than {MAX_INCLUDES} includes, or includes nested '
+                                       f'deeper than {MAX_DEPTH}; use fewer includes', include)
+            path = self._find(include, files[-1].parent)
             if path in files:
                 cycle = [*files[files.index(path):], path]
-                raise DescriptionError(f'include cycle: {" -> ".join(map(str, cycle))}',
-                                       includes[-1])
-            root, version = self._read(path, includes[-1])
+                raise DescriptionError(f'include cycle: {" -> ".join(map(str, cycle))}', include)
+            root, version = self._read(path, include)
             files = (*files, path)
-            element = TrackedElement(_only_model(root, includes[-1]))
+            if text_of(include, 'placement_frame') and include.element.find('pose') is None:
+                raise DescriptionError('has a <placement_frame> but no <pose>; add a <pose>',
+                                       include)
+            element = TrackedElement(_only_model(root, include))
             if local_name(element) == 'model':
-                _check_placement_frames(includes)
                 return ModelFile(element, version, files, tuple(includes))
             includes.append(element)
 
@@ -237,9 +238,3 @@ def _file_in(folder: Path, include: TrackedElement | None) -> Path:
         raise DescriptionError(f'{config} has no <sdf> with a file name', include)
     # Of several entries with one version, the first counts.
     return folder / max(supported, key=lambda entry: entry[0])[1]
-
-
-def _check_placement_frames(includes: Sequence[TrackedElement]) -> None:
-    for include in includes:
-        if text_of(include, 'placement_frame') and include.element.find('pose') is None:
-            raise DescriptionError('has a <placement_frame> but no <pose>; add a <pose>', include)

@@ -16,13 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
 
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic
+from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic, Robot
 from opencv_tools.robot.pose import ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Rotation
 from opencv_tools.robot.sdf.link_reader import ReadContext
@@ -86,35 +85,31 @@ def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinem
     return replace(joint, type='continuous') if is_continuous else joint
 
 
-def mark_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
-               ) -> tuple[Joint, ...]:
+def mark_loops(robot: Robot, canonical: str) -> Robot:
     """
     Mark the joints that close a loop, so that the other joints form trees.
 
     The first joint of a link, in the order of the file, places the link. If every link is the
     child of a joint, the root is the canonical link, or else the first link.
-
-    :param links: names in the order of the file.
-    :param canonical: name of the canonical link.
     """
-    children = {joint.child for joint in joints}
     components = _DisjointSets()
-    for joint in joints:
+    for joint in robot.joints:
         components.union(joint.parent, joint.child)
-    links = [canonical, *links] if canonical else list(links)
+    children = {joint.child for joint in robot.joints}
+    links = [canonical, *(link.name for link in robot.links)]
     rooted = {components.find(link) for link in links if link not in children}
     placed = set()
     for link in links:
         if components.find(link) not in rooted:
             rooted.add(components.find(link))
             placed.add(link)
-    trees, result = _DisjointSets(), []
-    for joint in joints:
+    trees, joints = _DisjointSets(), []
+    for joint in robot.joints:
         is_loop = joint.child in placed or not trees.union(joint.parent, joint.child)
         if not is_loop:
             placed.add(joint.child)
-        result.append(replace(joint, is_loop=is_loop))
-    return tuple(result)
+        joints.append(replace(joint, is_loop=is_loop))
+    return replace(robot, joints=tuple(joints))
 
 
 class _DisjointSets:

@@ -64,9 +64,7 @@ def write_joint(model: Element, joint: Joint, context: WriteContext) -> None:
 def _supported_joint(joint: Joint, version: Version) -> Joint:
     """Return a revolute joint in place of a continuous or fixed joint of newer versions."""
     if joint.type == 'continuous' and version < CONTINUOUS:
-        return replace(joint, type='revolute', axes=tuple(
-            replace(axis, limit=axis.limit and replace(
-                axis.limit, lower=-math.inf, upper=math.inf)) for axis in joint.axes))
+        return replace(joint, type='revolute')
     if joint.type == 'fixed' and version < JOINT_AXES:
         return replace(joint, type='revolute', axes=(Axis((0.0, 0.0, 1.0), Limit(0.0, 0.0)),))
     return joint

@@ -23,7 +23,7 @@ from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, 
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Shape, WORLD
 from opencv_tools.robot.sdf.values import (
-    CAPSULE, MATERIAL_COLORS, PBR, pose_element, text_element, Version)
+    CAPSULE, MATERIAL_COLORS, number_element, PBR, pose_element, text_element, Version)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
@@ -61,10 +61,10 @@ def write_link(model: Element, link: Link, context: WriteContext) -> None:
     if link.inertial is not None:
         inertial = etree.SubElement(element, 'inertial')
         pose_element(inertial, kinematics.within(frame, link.inertial.placement))
-        text_element(inertial, 'mass', number_text(link.inertial.mass))
+        number_element(inertial, 'mass', link.inertial.mass)
         moments = etree.SubElement(inertial, 'inertia')
         for tag, value in zip(INERTIA, link.inertial.inertia):
-            text_element(moments, tag, number_text(value))
+            number_element(moments, tag, value)
     for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
         for shape in shapes:
             child = etree.SubElement(element, tag, name=shape.name)
@@ -104,9 +104,9 @@ def _write_supported_geometry(parent: Element, geometry: Geometry) -> None:
         if geometry.scale is not None:
             text_element(element, 'scale', numbers_text(geometry.scale))
     else:
-        text_element(element, 'radius', number_text(geometry.radius))
+        number_element(element, 'radius', geometry.radius)
         if not isinstance(geometry, Sphere):
-            text_element(element, 'length', number_text(geometry.length))
+            number_element(element, 'length', geometry.length)
 
 
 def _write_material(visual: Element, shape: Shape, context: WriteContext) -> None:

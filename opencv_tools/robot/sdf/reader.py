@@ -57,33 +57,35 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     """
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF; the root must be <sdf>', root)
+    # Nested models and includes are collected first: each is a scope of names.
     scopes = collect_scopes(root, ModelLoader(search, report), model, report)
     top = scopes[0]
     if not any(scope.element.take_all('link') for scope in scopes):
         raise DescriptionError(f'model {top.name!r} has no links', top.element)
-    # All names are registered first, because elements may refer to later ones.
+    # All names are registered before elements are read, because they may refer to later elements.
     registry = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
     contexts = [ReadContext(scope, registry, report, folder) for scope in scopes]
+    # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     robot = Robot(top.name, *_read_elements(contexts), source=source_of(root))
     canonical = registry.link_of(MODEL)
     if canonical != robot.links[0].name or top.element.get('canonical_link'):
         robot = replace(robot, canonical_link=canonical)
-    # The steps from here on follow placements, which would not end in a cycle.
+    # All following steps compute poses, which needs placements without cycles.
     _check_placements(robot, registry)
-    # Nested models get their final poses.
+    # Nested models get their final poses before other poses are computed from them.
     robot = _with_placement_frames(robot, scopes, registry)
-    # The pose of the robot may depend on poses of nested models.
+    # The pose in the world depends on the pose of the robot's own placement_frame.
     pose_in_world = _pose_in_world(robot, top, registry)
     robot = _with_world(robot, pose_in_world)
-    # An axis may be expressed in any frame, so all poses must be final.
+    # Axes may be expressed in any frame, so all poses are final here.
     robot = _with_axes(robot, contexts)
-    links = tuple(link.name for link in robot.links)
-    robot = replace(robot, joints=mark_loops(robot.joints, links, canonical))
-    # The extension is what no earlier step has read.
-    robot = replace(robot, extension=_model_extension(contexts[0], pose_in_world))
+    # Mimics are parts of axes.
     check_mimic_cycles(robot)
-    return robot
+    # Loops do not change poses or axes; only trees of the robot depend on them.
+    robot = mark_loops(robot, canonical)
+    # The extension is what no step has read, so it is last.
+    return replace(robot, extension=_model_extension(contexts[0], pose_in_world))
 
 
 def _read_elements(contexts: Sequence[ReadContext]

@@ -25,7 +25,8 @@ from lxml import etree
 from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import number, numbers, numbers_text, quoted, unclamped
+from opencv_tools.robot.xml.numbers import (
+    number, number_text, numbers, numbers_text, quoted, unclamped)
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
@@ -124,6 +125,11 @@ def text_element(parent: Element, tag: str, text: str) -> Element:
     element = etree.SubElement(parent, tag)
     element.text = text
     return element
+
+
+def number_element(parent: Element, tag: str, value: float) -> None:
+    """Write a child element with a number."""
+    text_element(parent, tag, number_text(value))
 
 
 def text_of(element: AnyElement, tag: str) -> str:

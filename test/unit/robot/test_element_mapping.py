@@ -47,7 +47,7 @@ Element = etree._Element
 TABLES = Path(__file__).parents[3] / 'docs' / 'element_mapping.md'
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
 CONVERTED = 'converted'
-FATES = {CONVERTED, PRESERVED, LOSSY}
+OUTCOMES = {CONVERTED, PRESERVED, LOSSY}
 
 MASS = {
     'urdf': '<inertial><mass value="1"/>'
@@ -190,11 +190,11 @@ class Row:
     A row of a table.
 
     :param paths: the paths of the row, without alternatives.
-    :param fates: a subset of ``FATES``.
+    :param outcomes: a subset of ``OUTCOMES``.
     """
 
     paths: tuple[str, ...]
-    fates: frozenset[str]
+    outcomes: frozenset[str]
     text: str
 
 
@@ -203,9 +203,9 @@ def _rows(language: str) -> list[Row]:
     heading = {'urdf': 'element of URDF', 'sdf': 'element of SDF'}[language]
     table = TABLES.read_text().split(f'| {heading} |')[1].split('\n\n')[0]
     for line in table.splitlines()[2:]:
-        first, fates, _ = (cell.strip() for cell in line.strip('|').split('|', 2))
+        first, outcomes, _ = (cell.strip() for cell in line.strip('|').split('|', 2))
         rows.append(Row(tuple(_alternatives(first.strip('`'))),
-                        frozenset(fates.split(', ')), line))
+                        frozenset(outcomes.split(', ')), line))
     return rows
 
 
@@ -242,7 +242,7 @@ def test_format_of_the_tables() -> None:
         paths = [path for row in rows for path in row.paths]
         assert len(set(paths)) == len(paths), 'an element has two rows'
         for row in rows:
-            assert row.fates <= FATES and row.fates, row.text
+            assert row.outcomes <= OUTCOMES and row.outcomes, row.text
             for path in row.paths:
                 stem = path.removesuffix('/**')
                 assert any(f'{one}/'.startswith(f'{stem}/') for one in LISTED[language]), row.text
@@ -258,7 +258,7 @@ def test_rows_of_elements_in_gazebo() -> None:
         path = 'model' if owner == 'model' else f'model/{owner}'
         for tag in tags - {'plugin'}:
             row = _row('sdf', f'{path}/{tag}')
-            assert row and row.fates == {PRESERVED} and '<gazebo' in row.text
+            assert row and row.outcomes == {PRESERVED} and '<gazebo' in row.text
 
 
 @pytest.mark.parametrize(('language', 'path'), PATHS)
@@ -273,19 +273,19 @@ def test_conversion_of_every_element(language: str, path: str) -> None:
         return
     bare, bare_report = _converted(language, without)
     plain = _plain(language, there) != _plain(language, bare)
-    if CONVERTED in row.fates:
+    if CONVERTED in row.outcomes:
         assert plain, 'makes no difference to the other format'
-    elif row.fates == {PRESERVED}:
+    elif row.outcomes == {PRESERVED}:
         assert not plain, 'makes a difference to the other format'
     kept, kept_without = _preserved(language, there), _preserved(language, bare)
-    if PRESERVED in row.fates:
+    if PRESERVED in row.outcomes:
         assert kept != kept_without, 'is not preserved'
         assert path.endswith('@name') or _notes(report, PRESERVED)
     else:
         name = path.rpartition('/')[2].lstrip('@')
         assert kept[name] == kept_without[name], 'is preserved'
     reported = _notes(report, LOSSY) - _notes(bare_report, LOSSY)
-    assert bool(reported) == (LOSSY in row.fates), reported
+    assert bool(reported) == (LOSSY in row.outcomes), reported
 
 
 def _above(language: str, path: str, row: Row) -> str:
@@ -385,7 +385,7 @@ def _check_round_trip(language: str, path: str, row: Row, root: Element, there: 
             names = ([thing.name for thing in getattr(robot, kind)]
                      for robot in (original, restored))
             assert next(names) == next(names)
-    if row.fates & {PRESERVED} and CONVERTED not in row.fates and not REWRITTEN.search(path):
+    if row.outcomes & {PRESERVED} and CONVERTED not in row.outcomes and not REWRITTEN.search(path):
         top = (root, back) if language == 'urdf' else (root[0], back[0])
         assert _at(top[0], path)
         assert set(_at(top[0], path)) <= set(_at(top[1], path)), 'is not restored'

@@ -19,7 +19,8 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Mimic, MODEL, Placement
+from opencv_tools.robot.model import (
+    Axis, Dynamics, Joint, Limit, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.sdf.joint_reader import mark_loops
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -29,10 +30,13 @@ from sdf_models import HALF, joint, near, read, TWO, with_axis, written
 
 
 def loops(*pairs: str, canonical: str = '') -> list[bool]:
-    joints = [Joint(f'j{index}', 'fixed', pair[0], pair[1], Placement(Pose(), MODEL))
-              for index, pair in enumerate(pairs)]
-    links = sorted(set(''.join(pairs)))
-    return [joint.is_loop for joint in mark_loops(joints, links, canonical)]
+    """Return which joints between pairs of links are marked as loops."""
+    joints = tuple(Joint(f'j{index}', 'fixed', pair[0], pair[1], Placement(Pose(), MODEL))
+                   for index, pair in enumerate(pairs))
+    names = sorted(set(''.join(pairs)))
+    links = tuple(Link(name, Placement(Pose(), MODEL)) for name in names)
+    marked = mark_loops(Robot('r', links, joints), canonical or names[0])
+    return [joint.is_loop for joint in marked.joints]
 
 
 @pytest.mark.parametrize(('version', 'extra', 'attribute', 'expected'), [

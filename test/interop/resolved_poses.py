@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where things of a robot are: of URDF by this arithmetic, of SDF by what libsdformat says."""
+"""Poses of a robot in its root link: computed from URDF, or resolved by libsdformat from SDF."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ from numpy.typing import NDArray
 
 Element = ElementTree.Element
 Matrix = NDArray[np.float64]
-_FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
-UNLIMITED = 1e16  # from here on a limit is none, in URDF as in SDF
+_GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
+UNLIMITED = 1e16  # limits of at least this size mean no limit, in URDF and SDF
 
 
 @dataclass(frozen=True)
-class Places:
+class ResolvedPoses:
     """
-    Transforms in the frame of the root link, by names that are flat.
+    Poses in the frame of the root link, by flat names.
 
-    :param shapes: visuals and collisions by link, tag and name.
-    :param axes: direction in the root link, limits, damping and friction, by joint.
+    :param shapes: poses of visuals and collisions by link, tag and name.
+    :param masses: mass and moments of inertia by link.
+    :param axes: direction in the root link, limits, damping and friction by joint.
     """
 
     joints: dict[str, Matrix] = field(default_factory=dict)
@@ -48,25 +49,25 @@ class Places:
 
 
 def flat(name: str) -> str:
-    """Return a name as URDF has that of a nested model."""
+    """Return the name that a URDF uses for an object of a nested model."""
     return name.replace('::', '__')
 
 
-def of_urdf(root: Element, *, named: bool) -> Places:
+def poses_of_urdf(root: Element, *, named: bool) -> ResolvedPoses:
     """
-    Return where all is in URDF, of which urdfdom takes the first element of each kind.
+    Return the poses of a URDF. As in urdfdom, the first element of a tag counts.
 
-    :param named: whether shapes have names; else they are counted in their link.
+    :param named: whether shapes are identified by names; otherwise by their numbers in the link.
     """
-    result = Places()
-    joints = {_got(joint, 'child', 'link'): joint for joint in root.findall('joint')}
+    result = ResolvedPoses()
+    joints = {_attribute(joint, 'child', 'link'): joint for joint in root.findall('joint')}
     frames: dict[str, Matrix] = {}
 
     def frame(link: str) -> Matrix:
         if link not in frames:
             joint = joints.get(link)
             frames[link] = np.eye(4) if joint is None else (
-                frame(_got(joint, 'parent', 'link')) @ origin(joint))
+                frame(_attribute(joint, 'parent', 'link')) @ origin(joint))
         return frames[link]
 
     for child, joint in joints.items():
@@ -74,7 +75,7 @@ def of_urdf(root: Element, *, named: bool) -> Places:
         result.joints[name] = frame(child)
         kind = joint.get('type')
         if kind in ('revolute', 'continuous', 'prismatic'):
-            xyz = vector(_got(joint, 'axis', 'xyz', '1 0 0'))
+            xyz = vector(_attribute(joint, 'axis', 'xyz', '1 0 0'))
             result.axes[name] = [*(frame(child)[:3, :3] @ xyz / np.linalg.norm(xyz)),
                                  *_urdf_limits(joint)]
     for link in root.findall('link'):
@@ -82,8 +83,8 @@ def of_urdf(root: Element, *, named: bool) -> Places:
         inertial = link.find('inertial')
         if inertial is not None:
             result.inertials[name] = frame(name) @ origin(inertial)
-            result.masses[name] = [float(_got(inertial, 'mass', 'value', '0')), *(
-                float(_got(inertial, 'inertia', key, '0'))
+            result.masses[name] = [float(_attribute(inertial, 'mass', 'value', '0')), *(
+                float(_attribute(inertial, 'inertia', key, '0'))
                 for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))]
         for tag in ('visual', 'collision'):
             for index, shape in enumerate(filter(_is_read, link.findall(tag))):
@@ -93,45 +94,46 @@ def of_urdf(root: Element, *, named: bool) -> Places:
 
 
 def _is_read(shape: Element) -> bool:
-    """Return whether urdfdom has a geometry of this kind."""
-    form = next(iter(shape.find('geometry') or ()), None)
-    return form is not None and form.tag in _FORMS and (
-        form.tag != 'mesh' or 'filename' in form.attrib)
+    """Return whether urdfdom reads the geometry of a shape."""
+    geometry = next(iter(shape.find('geometry') or ()), None)
+    return geometry is not None and geometry.tag in _GEOMETRIES and (
+        geometry.tag != 'mesh' or 'filename' in geometry.attrib)
 
 
-def _got(element: Element, tag: str, name: str, default: str = '') -> str:
-    """Return an attribute of the first child of a tag."""
+def _attribute(element: Element, tag: str, name: str, default: str = '') -> str:
+    """Return an attribute of the first child with a tag."""
     child = element.find(tag)
     return default if child is None else child.get(name, default)
 
 
 def _urdf_limits(joint: Element) -> list[float]:
-    lower, upper = (float(_got(joint, 'limit', key, '0')) for key in ('lower', 'upper'))
+    lower, upper = (float(_attribute(joint, 'limit', key, '0')) for key in ('lower', 'upper'))
     if joint.get('type') == 'continuous':
         lower, upper = -math.inf, math.inf
     return limits(lower, upper, *(
-        float(_got(joint, tag, key, default)) for tag, key, default in (
+        float(_attribute(joint, tag, key, default)) for tag, key, default in (
             ('limit', 'effort', 'inf'), ('limit', 'velocity', 'inf'),
             ('dynamics', 'damping', '0'), ('dynamics', 'friction', '0'))))
 
 
 def limits(lower: float, upper: float, effort: float, velocity: float, damping: float,
            friction: float) -> list[float]:
-    """Return what limits a joint, with infinity wherever there is no limit."""
+    """Return limits, damping and friction of a joint, with infinity for no limit."""
     return [*(math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
               for value in (lower, upper)),
             *(math.inf if value < 0 or value >= UNLIMITED else value
               for value in (effort, velocity)), damping, friction]
 
 
-def of_sdf(root: Element, model: Mapping[str, Any], base: str, *, named: bool) -> Places:
+def poses_of_sdf(root: Element, model: Mapping[str, Any], base: str, *, named: bool
+                 ) -> ResolvedPoses:
     """
-    Return where all is in SDF.
+    Return the poses of an SDF.
 
-    :param root: of the file, which says in what order things stand.
-    :param model: what libsdformat resolved.
-    :param base: the link in which all is placed; ``world`` for the world.
-    :param named: see `of_urdf`.
+    :param root: root element of the file, which has the order of the shapes.
+    :param model: poses resolved by libsdformat.
+    :param base: link that the poses are relative to; ``world`` for the world.
+    :param named: as in `poses_of_urdf`.
     """
     starts = [np.linalg.inv(matrix(pose)) for name, pose in model.get('links', {}).items()
               if flat(name) == base]
@@ -139,7 +141,7 @@ def of_sdf(root: Element, model: Mapping[str, Any], base: str, *, named: bool) -
     assert starts or base == 'world'
     inside = root.find('model')
     assert inside is not None
-    result = Places()
+    result = ResolvedPoses()
     for name, pose in model.get('joints', {}).items():
         result.joints[flat(name)] = inverse @ matrix(pose)
     for name, pose in model['inertials'].items():
@@ -149,8 +151,8 @@ def of_sdf(root: Element, model: Mapping[str, Any], base: str, *, named: bool) -
         axis = model.get('axes', {}).get(f'{name}/0')
         if axis and kind in ('revolute', 'continuous', 'prismatic'):
             xyz = result.joints[flat(name)][:3, :3] @ np.array(axis[:3])
-            reach = (-math.inf, math.inf) if kind == 'continuous' else axis[3:5]
-            result.axes[flat(name)] = [*xyz, *limits(*reach, *axis[5:])]
+            positions = (-math.inf, math.inf) if kind == 'continuous' else axis[3:5]
+            result.axes[flat(name)] = [*xyz, *limits(*positions, *axis[5:])]
     for link, tag, index, shape in _shapes(inside):
         result.shapes[flat(link), tag, shape if named else str(index)] = inverse @ matrix(
             model[f'{tag}s'][f'{link}/{shape}'])
@@ -174,30 +176,30 @@ def _shapes(model: Element, prefix: str = '') -> Iterator[tuple[str, str, int, s
 
 
 def origin(element: Element) -> Matrix:
-    """Return what ``<origin>`` of an element says."""
-    roll, pitch, yaw = vector(_got(element, 'origin', 'rpy', '0 0 0'))
+    """Return the transform of the ``<origin>`` of an element."""
+    roll, pitch, yaw = vector(_attribute(element, 'origin', 'rpy', '0 0 0'))
     result = np.eye(4)
-    result[:3, :3] = _turn(yaw, 0, 1) @ _turn(pitch, 2, 0) @ _turn(roll, 1, 2)
-    result[:3, 3] = vector(_got(element, 'origin', 'xyz', '0 0 0'))
+    result[:3, :3] = _rotation(yaw, 0, 1) @ _rotation(pitch, 2, 0) @ _rotation(roll, 1, 2)
+    result[:3, 3] = vector(_attribute(element, 'origin', 'xyz', '0 0 0'))
     return result
 
 
-def _turn(angle: float, one: int, other: int) -> Matrix:
-    """Return a rotation that takes one of the axes to another one."""
+def _rotation(angle: float, first: int, second: int) -> Matrix:
+    """Return the rotation about an angle in the plane of two axes."""
     result = np.eye(3)
-    result[[one, other], [one, other]] = math.cos(angle)
-    result[other, one] = math.sin(angle)
-    result[one, other] = -math.sin(angle)
+    result[[first, second], [first, second]] = math.cos(angle)
+    result[second, first] = math.sin(angle)
+    result[first, second] = -math.sin(angle)
     return result
 
 
 def vector(text: str) -> NDArray[np.float64]:
-    """Return three numbers."""
+    """Return the numbers of a text."""
     return np.array([float(word) for word in text.split()])
 
 
 def matrix(pose: Sequence[float]) -> Matrix:
-    """Return what a place and a quaternion with w first say."""
+    """Return the transform of a position and a quaternion with w first."""
     w, x, y, z = np.array(pose[3:]) / np.linalg.norm(pose[3:])
     result = np.eye(4)
     result[:3, :3] = [
@@ -209,7 +211,7 @@ def matrix(pose: Sequence[float]) -> Matrix:
 
 
 def root_link(root: Element) -> str:
-    """Return the link of URDF that hangs on nothing."""
-    children = {_got(joint, 'child', 'link') for joint in root.findall('joint')}
+    """Return the root link of a URDF."""
+    children = {_attribute(joint, 'child', 'link') for joint in root.findall('joint')}
     return next(name for link in root.findall('link')
                 if (name := link.get('name', '')) not in children)

@@ -12,46 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Xacro: what it expands to, and what is said of every way in which that goes wrong."""
+"""Expansion of xacro: properties, macros, packages, includes, arguments and errors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 import os
 from pathlib import Path
 import sys
 
-from opencv_tools.robot.xacro import process as xacro_process
-from opencv_tools.robot.xacro.errors import to_description_error
 from opencv_tools.robot.xacro.expand import expand, is_xacro
-from opencv_tools.robot.xacro.process import expand_apart, Limits
-from opencv_tools.robot.xml.document import DescriptionError, Element, parse
+from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest
 import xacro
+from xacro_files import attribute, ENDLESS, expanded, HEAD, link_name, MESH
 
-# xacro is expanded in a process of its own.
+# The commands expand xacro in a separate process.
 pytestmark = pytest.mark.process
-
-HEAD = '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">'
-MESH = '<link name="a"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
-
-
-def expanded(path: Path, content: str, arguments: Mapping[str, str] | None = None,
-             report: Report | None = None) -> Element:
-    path.write_text(HEAD + content + '</robot>')
-    report = report or Report()
-    data = expand(str(path), path.read_bytes(), arguments or {}, report)
-    return parse(data, str(path), report)
-
-
-def attribute(root: Element, name: str) -> str:
-    return str(root.xpath(f'string(.//*/@{name})'))
-
-
-def link_name(root: Element) -> str:
-    return str(root.xpath('string(link/@name)'))
 
 
 @pytest.mark.parametrize(('text', 'expected'), [
@@ -61,11 +39,11 @@ def link_name(root: Element) -> str:
     ('<robot name="r"/>', False),
     ('<robot name="r" xmlns:sdf="urn:opencv_tools:sdf"/>', False),
 ])
-def test_the_namespace_tells_xacro(text: str, expected: bool) -> None:
+def test_namespace_of_xacro(text: str, expected: bool) -> None:
     assert is_xacro(parse(text.encode(), 'a', Report())) is expected
 
 
-def test_properties_macros_and_arguments_are_expanded(tmp_path: Path) -> None:
+def test_properties_macros_and_arguments(tmp_path: Path) -> None:
     root = expanded(tmp_path / 'a.xacro', """
         <xacro:arg name="size" default="1"/>
         <xacro:property name="half" value="${pi/2}"/>
@@ -78,24 +56,7 @@ def test_properties_macros_and_arguments_are_expanded(tmp_path: Path) -> None:
     assert not is_xacro(root)
 
 
-def test_elements_stay_in_their_lines(tmp_path: Path) -> None:
-    (tmp_path / 'b.xacro').write_text(f'{HEAD}' + '\n' * 50 + '<link name="deep"/></robot>')
-    root = expanded(tmp_path / 'a.xacro', """
-        <!-- a
-             comment -->
-        <xacro:macro name="m" params="name"><link name="${name}"/></xacro:macro>
-        <first a="&lt;&quot;&#10;&amp;">&lt;${1 + 1}<![CDATA[<]]></first>
-        <xacro:m name="x"/>
-        <xacro:include filename="b.xacro"/>
-
-        <last b="1" a="2"/>""")
-    assert [(one.tag, one.sourceline) for one in root] == [
-        ('first', 5), ('link', 5), ('link', 5), ('last', 9)]
-    assert (root[0].get('a'), root[0].text) == ('<"\n&', '<2<')
-    assert root[3].keys() == ['b', 'a']
-
-
-def test_expanding_again_changes_nothing(tmp_path: Path) -> None:
+def test_second_expansion_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'a.urdf'
     data = f'{HEAD}<link name="a b"/></robot>'.encode()
     once = expand(str(path), data, {}, Report())
@@ -109,8 +70,8 @@ def test_expanding_again_changes_nothing(tmp_path: Path) -> None:
     'file://localhost$(find some_pkg)/meshes/a.stl', 'FILE:///${folder}/a.stl',
 ])
 @pytest.mark.parametrize('is_there', [True, False])
-def test_packages_stay_packages(written: str, is_there: bool, tmp_path: Path,
-                                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_paths_become_uris(
+        written: str, is_there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if is_there:
         (tmp_path / 'share' / 'some_pkg').mkdir(parents=True)
         monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
@@ -121,7 +82,7 @@ def test_packages_stay_packages(written: str, is_there: bool, tmp_path: Path,
     assert not report.notes
 
 
-def test_a_path_elsewhere_is_a_uri_too_and_said(tmp_path: Path) -> None:
+def test_package_path_outside_a_mesh_is_reported(tmp_path: Path) -> None:
     report = Report()
     root = expanded(tmp_path / 'a.xacro', '<gazebo><plugin name="p">\n<parameters>$(find p)/c.yaml'
                     '</parameters></plugin></gazebo><mesh filename="$(find p)/a"/>', report=report)
@@ -133,9 +94,9 @@ def test_a_path_elsewhere_is_a_uri_too_and_said(tmp_path: Path) -> None:
     ('AMENT_PREFIX_PATH', 'share/p', '.'), ('ROS_PACKAGE_PATH', 'p', '.'),
     ('ROS_PACKAGE_PATH', 'p', 'p'), ('ROS_PACKAGE_PATH', 'stack/p', '.'),
 ])
-def test_packages_that_are_there_are_included(variable: str, folder: str, value: str,
-                                              tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-                                              ) -> None:
+def test_includes_from_installed_packages(
+        variable: str, folder: str, value: str, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ('AMENT_PREFIX_PATH', 'ROS_PACKAGE_PATH'):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, f'/nowhere:{tmp_path / value}')
@@ -148,7 +109,7 @@ def test_packages_that_are_there_are_included(variable: str, folder: str, value:
     assert link_name(root) == '5'
 
 
-def test_includes_are_relative_to_the_file(tmp_path: Path) -> None:
+def test_relative_and_optional_includes(tmp_path: Path) -> None:
     (tmp_path / 'sub').mkdir()
     (tmp_path / 'sub' / 'b.xacro').write_text(f'{HEAD}<xacro:include filename="c.xacro"/></robot>')
     (tmp_path / 'sub' / 'c.xacro').write_text(f'{HEAD}<link name="deep"/></robot>')
@@ -157,20 +118,19 @@ def test_includes_are_relative_to_the_file(tmp_path: Path) -> None:
     assert link_name(root) == 'deep'
 
 
-def test_a_file_may_be_included_twice(tmp_path: Path) -> None:
+def test_second_include_of_a_file(tmp_path: Path) -> None:
     (tmp_path / 'b.xacro').write_text(f'{HEAD}<link name="b"/></robot>')
     assert len(expanded(tmp_path / 'a.xacro', '<xacro:include filename="b.xacro"/>' * 2)) == 2
 
 
-def test_standard_input_includes_from_the_working_directory(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_includes_of_standard_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'b.xacro').write_text(f'{HEAD}<link name="b"/></robot>')
     data = f'{HEAD}<xacro:include filename="b.xacro"/></robot>'.encode()
     assert b'<link name="b">' in expand('-', data, {}, Report())
 
 
-def test_an_argument_that_a_file_does_not_have_is_said(tmp_path: Path) -> None:
+def test_unknown_argument_is_reported(tmp_path: Path) -> None:
     report = Report()
     expanded(tmp_path / 'a.xacro', '<xacro:arg name="a" default="1"/><link name="$(arg b)"/>',
              {'a': '1', 'b': '2', 'c': '3'}, report)
@@ -178,16 +138,13 @@ def test_an_argument_that_a_file_does_not_have_is_said(tmp_path: Path) -> None:
         ('c', "is not an argument of this file, which has 'a', 'b'; it is ignored")]
 
 
-def test_what_xacro_says_is_a_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_messages_of_xacro_are_warnings(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     report = Report()
     expanded(tmp_path / 'a.xacro', '<xacro:property name="pi" value="3"/>'
              '<a b="${xacro.warning(\'look here\')}"/>', report=report)
     assert [note.message for note in report.warnings] == ['redefining global symbol: pi',
                                                           'look here']
     assert capfd.readouterr() == ('', '')
-
-
-ENDLESS = '<xacro:macro name="m"><xacro:m/></xacro:macro>\n<xacro:m/>'
 
 
 @pytest.mark.parametrize(('content', 'line', 'tag', 'message'), [
@@ -222,7 +179,7 @@ ENDLESS = '<xacro:macro name="m"><xacro:m/></xacro:macro>\n<xacro:m/>'
     ('\n<link name="${xacro.load_yaml(\'/dev/zero\')}"/>', 2, 'link', 'is a device'),
     ('\n<link name="${\'a\' * 10**18}"/>', 2, 'link', 'needs more memory than'),
 ])
-def test_failures_are_one_line_with_a_place(
+def test_errors(
         content: str, line: int, tag: str, message: str, tmp_path: Path,
         capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('NOT_SET_AT_ALL', raising=False)
@@ -237,19 +194,14 @@ def test_failures_are_one_line_with_a_place(
     assert capfd.readouterr() == ('', '')
 
 
-def test_an_error_without_words_has_a_reason() -> None:
-    error = to_description_error(KeyError(), 'a.xacro')
-    assert str(error) == 'a.xacro: cannot be expanded: KeyError'
-
-
-def test_macros_that_call_each_other_ever_more_often_end(tmp_path: Path) -> None:
+def test_limit_of_macro_calls(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r'a\.xacro:2: <xacro:m>: more than 5000'):
         expanded(tmp_path / 'a.xacro', '<xacro:macro name="m" params="n">\n<xacro:if value="${n}">'
                  '<xacro:m n="${n-1}"/><xacro:m n="${n-1}"/></xacro:if></xacro:macro>'
                  '<xacro:m n="30"/>')
 
 
-def test_macros_may_be_nested_as_deep_as_robots_need(tmp_path: Path) -> None:
+def test_nested_macros(tmp_path: Path) -> None:
     root = expanded(tmp_path / 'a.xacro', '<xacro:macro name="m" params="n"><link name="l${n}"/>'
                     '<xacro:if value="${n}"><xacro:m n="${n-1}"/></xacro:if></xacro:macro>'
                     '<xacro:m n="99"/>')
@@ -261,8 +213,7 @@ def test_macros_may_be_nested_as_deep_as_robots_need(tmp_path: Path) -> None:
     ('<!DOCTYPE r [\n<!ENTITY a "b">]><robot/>', ':2: <!ENTITY>: entity declarations are'),
     ('<a>' * 10_000 + '</a>' * 10_000, 'nested more than 256 deep'),
 ])
-def test_included_files_are_checked_like_others(content: str, message: str, tmp_path: Path
-                                                ) -> None:
+def test_invalid_included_file(content: str, message: str, tmp_path: Path) -> None:
     (tmp_path / 'b.xacro').write_text(content)
     with pytest.raises(DescriptionError) as caught:
         expanded(tmp_path / 'a.xacro', '<xacro:include filename="b.xacro" optional="true"/>')
@@ -271,13 +222,13 @@ def test_included_files_are_checked_like_others(content: str, message: str, tmp_
 
 
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-16'])
-def test_entities_are_refused_in_every_encoding(encoding: str) -> None:
+def test_entities_in_every_encoding(encoding: str) -> None:
     text = f'<?xml version="1.0" encoding="{encoding}"?><!DOCTYPE r [<!ENTITY a "b">]>'
     with pytest.raises(DescriptionError, match='entity declarations are not supported'):
         expand('a.xacro', f'{text}{HEAD}&a;</robot>'.encode(encoding), {}, Report())
 
 
-def test_a_circle_of_includes_is_told(tmp_path: Path) -> None:
+def test_include_cycle(tmp_path: Path) -> None:
     (tmp_path / 'b.xacro').write_text(f'{HEAD}\n<xacro:include filename="a.xacro"/></robot>')
     with pytest.raises(DescriptionError) as caught:
         expanded(tmp_path / 'a.xacro', '<xacro:include filename="b.xacro"/>')
@@ -287,7 +238,7 @@ def test_a_circle_of_includes_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('content', ['<link name="a"/>', '<link name="${nothing}"/>', ENDLESS,
                                      '<xacro:include filename="none"/>'])
-def test_xacro_is_left_as_it_was(content: str, tmp_path: Path) -> None:
+def test_xacro_is_restored(content: str, tmp_path: Path) -> None:
     substitution = sys.modules['xacro.substitution_args']
     names = ('parse', 'abs_filename_spec', 'handle_macro_call', 'filestack', 'macrostack',
              'verbosity', 'all_includes', 'substitution_args_context')
@@ -301,82 +252,7 @@ def test_xacro_is_left_as_it_was(content: str, tmp_path: Path) -> None:
     assert (substitution._eval_find, substitution._eval_dict['find']) == (find, finds)
 
 
-LAUGHS = '<xacro:property name="a0" value="lollollol"/>' + ''.join(
-    f'<xacro:property name="a{n + 1}" value="{f"${{a{n}}}" * 10}"/>' for n in range(12))
-SLOW = '9**9**9'
-# As slow, and does not heed signals.
-DEAF = 'max(range(10**15))'
-
-
-@pytest.mark.process
-@pytest.mark.parametrize(('content', 'limits', 'message'), [
-    (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
-     ':2: <link>: needs more memory than the limit'),
-    ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
-     'needs more memory than the limit'),
-    ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: needs more memory'),
-    (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
-     ':2: <link>: expansion needs more than 1 s of processor time; look for an expression'),
-    (f'\n<link name="${{{DEAF}}}"/>', Limits(seconds=1, grace=0),
-     ': expansion needs more than 1 s of processor time'),
-    (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': expansion timed out after 0.5 s; lo'),
-    (f'\n<link name="${{{DEAF}}}"/>', Limits(wait=0.5, grace=0), ': expansion timed out'),
-])
-def test_what_would_take_all_memory_or_time(content: str, limits: Limits, message: str,
-                                            tmp_path: Path) -> None:
-    path = tmp_path / 'a.xacro'
-    report = Report()
-    data = f'{HEAD}{content}</robot>'.encode()
-    with pytest.raises(DescriptionError) as caught:
-        expand_apart(str(path), data, {}, report, limits)
-    assert str(caught.value).startswith(str(path))
-    assert message in str(caught.value)
-    assert '\n' not in str(caught.value)
-
-
-@pytest.mark.process
-def test_a_process_of_its_own_says_the_same(tmp_path: Path) -> None:
-    path = tmp_path / 'a.xacro'
-    for content in ('<xacro:arg name="a" default="1"/>\n<a b="$(arg a)" c="$(find p)"/>',
-                    '<xacro:property name="pi" value="3"/>\n<link name="${nothing}"/>',
-                    '<xacro:arg'):
-        data = f'{HEAD}{content}</robot>'.encode()
-        said = []
-        for expanding in (expand, expand_apart):
-            report = Report(str(path))
-            try:
-                result = expanding(str(path), data, {'a': '\u00fc', 'c': '3'}, report).decode()
-            except DescriptionError as err:
-                result = str(err)
-            said.append((result, report))
-        assert said[0] == said[1]
-
-
-@pytest.mark.parametrize(('script', 'message'), [
-    ('import nothing_at_all', "cannot be expanded: ModuleNotFoundError: No module named 'nothing"),
-    ('raise MemoryError', 'needs more memory than the limit'),
-    ('import sys; sys.exit(3)', 'cannot be expanded: the process ended with exit status 3'),
-    ('pass', 'cannot be expanded: the process ended with exit status 0')])
-@pytest.mark.process
-def test_a_process_that_ends_without_a_reply(script: str, message: str,
-                                             monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(xacro_process, '_START', script)
-    with pytest.raises(DescriptionError, match=f'^a[.]xacro: {message}'):
-        expand_apart('a.xacro', f'{HEAD}</robot>'.encode(), {}, Report())
-
-
-@pytest.mark.process
-def test_what_others_print_is_no_part_of_the_reply(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / 'sitecustomize.py').write_text('print("good morning")')
-    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
-    data = f'{HEAD}<link name="a"/></robot>'.encode()
-    assert b'morning' not in expand_apart('a.xacro', data, {}, Report())
-    assert capfd.readouterr() == ('', '')
-
-
-def test_without_xacro_its_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_package_xacro(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'xacro', None)
     with pytest.raises(DescriptionError, match=r'a\.xacro: .*pip install xacro'):
         expand('a.xacro', b'<robot/>', {}, Report())
