@@ -44,7 +44,8 @@ def test_repaired_documents(text: str, line: int) -> None:
 
 @pytest.mark.parametrize('text', [
     '', 'text', '<a><x:y/></a>', '<robot/>', '<robot><link></robot>', '<robot><!-- a',
-    '<robotics/>', '<robot><xacro:macro/></robot>', '<robot xmlns:x="urn:x"><x:y x:z="1" xml:space="default"/>',
+    '<robotics/>', '<robot><xacro:macro/></robot>',
+    '<robot xmlns:x="urn:x"><x:y x:z="1" xml:space="default"/>',
 ])
 def test_documents_without_a_repair(text: str) -> None:
     assert repaired(text.encode()) is None
