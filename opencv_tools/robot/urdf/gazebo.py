@@ -68,12 +68,7 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report
 
 
 def in_link_frame(element: Element, offset: Pose | None) -> Element:
-    """
-    Return an element of SDF with its pose in the frame of its link.
-
-    :param element: its pose is in the frame of the parent joint.
-    :param offset: the pose of the joint in the link; None if it is the identity.
-    """
+    """Return an element of SDF with its pose in its link instead of the parent joint."""
     pose = element.find('pose')
     if not offset or element.tag not in POSED or (pose is not None and pose.attrib):
         return element

@@ -20,7 +20,7 @@ Each joint is placed in its parent link. Each link with a parent joint is placed
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -100,7 +100,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         links=tuple(_link(link, context) for link in tree.links.values()),
         joints=tuple(_joint(joint, context) for joint in tree.joints.values()),
         frames=_frames(root, tree), canonical_link=_canonical_link(root, tree),
-        extension=_robot_extension(root, gazebo.get(MODEL, []), remaining))
+        extension=_extension(root, gazebo.get(MODEL, []), remaining))
     robot = select_root(robot, root_link, report)
     check_mimic_cycles(robot)
     return robot
@@ -266,24 +266,15 @@ def _frames(root: TrackedElement, tree: LinkTree) -> tuple[Frame, ...]:
     return tuple(frames)
 
 
-def _robot_extension(root: TrackedElement, gazebo: list[Element], blocks: list[Element]
-                     ) -> Extension:
-    extension = _extension(root, gazebo)
-    if not blocks:
-        return extension
-    urdf = etree.Element('robot') if extension.urdf is None else extension.urdf
-    urdf.extend(blocks)
-    return Extension(urdf, extension.sdf)
+def _extension(element: TrackedElement, sdf: Sequence[Element], urdf: Sequence[Element] = ()
+               ) -> Extension:
+    """Return the XML of an element that the model does not represent, with additional children."""
+    preserved, tag = extract_foreign(element, 'sdf'), local_name(element)
+    return Extension(_extended(element.unread(), tag, urdf), _extended(preserved, tag, sdf))
 
 
-def _extension(element: TrackedElement, gazebo: list[Element]) -> Extension:
-    """
-    Return the XML of an element that the model does not represent.
-
-    :param gazebo: elements of SDF that belong to the element.
-    """
-    sdf = extract_foreign(element, 'sdf')
-    if gazebo:
-        sdf = etree.Element(local_name(element)) if sdf is None else sdf
-        sdf.extend(gazebo)
-    return Extension(element.unread(), sdf)
+def _extended(unread: Element | None, tag: str, children: Sequence[Element]) -> Element | None:
+    if children:
+        unread = etree.Element(tag) if unread is None else unread
+        unread.extend(children)
+    return unread

@@ -134,10 +134,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     etree.SubElement(element, 'child', link=joint.child)
     if joint_type not in WITHOUT_AXIS and joint.axes:
         _axis_elements(element, joint_type, joint.axes[0])
-    pose = kinematics.between(child, frame)
-    if joint.is_loop and pose.is_identity:
-        _pose_element(element, pose)
-    _preserve_pose(element, pose, joint, report)
+    _preserve_pose(element, kinematics.between(child, frame), joint, report)
     merge_unread(element, joint.extension.urdf)
     sdf = joint.extension.sdf
     if joint.type != joint_type:
@@ -159,14 +156,11 @@ def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
 
 
 def _preserve_pose(element: Element, pose: Pose, owner: Link | Joint, report: Report) -> None:
-    """Write a pose that URDF cannot express, unless it is the identity."""
+    """Write a pose that URDF cannot express. Only loop joints need it if it is the identity."""
+    if not pose.is_identity or (isinstance(owner, Joint) and owner.is_loop):
+        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
     if not pose.is_identity:
-        _pose_element(element, pose)
         report_preserved(report, 'sdf', owner.name, owner.line, 'pose')
-
-
-def _pose_element(element: Element, pose: Pose) -> None:
-    etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
 
 
 def _axis_elements(element: Element, joint_type: str, axis: Axis) -> None:

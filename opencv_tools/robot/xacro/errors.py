@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import re
 from types import TracebackType
+from typing import TypeVar
 
 from opencv_tools.robot.xacro.document import location_of
 from opencv_tools.robot.xml.document import DescriptionError
@@ -29,6 +30,7 @@ PACKAGE_MARKER = re.compile('/\ue000([^\ue000\ue001]*)\ue001')
 TOO_LARGE = ('needs more memory than the limit for a robot description; look for a property or an '
              'expression that grows without end')
 _LONGEST = 400  # characters of a message
+_Error = TypeVar('_Error', bound=BaseException)
 
 
 class XacroProblem(Exception):
@@ -38,19 +40,18 @@ class XacroProblem(Exception):
 def to_description_error(err: Exception, source: str) -> DescriptionError:
     """Return an error of xacro as one line, with the location of the element that it expanded."""
     causes = list(_causes(err))
-    known = next((cause for cause in causes if isinstance(cause, DescriptionError)), None)
-    if known is not None and not any(isinstance(cause, OSError) for cause in causes):
+    known = _first(causes, DescriptionError)
+    if known and not _first(causes, OSError):
         return known
-    problem = next((cause for cause in causes if isinstance(cause, XacroProblem)), None)
     argument = next((cause for cause in causes if type(cause).__name__ == 'ArgException'), None)
-    if any(isinstance(cause, RecursionError) for cause in causes):
+    if _first(causes, RecursionError):
         message = 'infinite recursion: a macro calls itself'
-    elif any(isinstance(cause, MemoryError) for cause in causes):
+    elif _first(causes, MemoryError):
         message = TOO_LARGE
     elif argument is not None:
         message = f'argument {str(argument)!r} has no value; set it with --arg {argument}:=VALUE'
     else:
-        message = (str(problem or err).strip()
+        message = (str(_first(causes, XacroProblem) or err).strip()
                    or f'cannot be expanded: {type(causes[-1]).__name__}')
     file, line, tag = _location(err.__traceback__) or (source, 0, '')
     return DescriptionError(one_line(message), source=file, line=line, tag=tag)
@@ -63,9 +64,13 @@ def one_line(message: str) -> str:
     return message if len(message) <= _LONGEST else f'{message[:_LONGEST]} ...'
 
 
-def os_error(err: BaseException) -> BaseException | None:
+def os_error(err: BaseException) -> OSError | None:
     """Return the error of the operating system that led to an error, if there is one."""
-    return next((cause for cause in _causes(err) if isinstance(cause, OSError)), None)
+    return _first(_causes(err), OSError)
+
+
+def _first(causes: Iterable[BaseException], kind: type[_Error]) -> _Error | None:
+    return next((cause for cause in causes if isinstance(cause, kind)), None)
 
 
 def _causes(err: BaseException | None) -> Iterator[BaseException]:

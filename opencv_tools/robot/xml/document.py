@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import errno
 from pathlib import Path
 import re
 import sys
@@ -91,17 +90,11 @@ def read_bytes(path: str) -> bytes:
         else:
             data = read_regular(Path(path), MAX_BYTES)
     except OSError as err:
-        if err.errno == errno.EFBIG:
-            raise _too_large(path) from err
         raise DescriptionError(_reason(path, err), source=display_name(path)) from err
     if len(data) > MAX_BYTES:
-        raise _too_large(path)
+        raise DescriptionError(f'cannot be read: it is larger than {MAX_BYTES} bytes',
+                               source=display_name(path))
     return data
-
-
-def _too_large(path: str) -> DescriptionError:
-    return DescriptionError(f'is larger than {MAX_BYTES} bytes, the limit for a robot description',
-                            source=display_name(path))
 
 
 def _reason(path: str, err: OSError) -> str:

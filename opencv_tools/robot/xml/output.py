@@ -102,11 +102,7 @@ def print_message(text: str) -> None:
 
 
 def print_bytes(data: bytes) -> None:
-    """
-    Write data to standard output completely.
-
-    :raises NotWrittenError: the data cannot be written.
-    """
+    """Write data to standard output, completely or with an error."""
     try:
         write_buffer(sys.stdout.buffer, data)  # with PYTHONUNBUFFERED, write() may write a part
         sys.stdout.buffer.flush()

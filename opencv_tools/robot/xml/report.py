@@ -44,11 +44,9 @@ class Note:
     A change that a conversion made to an element.
 
     :param level: ``PRESERVED`` or ``LOSSY``.
-    :param source: file of the element.
     :param element: tag of the element.
     :param name: name of the element or of its nearest owner; empty if neither has a name.
     :param line: line in the file; 0 if it is unknown.
-    :param message: description of the change.
     """
 
     level: str

@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 from xacro_files import expanded, HEAD
 
-# Expansion can start a process.
+# The commands expand xacro in a separate process.
 pytestmark = pytest.mark.process
 
 

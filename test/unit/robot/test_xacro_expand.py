@@ -28,7 +28,7 @@ import pytest
 import xacro
 from xacro_files import attribute, ENDLESS, expanded, HEAD, link_name, MESH
 
-# Expansion can start a process.
+# The commands expand xacro in a separate process.
 pytestmark = pytest.mark.process
 
 

@@ -26,29 +26,28 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 from xacro_files import HEAD
 
-# Expansion can start a process.
+# The commands expand xacro in a separate process.
 pytestmark = pytest.mark.process
 
-
-LAUGHS = '<xacro:property name="a0" value="lollollol"/>' + ''.join(
+EXPONENTIAL = '<xacro:property name="a0" value="lollollol"/>' + ''.join(
     f'<xacro:property name="a{n + 1}" value="{f"${{a{n}}}" * 10}"/>' for n in range(12))
 SLOW = '9**9**9'
-# As slow, and does not heed signals.
-DEAF = 'max(range(10**15))'
+# Python handles no signal before the result.
+UNINTERRUPTIBLE = 'max(range(10**15))'
 
 
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
-    (LAUGHS + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
+    (EXPONENTIAL + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
      ':2: <link>: needs more memory than the limit'),
     ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
      'needs more memory than the limit'),
     ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: needs more memory'),
     (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
      ':2: <link>: expansion needs more than 1 s of processor time; look for an expression'),
-    (f'\n<link name="${{{DEAF}}}"/>', Limits(seconds=1, grace=0),
+    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', Limits(seconds=1, grace=0),
      ': expansion needs more than 1 s of processor time'),
     (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': expansion timed out after 0.5 s; lo'),
-    (f'\n<link name="${{{DEAF}}}"/>', Limits(wait=0.5, grace=0), ': expansion timed out'),
+    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', Limits(wait=0.5, grace=0), ': expansion timed'),
 ])
 def test_limits_of_memory_and_time(
         content: str, limits: Limits, message: str, tmp_path: Path) -> None:
