@@ -231,8 +231,8 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
     if found:
         print_text(table(found, None if options.all else _MAX_DIFFERENCES))
         return 1
-    print_text(f'the same robot: links {len(a.links)}, joints {len(a.joints)}; at zero and '
-               f'at {options.samples} random positions, to {options.tolerance:g}')
+    print_text(f'the same robot: links {len(a.links)}, joints {len(a.joints)}; compared at zero '
+               f'and at {options.samples} random positions, tolerance {options.tolerance:g}')
     return 0
 
 
