@@ -118,10 +118,10 @@ class ModelLoader:
                 raise DescriptionError(f'include cycle: {" -> ".join(map(str, cycle))}', include)
             root, version = self._read(path, include)
             files = (*files, path)
+            element = TrackedElement(_only_model(root, include))
             if text_of(include, 'placement_frame') and include.element.find('pose') is None:
                 raise DescriptionError('has a <placement_frame> but no <pose>; add a <pose>',
                                        include)
-            element = TrackedElement(_only_model(root, include))
             if local_name(element) == 'model':
                 return ModelFile(element, version, files, tuple(includes))
             includes.append(element)

@@ -181,6 +181,7 @@ def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: 
         raise DescriptionError(f'mimics {mimic.joint!r}, which is not a joint; name a joint of '
                                'the model', element)
     context.report.warn('mimic', context.scope.qualified(required_name(joint)), line_of(child),
-                        f'joint={mimic.joint!r} is not a joint of the model; omitted')
+                        f'joint={mimic.joint!r} is not a joint of the model; the <mimic> is '
+                        'preserved without effect')
     element.put_back(child)
     return None

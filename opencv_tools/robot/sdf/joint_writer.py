@@ -78,11 +78,11 @@ def _preserve_type(element: Element, joint: Joint, context: WriteContext) -> Non
         element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
     if is_revolute:
         context.report.warn('joint', joint.name, joint.line,
-                            f'fixed joint is not supported by SDF {context.version}; converted to '
-                            'a revolute joint with limits 0')
+                            f'fixed joints are not supported by SDF {context.version}; written as '
+                            'a revolute joint with both limits 0')
     elif joint.type not in SDF_TYPES:
         context.report.warn('joint', joint.name, joint.line,
-                            f'{joint.type} joint is not supported by SDF; preserved as '
+                            f'{joint.type} joints are not supported by SDF; preserved as '
                             f'<urdf:joint>, and link {joint.child!r} is not connected')
 
 

@@ -89,7 +89,7 @@ def _write_geometry(element: Element, shape: Shape, context: WriteContext) -> No
         length = geometry.length + 2 * geometry.radius
         _write_supported_geometry(parent, Cylinder(geometry.radius, length))
         context.report.warn('capsule', shape.name, shape.line,
-                            f'not supported by SDF {context.version}; converted to a cylinder of '
+                            f'not supported by SDF {context.version}; written as a cylinder of '
                             'the same length, and preserved as <urdf:capsule>')
     else:
         _write_supported_geometry(parent, geometry)

@@ -80,7 +80,7 @@ def _rename_children(element: Element, report: Report) -> None:
             child.set(URDF_NAME, child.get(URDF_NAME, name))
             child.set('name', new)
             report.warn(local_name(child), name, line_of(child),
-                        f'name is reserved, or not unique, in SDF; renamed to {new!r}')
+                        f'renamed to {new!r}, because SDF requires unique names and reserves some')
 
 
 def _has_valid_name(child: Element) -> bool:

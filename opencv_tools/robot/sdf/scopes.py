@@ -169,4 +169,4 @@ def _report_outside(root: Element, selected: Element, report: Report) -> None:
         names = ', '.join(repr(name) for element in elements[:5]
                           if (name := element.get('name') or text_of(element, 'name')))
         report.warn(tag, '', line_of(elements[0]),
-                    f'outside the model, omitted: {names or len(elements)}')
+                    f'omitted, outside the model: {names or len(elements)}')
