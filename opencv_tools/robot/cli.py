@@ -108,11 +108,10 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
     return _run(parser, argv, _robot_frames)
 
 
-def _parser(name: str, description: str, example: str, failure: str = ''
-            ) -> argparse.ArgumentParser:
+def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.ArgumentParser:
     statuses = ['0  success', *([f'1  {failure}'] if failure else []), '2  error']
     return argparse.ArgumentParser(
-        prog=name, description=description, allow_abbrev=False,
+        prog=name, description=text, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='\n  '.join(['example:', f'{name} {example}\n\nexit status:', *statuses]))
 
@@ -242,14 +241,13 @@ def _robot_frames(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.renaming import with_original_names
     from opencv_tools.robot.xml.output import print_text
     robot = with_original_names(_read(options.file, options, report)[0])
-    positions = dict(options.joint)
-    listing = frames(robot, positions, report)
+    listing = frames(robot, dict(options.joint), report)
     if options.plot:
         from opencv_tools.robot.drawing.plot import plot
-        plot(robot, positions, options.plot)
+        plot(robot, listing, options.plot)
     if options.conventions:
         from opencv_tools.robot.drawing.conventions import plot_conventions
-        plot_conventions(robot, positions, options.conventions)
+        plot_conventions(robot, listing, options.conventions)
     print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0
 

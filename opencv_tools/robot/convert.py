@@ -126,9 +126,10 @@ def with_mesh_uris(robot: Robot, choice: str) -> Robot:
     def converted(shape: Shape) -> Shape:
         geometry, material = shape.geometry, shape.material
         if isinstance(geometry, Mesh):
-            geometry = replace(geometry, uri=uri(geometry.uri))
-        return replace(shape, geometry=geometry, material=material and replace(
-            material, texture=uri(material.texture)))
+            shape = replace(shape, geometry=replace(geometry, uri=uri(geometry.uri)))
+        if material and material.texture:
+            shape = replace(shape, material=replace(material, texture=uri(material.texture)))
+        return shape
 
     return replace(robot, links=tuple(
         replace(link, visuals=tuple(map(converted, link.visuals)),

@@ -89,11 +89,12 @@ class Kinematics:
 
         :raises DescriptionError: a frame is missing, or the placements have a cycle.
         """
-        chain = self._chain('placement', frame, lambda name: (
-            None if name in self._poses else self._placement(name).relative_to))
-        for name in reversed(chain[:-1]):
-            placement = self._placements[name]
-            self._poses[name] = self._poses[placement.relative_to] @ placement.pose.transform()
+        if frame not in self._poses:
+            chain = self._chain('placement', frame, lambda name: (
+                None if name in self._poses else self._placement(name).relative_to))
+            for name in reversed(chain[:-1]):
+                placement = self._placements[name]
+                self._poses[name] = self._poses[placement.relative_to] @ placement.pose.transform()
         return self._poses[frame]
 
     def placement_pose(self, placement: Placement) -> Transform:
@@ -188,10 +189,11 @@ class Kinematics:
             placement = self._placement(name)
             return placement.relative_to if placement.pose.is_identity else None
 
-        chain = self._chain('placement', frame, next_frame)
-        origin = self._origins.get(chain[-1], chain[-1])
-        self._origins.update((name, origin) for name in chain)
-        return origin
+        if frame not in self._origins:
+            chain = self._chain('placement', frame, next_frame)
+            origin = self._origins.get(chain[-1], chain[-1])
+            self._origins.update(dict.fromkeys(chain, origin))
+        return self._origins[frame]
 
     def _chain(self, relation: str, start: FrameId, step: Callable[[FrameId], FrameId | None]
                ) -> list[FrameId]:

@@ -21,10 +21,11 @@ from dataclasses import dataclass
 import functools
 from itertools import pairwise
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from opencv_tools.robot.drawing.plot import draw
+from opencv_tools.robot.drawing.plot import draw, plot
 from opencv_tools.robot.drawing.primitives import SHAPE_COLORS, TEXT_COLOR
 from opencv_tools.robot.frames.listing import frames
 from opencv_tools.robot.geometry import Box, Geometry, Mesh, Sphere
@@ -134,6 +135,11 @@ LAYOUTS = pytest.mark.parametrize('layout', [
                ((-0.325, 0.0, -0.325, 0.05), VISUAL, '0.05', (-0.3325, 0.025)),
                ((-0.4, 0.4, -0.4, 0.3), COLLISION, '0.1', (-0.4075, 0.35))),
            (-0.1, 0.65, 0.0, 0.4), 0.75)], ids=['at zero', 'moved'])
+
+
+def plotted(robot: Robot, path: Path | str, positions: dict[str, float] | None = None) -> None:
+    """Write the picture of a robot to a file."""
+    plot(robot, frames(robot, positions or {}), str(path))
 
 
 def drawn(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:

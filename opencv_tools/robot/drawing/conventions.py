@@ -27,12 +27,11 @@ from opencv_tools.robot.drawing.figure import (
 from opencv_tools.robot.drawing.primitives import (
     AXIS_COLORS, bezier_curve, GREY, hull, placed_shapes, plain, Point, pose_text, scaled,
     SHAPE_COLORS, TEXT_COLOR, transformed, UNITS)
-from opencv_tools.robot.frames.listing import depth_first, frames, Listing
+from opencv_tools.robot.frames.listing import depth_first, Listing
 from opencv_tools.robot.frames.text import heading, joint_text, link_text
-from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, MODEL, Robot
 from opencv_tools.robot.pose import IDENTITY, Transform, Vector
-from opencv_tools.robot.xml.report import Report
 
 _FEW_LINKS = 8  # robots with more links have entries on both sides
 _MAX_ENTRIES = 60
@@ -65,27 +64,16 @@ class _Panel:
     entries: list[Entry] = field(default_factory=list)
 
 
-def plot_conventions(robot: Robot, positions: Mapping[str, float], path: str,
-                     report: Report | None = None) -> None:
-    """
-    Draw the joints that URDF places beside the links that SDF places.
-
-    :param positions: joint positions as for `listing.frames`.
-    :param path: PNG or SVG file.
-    :raises DescriptionError: as `plot.plot`.
-    """
-    save(path, lambda: draw(robot, frames(robot, positions, report), positions))
+def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
+    """Draw the joints that URDF places beside the links that SDF places, as `plot.plot`."""
+    save(path, lambda: draw(robot, listing))
 
 
-def draw(robot: Robot, listing: Listing, positions: Mapping[str, float]) -> Any:
-    """
-    Return a matplotlib figure with a panel for each convention.
-
-    :param listing: a result of `listing.frames` at these positions.
-    """
+def draw(robot: Robot, listing: Listing) -> Any:
+    """Return a matplotlib figure with a panel for each convention."""
     kinematics = Kinematics(robot)
-    poses = kinematics.forward(with_mimics(
-        robot, {name: (value,) for name, value in positions.items()}))
+    poses = kinematics.forward({
+        name: joint['position'] for name, joint in listing['joints'].items()})
     root = poses[FrameId('link', listing['root'])]
     shapes = [(shape.kind, [[_project(point) for point in line]
                             for line in transformed(shape.lines, root)])

@@ -16,17 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from opencv_tools.robot.drawing import side_view, space_view
 from opencv_tools.robot.drawing.figure import (
     DPI, in_inches, matplotlib_module, new_figure, save, size_of)
 from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, TEXT_COLOR
-from opencv_tools.robot.frames.listing import depth_first, frames, Listing, parent_joints
+from opencv_tools.robot.frames.listing import depth_first, Listing, parent_joints
 from opencv_tools.robot.frames.text import heading, joint_text, link_text
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.xml.report import Report
 
 _MAX_LINKS = 4  # of a robot with a side view
 _MAX_ROWS = 60
@@ -36,24 +34,19 @@ _VIEW_WIDTH, _TREE_WIDTH = 7.5, 4.6  # the tree may be wider
 _SIDE_HEIGHT = 4.3
 
 
-def plot(robot: Robot, positions: Mapping[str, float], path: str, report: Report | None = None
-         ) -> None:
+def plot(robot: Robot, listing: Listing, path: str) -> None:
     """
     Draw a robot into a PNG or SVG file.
 
-    :param positions: joint positions as for `listing.frames`.
+    :param listing: a result of `listing.frames`.
     :param path: file name with the suffix of its format.
-    :raises DescriptionError: the file cannot be written, or the frames cannot be listed.
+    :raises DescriptionError: matplotlib is not installed, or the file cannot be written.
     """
-    save(path, lambda: draw(robot, frames(robot, positions, report)))
+    save(path, lambda: draw(robot, listing))
 
 
 def draw(robot: Robot, listing: Listing) -> Any:
-    """
-    Return a matplotlib figure of a robot.
-
-    :param listing: a result of `listing.frames`.
-    """
+    """Return a matplotlib figure of a robot."""
     small = len(listing['links']) <= _MAX_LINKS
     height = 4.7 if small else max(6.5, 0.24 * min(len(listing['links']), _MAX_ROWS))
     bottom = _MARGIN + (_SIDE_HEIGHT + _MARGIN if small else 0.0)

@@ -115,7 +115,7 @@ PICTURES = pytest.mark.parametrize(('name', 'positions'), [
 def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
     """Return the figures of both pictures."""
     listing = frames(robot, positions)
-    return [plot.draw(robot, listing), conventions.draw(robot, listing, positions)]
+    return [plot.draw(robot, listing), conventions.draw(robot, listing)]
 
 
 def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
@@ -177,7 +177,7 @@ def test_space_view_filling_its_cell(name: str) -> None:
 
 def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
     positions = positions or {}
-    return list(conventions.draw(robot, frames(robot, positions), positions).axes)
+    return list(conventions.draw(robot, frames(robot, positions)).axes)
 
 
 def entries(axes: Any) -> dict[str, str]:

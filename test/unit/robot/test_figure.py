@@ -21,9 +21,8 @@ from pathlib import Path
 import subprocess
 import sys
 
-from drawn_robots import tutorial
+from drawn_robots import plotted, tutorial
 from opencv_tools.robot.drawing import primitives
-from opencv_tools.robot.drawing.plot import plot
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 
@@ -31,7 +30,7 @@ import pytest
 def test_colours_of_a_png_file(tmp_path: Path) -> None:
     from matplotlib.image import imread
     path = tmp_path / 'robot.PNG'
-    plot(tutorial(), {}, str(path))
+    plotted(tutorial(), path)
     picture = imread(path)
     assert picture.shape[0] > 800
     assert picture.shape[1] > 1200
@@ -43,7 +42,7 @@ def test_colours_of_a_png_file(tmp_path: Path) -> None:
 def test_reproducible_svg_without_a_date(tmp_path: Path) -> None:
     one, other = tmp_path / 'one.svg', tmp_path / 'other.svg'
     for path in (one, other):
-        plot(tutorial(), {}, str(path))
+        plotted(tutorial(), path)
     assert one.read_bytes() == other.read_bytes()
     assert '<dc:date>' not in one.read_text()
 
@@ -51,20 +50,20 @@ def test_reproducible_svg_without_a_date(tmp_path: Path) -> None:
 @pytest.mark.parametrize('name', ['robot.pdf', 'robot', 'png'])
 def test_unsupported_suffix_error(tmp_path: Path, name: str) -> None:
     with pytest.raises(DescriptionError, match=r'needs the suffix \.png or \.svg, not'):
-        plot(tutorial(), {}, str(tmp_path / name))
+        plotted(tutorial(), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_unwritable_file_error(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match='cannot be written: No such file'):
-        plot(tutorial(), {}, str(tmp_path / 'nowhere' / 'robot.svg'))
+        plotted(tutorial(), tmp_path / 'nowhere' / 'robot.svg')
 
 
 def test_error_without_matplotlib(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, 'matplotlib', None)
     with pytest.raises(DescriptionError, match='pip install matplotlib` or `sudo apt'):
-        plot(tutorial(), {}, str(tmp_path / 'robot.png'))
+        plotted(tutorial(), tmp_path / 'robot.png')
 
 
 @pytest.mark.process
@@ -77,9 +76,8 @@ def test_late_import_of_matplotlib_and_numpy() -> None:
 @pytest.mark.process
 def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
     script = ('import matplotlib, sys; before = matplotlib.rcParams.copy(); '
-              'from drawn_robots import tutorial; '
-              'from opencv_tools.robot.drawing.plot import plot; '
-              f'plot(tutorial(), {{}}, {str(tmp_path / "robot.svg")!r}); '
+              'from drawn_robots import plotted, tutorial; '
+              f'plotted(tutorial(), {str(tmp_path / "robot.svg")!r}); '
               'assert "matplotlib.pyplot" not in sys.modules; '
               'assert matplotlib.rcParams.copy() == before')
     subprocess.run([sys.executable, '-c', script], check=True, timeout=60,

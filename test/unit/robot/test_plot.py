@@ -21,8 +21,7 @@ import math
 from pathlib import Path
 import re
 
-from drawn_robots import ARM, chain, drawn, marks, named, near, tutorial
-from opencv_tools.robot.drawing.plot import plot
+from drawn_robots import ARM, chain, drawn, marks, named, near, plotted, tutorial
 from opencv_tools.robot.geometry import Capsule, Geometry, Mesh
 from opencv_tools.robot.model import Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import Pose
@@ -35,7 +34,7 @@ def words(path: Path) -> list[str]:
 
 def test_texts_of_the_tutorial_in_svg(tmp_path: Path) -> None:
     path = tmp_path / 'robot.svg'
-    plot(tutorial(), {}, str(path))
+    plotted(tutorial(), path)
     found = words(path)
     # In the perspective view, in the tree and in the side view.
     assert found.count('base_footprint') == 3
@@ -92,7 +91,7 @@ def test_positions_in_the_title() -> None:
 
 def test_positions_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / 'arm.svg'
-    plot(ARM, {'elbow': math.pi / 2, 'slide': 0.1}, str(path))
+    plotted(ARM, path, {'elbow': math.pi / 2, 'slide': 0.1})
     assert {'robot arm at elbow=1.5708, slide=0.1', '0.5', 'rpy 0 1.571 0', 'tool, moved'} <= set(
         words(path))
 
@@ -101,7 +100,7 @@ def test_positions_in_the_file(tmp_path: Path) -> None:
     Capsule(0.5, 1.0), Mesh('a.stl'), None])
 def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
     path = tmp_path / 'robot.svg'
-    plot(tutorial(geometry), {}, str(path))
+    plotted(tutorial(geometry), path)
     assert any(word.startswith('collision of base_link') for word in words(path))
 
 
@@ -113,11 +112,11 @@ def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
 ], ids=['one link', 'all in one place', 'tiny', 'huge'])
 def test_no_warnings_for_unusual_robots(
         tmp_path: Path, robot: Robot, recwarn: pytest.WarningsRecorder) -> None:
-    plot(robot, {}, str(tmp_path / 'robot.svg'))
+    plotted(robot, tmp_path / 'robot.svg')
     assert not recwarn.list
 
 
 def test_names_with_formula_characters(tmp_path: Path) -> None:
     path = tmp_path / 'robot.svg'
-    plot(tutorial(name='a$b$_{c} <&>'), {}, str(path))
+    plotted(tutorial(name='a$b$_{c} <&>'), path)
     assert words(path).count('a$b$_{c} &lt;&amp;&gt;') == 3
