@@ -33,7 +33,7 @@ def numbers(*closed: str) -> list[int]:
 
 
 @pytest.mark.parametrize('closed', [('2>&-',), CLOSED])
-def test_the_nodes_work_without_standard_streams(
+def test_nodes_work_without_standard_streams(
         closed: tuple[str, ...], start: Start, tmp_path: Path) -> None:
     recorder = start('img_subscriber', within=closing(*closed), output_dir=tmp_path / 'out',
                      file_name='f{seq}.npy', max_frames=3)
@@ -49,7 +49,7 @@ def test_the_nodes_work_without_standard_streams(
 
 @pytest.mark.process
 @pytest.mark.parametrize('closed', [('>&-',), ('2>&-',), CLOSED])
-def test_the_robot_commands_work_without_standard_streams(
+def test_robot_commands_work_without_standard_streams(
         closed: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / 'a.urdf').write_text(URDF)
     for name, *words in (('urdf_to_sdf', 'a.urdf', '-o', 'a.sdf'), ('robot_frames', 'a.urdf'),

@@ -60,7 +60,7 @@ def test_lossless_codecs_keep_every_pixel(codec: str) -> None:
 
 
 @pytest.mark.parametrize('codec', LOSSY)
-def test_jpeg_by_every_name_and_in_the_quality_asked_for(codec: str) -> None:
+def test_jpeg_extensions_and_quality(codec: str) -> None:
     bridge = CvBridge()
     image = smooth_image(120, 160)
     sizes = []
@@ -84,7 +84,7 @@ def test_16_bit_png_is_kept() -> None:
 
 
 @pytest.mark.parametrize('orientation', UPRIGHT)
-def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
+def test_exif_orientation_is_applied_only_on_request(orientation: int) -> None:
     jpeg = oriented_jpeg(random_image('bgr8', 16, 24), orientation)
     lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(decode_picture(jpeg), lying, strict=True)
@@ -103,7 +103,7 @@ def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
 
 
 @pytest.mark.parametrize('upright', [False, True])
-def test_only_a_jpeg_is_turned_upright(upright: bool) -> None:
+def test_only_a_jpeg_is_rotated_upright(upright: bool) -> None:
     for encoding in ('mono16', 'bgra8', 'bgr8'):
         image = random_image(encoding, 6, 9)
         png = cv2.imencode('.png', image)[1]
@@ -123,7 +123,7 @@ def test_only_a_jpeg_is_turned_upright(upright: bool) -> None:
     ('mono8', '.png', 'foo; png compressed bar', 'rgb8', 'mono8'),
     ('bgr8', '.png', '32FC1; png compressed mono8', 'rgb8', 'bgr8'),
 ])
-def test_the_format_says_what_the_picture_holds(
+def test_encoding_in_the_format_string_is_used(
         picture: str, suffix: str, text: str, desired: str, expected: str) -> None:
     bridge = CvBridge()
     image = random_image(picture, 12, 14)
@@ -135,13 +135,13 @@ def test_the_format_says_what_the_picture_holds(
         bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, expected), desired))
 
 
-def test_a_depth_image_is_not_taken_for_gray() -> None:
+def test_depth_image_is_not_read_as_gray() -> None:
     message = compressed(random_image('mono16', 4, 5), '.png', '16UC1; png compressed ')
     with pytest.raises(CvBridgeError, match=r'\[16UC1\] is not a color format. but \[mono8\] is.'):
         CvBridge().compressed_imgmsg_to_cv2(message, 'mono8')
 
 
-def test_an_rgb_array_is_compressed_as_bgr_where_the_format_says_so() -> None:
+def test_rgb_array_is_stored_as_bgr_by_its_format_string() -> None:
     bridge = CvBridge()
     image = random_image('rgb8', 12, 14)
     message = bridge.cv2_to_compressed_imgmsg(image, 'rgb8; png compressed bgr8')
@@ -163,7 +163,7 @@ def test_an_rgb_array_is_compressed_as_bgr_where_the_format_says_so() -> None:
     (np.zeros((2, 3, 3), np.uint8), 'mono8; png compressed mono8', None,
      'encoding specified as mono8, but image has incompatible type 8UC3'),
 ])
-def test_what_cannot_be_compressed_is_refused(
+def test_images_that_cannot_be_compressed_are_refused(
         image: np.ndarray, text: str, quality: int | None, reason: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
         CvBridge().cv2_to_compressed_imgmsg(image, text, quality=quality)
@@ -174,7 +174,7 @@ def test_what_cannot_be_compressed_is_refused(
 
 @pytest.mark.parametrize('desired', COLOR_ENCODINGS)
 @pytest.mark.parametrize('source', ENCODINGS)
-def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> None:
+def test_conversion_equals_that_without_opencv(source: str, desired: str) -> None:
     left, right = ENCODINGS[source], ENCODINGS[desired]
     for height, width in ((0, 4), (1, 2), (2, 2), (3, 4), (7, 5), (34, 30)):
         pair = 2 if left.kind == 'yuv' else 1
@@ -191,7 +191,7 @@ def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> 
 @pytest.mark.parametrize('source', [
     name for name, encoding in ENCODINGS.items()
     if encoding.dtype == 'uint8' and encoding.order not in ('nv24', 'rgba', 'bgra')])
-def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
+def test_opencv_converts_supported_pairs(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 12, 14)
     targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
@@ -205,7 +205,7 @@ def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: s
 
 
 @pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])
-def test_half_a_pair_of_pixels_is_treated_as_without_opencv(source: str) -> None:
+def test_odd_width_equals_the_conversion_without_opencv(source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 4, 5)
     gray = convert_picture(image, left, ENCODINGS['mono8'])

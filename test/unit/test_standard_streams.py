@@ -30,8 +30,7 @@ import pytest
 @pytest.mark.process
 @pytest.mark.parametrize('closed', [
     chosen for count in range(1, 4) for chosen in itertools.combinations(CLOSED, count)])
-def test_a_stream_that_is_closed_is_that_of_dev_null(
-        closed: tuple[str, ...], tmp_path: Path) -> None:
+def test_closed_stream_is_opened_as_dev_null(closed: tuple[str, ...], tmp_path: Path) -> None:
     script = ('import os, sys\n'
               'links = [f"/proc/self/fd/{number}" for number in range(3)]\n'
               'before = {link for link in links if os.path.exists(link)}\n'
@@ -53,7 +52,7 @@ def test_a_stream_that_is_closed_is_that_of_dev_null(
 
 @pytest.mark.process
 @pytest.mark.parametrize('stream', ['stdout', 'stderr'])
-def test_text_that_a_lost_terminal_never_took_does_not_change_the_status(
+def test_lost_terminal_does_not_change_the_exit_status(
         stream: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('PYTHONUNBUFFERED', raising=False)
     code = ('import sys\n'

@@ -22,7 +22,7 @@ import time
 from opencv_tools.capture.clock import SYSTEM_CLOCK
 
 
-def test_the_clock_of_the_system_waits_for_an_event_or_a_time() -> None:
+def test_system_clock_waits_for_an_event_or_a_timeout() -> None:
     assert time.monotonic() <= SYSTEM_CLOCK.monotonic() <= time.monotonic()
     event = Event()
     assert not SYSTEM_CLOCK.wait(event, 0.01)

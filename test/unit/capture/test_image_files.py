@@ -37,7 +37,7 @@ PICTURES = {
 
 
 @pytest.mark.parametrize('name', PICTURES)
-def test_picture_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None:
+def test_image_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None:
     encoding, shape, dtype = PICTURES[name]
     image = np.random.default_rng(3).integers(0, 255, shape).astype(dtype)
     cv2.imwrite(str(tmp_path / name), image)
@@ -47,7 +47,7 @@ def test_picture_keeps_its_depth_and_channels(tmp_path: Path, name: str) -> None
 
 
 @pytest.mark.parametrize('orientation', UPRIGHT)
-def test_pictures_are_turned_upright(tmp_path: Path, orientation: int) -> None:
+def test_images_are_rotated_by_their_exif_orientation(tmp_path: Path, orientation: int) -> None:
     image = np.random.default_rng(3).integers(0, 255, (16, 24, 3), np.uint8)
     jpeg = oriented_jpeg(image, orientation)
     (tmp_path / 'lying.jpg').write_bytes(jpeg)
@@ -60,7 +60,7 @@ def test_pictures_are_turned_upright(tmp_path: Path, orientation: int) -> None:
     assert expected_size(str(tmp_path)) == (width, height)
 
 
-def test_pictures_of_every_suffix_are_found(tmp_path: Path) -> None:
+def test_image_files_of_every_extension_are_found(tmp_path: Path) -> None:
     suffixes = ['png', 'jpg', 'jpeg', 'jpe', 'jp2', 'bmp', 'dib', 'tif', 'tiff', 'webp', 'pbm',
                 'pgm', 'ppm', 'pnm', 'pxm', 'exr', 'hdr', 'pic', 'sr', 'ras', 'PNG']
     picture = cv2.imencode('.png', np.zeros((2, 2), np.uint8))[1].tobytes()
@@ -81,7 +81,7 @@ def test_folder_and_glob_are_read_in_natural_order(tmp_path: Path) -> None:
         Path('1'), Path('a9'), Path('a10'), Path('b')]
 
 
-def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
+def test_broken_image_file_is_skipped_and_reported(tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
     (tmp_path / '1.png').write_text('no picture')
@@ -94,7 +94,7 @@ def test_a_broken_picture_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['socket', 'device', 'folder'])
-def test_what_takes_the_place_of_a_picture_is_left_out(tmp_path: Path, kind: str) -> None:
+def test_non_regular_file_in_a_sequence_is_skipped(tmp_path: Path, kind: str) -> None:
     for name in ('1.png', '2.png', '3.png'):
         cv2.imwrite(str(tmp_path / name), np.full((2, 2), int(name[0]), np.uint8))
     source = open_source(str(tmp_path))
@@ -106,7 +106,7 @@ def test_what_takes_the_place_of_a_picture_is_left_out(tmp_path: Path, kind: str
     assert KINDS[kind][1] in reasons[0]
 
 
-def test_a_picture_that_is_too_large_is_left_out(tmp_path: Path) -> None:
+def test_image_file_that_is_too_large_is_skipped(tmp_path: Path) -> None:
     (tmp_path / '1.png').touch()
     os.truncate(tmp_path / '1.png', 1 << 42)
     reasons: list[str] = []

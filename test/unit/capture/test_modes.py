@@ -41,7 +41,7 @@ RATES = {
     (CameraRequest(width=9999, height=9999), 'MJPG 1920x1080'),
     (CameraRequest(fourcc='GREY', width=320), 'YUYV 640x480'),
 ])
-def test_the_mode_that_comes_nearest_is_chosen(request_: CameraRequest, chosen: str) -> None:
+def test_closest_mode_is_chosen(request_: CameraRequest, chosen: str) -> None:
     mode = choose_mode(list(RATES), request_, RATES.__getitem__)
     assert f'{mode.fourcc} {mode.size}' == chosen
 
@@ -50,7 +50,7 @@ def test_the_mode_that_comes_nearest_is_chosen(request_: CameraRequest, chosen: 
     ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'GREY'), ('mono16', 'Y16'), ('nv12', 'NV12'),
     ('yuv422_yuy2', 'YUYV'), ('yuyv', 'YUYV'), ('yuv422', 'UYVY'), ('uyvy', 'UYVY'),
     ('16UC1', 'Z16')])
-def test_an_encoding_that_a_format_has_is_preferred(encoding: str, chosen: str) -> None:
+def test_format_with_the_requested_encoding_is_preferred(encoding: str, chosen: str) -> None:
     modes = [Mode(fourcc, 640, 480)
              for fourcc in ('GREY', 'NV12', 'Y16', 'YUYV', 'UYVY', 'MJPG', 'Z16')]
     assert choose_mode(modes, CameraRequest(encoding=encoding), lambda _: []).fourcc == chosen
@@ -59,21 +59,20 @@ def test_an_encoding_that_a_format_has_is_preferred(encoding: str, chosen: str) 
 @pytest.mark.parametrize(('encoding', 'chosen'), [
     ('', 'YUYV'), ('bgr8', 'YUYV'), ('mono8', 'YUYV'), ('yuyv', 'YUYV'), ('bgr16', 'YUYV'),
     ('nv12', 'NV12'), ('mono16', 'Y16')])
-def test_a_size_counts_more_than_a_format_that_others_can_become(
-        encoding: str, chosen: str) -> None:
+def test_size_counts_more_than_a_convertible_encoding(encoding: str, chosen: str) -> None:
     modes = [Mode('BGR3', 640, 480), Mode('NV12', 640, 480), Mode('GREY', 640, 480),
              Mode('Y16', 640, 480), Mode('YUYV', 1920, 1080)]
     request = CameraRequest(width=1920, height=1080, encoding=encoding)
     assert choose_mode(modes, request, lambda _: []).fourcc == chosen
 
 
-def test_a_camera_of_unknown_formats_has_no_mode() -> None:
+def test_camera_with_unknown_formats_has_no_mode() -> None:
     modes = [Mode('H264', 640, 480), Mode('Y16-BE', 640, 480)]
     assert choose_mode(modes, CameraRequest(), lambda _: []) is None
     assert choose_mode([], CameraRequest(), lambda _: []) is None
 
 
-def test_modes_are_described_by_their_sizes() -> None:
+def test_description_of_modes_groups_formats_by_size() -> None:
     assert describe_modes([*RATES, Mode('GREY', 640, 480), Mode('GREY', 1280, 720),
                            Mode('GREY', 1920, 1080)]) == (
         'YUYV MJPG GREY in 640x480 1280x720 1920x1080; H264 in 1920x1080')

@@ -63,6 +63,6 @@ def test_only_devices_that_can_capture_are_listed(
     ('/dev/v4l/by-id/none', 'camera /dev/v4l/by-id/none does not exist'),
     ('/dev/null', '/dev/null is not a camera'),
 ])
-def test_devices_that_are_no_camera(text: str, reason: str) -> None:
+def test_paths_that_are_not_cameras_are_refused(text: str, reason: str) -> None:
     with pytest.raises(CaptureError, match=reason):
         open_source(text)

@@ -28,12 +28,12 @@ import pytest
 
 @pytest.mark.parametrize(('text', 'number'), [
     ('YUYV', 0x56595559), ('Y16', 0x20363159), ('Y16-BE', 0xa0363159), ('RGB3', 0x33424752)])
-def test_four_letters_are_a_number_and_back(text: str, number: int) -> None:
+def test_fourcc_round_trip(text: str, number: int) -> None:
     assert pack_fourcc(text) == number  # from v4l2_fourcc of <linux/videodev2.h>
     assert unpack_fourcc(number) == text
 
 
-def test_letters_that_are_no_known_format() -> None:
+def test_unknown_fourcc_is_refused() -> None:
     check_fourcc('')
     check_fourcc('MJPG')
     with pytest.raises(ValueError, match='BGR3, RGB3'):
@@ -48,7 +48,7 @@ PADDING = 4
 @pytest.mark.parametrize('fourcc', [
     fourcc for fourcc, known in PIXEL_FORMATS.items()
     if known.encoding != 'jpeg' and fourcc not in ('YU12', 'YV12', 'NV24')])
-def test_pixels_are_read_without_the_padding(fourcc: str, padding: int) -> None:
+def test_padding_of_lines_is_skipped(fourcc: str, padding: int) -> None:
     known = PIXEL_FORMATS[fourcc]
     encoding = find_encoding(known.encoding)
     rows = encoding.rows(HEIGHT)
@@ -65,7 +65,7 @@ def test_pixels_are_read_without_the_padding(fourcc: str, padding: int) -> None:
 
 @pytest.mark.parametrize('padding', [0, PADDING])
 @pytest.mark.parametrize(('fourcc', 'order'), [('YU12', (0, 1)), ('YV12', (1, 0))])
-def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) -> None:
+def test_planar_formats_become_bgr(fourcc: str, order: tuple[int, int], padding: int) -> None:
     picture = draw_pattern(3, 64, 48)
     planes = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
     luma, chroma = planes[:48], planes[48:].reshape(2, 24, 32)
@@ -76,6 +76,6 @@ def test_planes_become_bgr(fourcc: str, order: tuple[int, int], padding: int) ->
     assert np.array_equal(image, cv2.cvtColor(planes, cv2.COLOR_YUV2BGR_I420))
 
 
-def test_a_jpeg_is_left_as_it_is() -> None:
+def test_jpeg_data_are_not_converted() -> None:
     image = read_pixels(PIXEL_FORMATS['MJPG'], b'\xff\xd8 and so on', 48, 64, 0)
     assert image.tobytes() == b'\xff\xd8 and so on'

@@ -49,7 +49,7 @@ def numbered(tmp_path: Path) -> Source:
 
 @pytest.mark.parametrize(('on_end', 'expected'), [
     ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2, 2, 2])])
-def test_end_of_a_source(tmp_path: Path, on_end: str, expected: list[int]) -> None:
+def test_action_at_the_end_of_a_source(tmp_path: Path, on_end: str, expected: list[int]) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
     settings = {'plays': 0} if on_end == 'loop' else {'on_end': on_end}
@@ -58,7 +58,7 @@ def test_end_of_a_source(tmp_path: Path, on_end: str, expected: list[int]) -> No
 
 
 @pytest.mark.parametrize('on_end', ['stop', 'hold'])
-def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
+def test_source_without_a_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
     (tmp_path / '1.png').write_text('no picture')
     player = play(open_source(str(tmp_path)), lambda err: None, rate=100.0, on_end=on_end)
     with pytest.raises(CaptureError, match='has no readable frame'):
@@ -66,7 +66,7 @@ def test_a_source_without_one_readable_frame_fails(tmp_path: Path, on_end: str) 
 
 
 @pytest.mark.parametrize(('settings', 'period'), [({}, 1 / 64), ({'rate': 8.0}, 1 / 8)])
-def test_a_file_is_played_at_its_rate_or_that_asked_for(
+def test_native_and_requested_rate_of_a_file(
         clock: SteppedClock, settings: dict[str, Any], period: float) -> None:
     player = play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=51, **settings)
     shown = [(clock.now, frame.stamp_ns) for frame in player.frames()]
@@ -74,12 +74,12 @@ def test_a_file_is_played_at_its_rate_or_that_asked_for(
     assert shown == [(seconds, int(seconds * 1e9)) for seconds in due]
 
 
-def test_pictures_are_shown_ten_times_a_second(numbered: Source, clock: SteppedClock) -> None:
+def test_image_files_are_played_at_10_hz(numbered: Source, clock: SteppedClock) -> None:
     shown = [clock.now for _ in play(numbered, clock=clock).frames()]
     assert shown == pytest.approx([BEGAN, BEGAN + 0.1, BEGAN + 0.2, BEGAN + 0.3])
 
 
-def test_time_that_was_lost_is_not_made_up_for(clock: SteppedClock) -> None:
+def test_pacer_does_not_catch_up_after_a_delay(clock: SteppedClock) -> None:
     pacer = Pacer(clock)
     pacer.advance(0.0625)
     assert not pacer.is_due()
@@ -98,7 +98,7 @@ def test_time_that_was_lost_is_not_made_up_for(clock: SteppedClock) -> None:
     assert pacer.is_due()
 
 
-def test_a_reader_that_was_late_gets_one_frame_at_once(clock: SteppedClock) -> None:
+def test_late_reader_gets_one_frame_at_once(clock: SteppedClock) -> None:
     shown = []
     for frame in play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=6).frames():
         shown.append((64 * (clock.now - BEGAN), 64 * (frame.stamp_ns / 1e9 - BEGAN)))
@@ -107,7 +107,7 @@ def test_a_reader_that_was_late_gets_one_frame_at_once(clock: SteppedClock) -> N
     assert shown == [(0, 0), (1, 1), (11.5, 10.5), (11.5, 11.5), (12.5, 12.5), (13.5, 13.5)]
 
 
-def test_a_stop_ends_a_wait_at_once(clock: SteppedClock) -> None:
+def test_stop_ends_the_wait_for_a_frame(clock: SteppedClock) -> None:
     stopped = Event()
     clock.plan(2.5, stopped.set)
     player = play(PatternSource(PatternSpec(8, 8, 0.125)), stopped=stopped, clock=clock)
@@ -115,7 +115,7 @@ def test_a_stop_ends_a_wait_at_once(clock: SteppedClock) -> None:
     assert clock.now == BEGAN + 2.5
 
 
-def test_nothing_is_shown_while_it_is_held_and_nothing_is_lost(clock: SteppedClock) -> None:
+def test_pause_holds_playback_without_losing_frames(clock: SteppedClock) -> None:
     held = Event()
     source = PatternSource(PatternSpec(200, 3, 64.0))
     player = Player(
@@ -151,7 +151,7 @@ class StampedSource(PatternSource):
 
 @pytest.mark.parametrize(('rate', 'gaps'), [
     (0.0, [0.05, 0.2, 0.01, 0.04, 0.05, 0.2, 0.01]), (50.0, [0.02] * 7)])
-def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
+def test_times_of_the_file_or_a_requested_rate_pace_frames(
         clock: SteppedClock, rate: float, gaps: list[float]) -> None:
     source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second play steps back by 0.26 s
     player = play(source, clock=clock, rate=rate, plays=2)
@@ -169,17 +169,17 @@ def test_frames_are_stamped_by_their_own_times_unless_a_rate_is_asked_for(
     ({'stop': 9}, [0, 1, 2, 3]),
     ({'on_end': 'hold', 'plays': 2}, [0, 1, 2, 3, 0, 1, 2, 3, 3]),
 ])
-def test_part_of_a_file_is_played_as_often_as_asked(
+def test_first_stop_and_plays_select_frames(
         numbered: Source, settings: dict[str, Any], expected: list[int]) -> None:
     assert numbers(play(numbered, rate=500.0, **settings), 9) == expected
 
 
 @pytest.mark.parametrize('first', [4, 5, 7])
-def test_a_first_frame_that_there_is_not(numbered: Source, first: int) -> None:
+def test_start_frame_after_the_end_of_a_folder_is_refused(numbered: Source, first: int) -> None:
     with pytest.raises(CaptureError, match=f'^start_frame is {first}, but .* has only 4 '):
         list(play(numbered, rate=500.0, first=first).frames())
 
 
-def test_a_first_frame_that_a_video_has_not() -> None:
+def test_start_frame_after_the_end_of_a_video_is_refused() -> None:
     with pytest.raises(CaptureError, match=f'has only {CLIP_FRAMES} frames, numbered from 0$'):
         list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())

@@ -31,7 +31,7 @@ from special_files import KINDS
 @pytest.mark.parametrize('text', [
     '', 'pattern:', 'pattern:640', 'pattern:0x480', 'pattern:640x480@0', 'pattern:640x480@1001',
     'pattern:99999x1', 'pattern:-1x5', 'pattern:640x480@30@30'])
-def test_sources_that_cannot_be(text: str) -> None:
+def test_invalid_source_texts_are_refused(text: str) -> None:
     with pytest.raises(ValueError):
         check_source(text)
 
@@ -42,7 +42,7 @@ def test_video_can_be_a_file_url() -> None:
     assert len(list(frames_of(source))) == CLIP_FRAMES - 1
 
 
-def test_a_file_is_closed_once_its_size_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expected_size_closes_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[str] = []
     monkeypatch.setattr(VideoSource, 'close', lambda source: closed.append(source.name))
     assert expected_size(str(CLIP)) == (1280, 720)
@@ -54,7 +54,7 @@ def test_a_file_is_closed_once_its_size_is_known(monkeypatch: pytest.MonkeyPatch
     ('empty.mp4', 'cannot be opened as a video'), ('folder', 'no image file in'),
     ('*.png', 'No such file or directory'), ('*.txt', 'no image file in'),
 ])
-def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
+def test_files_that_are_not_sources_are_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / 'text.mp4').write_text('hello')
     (tmp_path / 'some.txt').write_text('hello')
     (tmp_path / 'empty.mp4').touch()
@@ -67,7 +67,7 @@ def test_files_that_are_no_source(tmp_path: Path, name: str, text: str) -> None:
     ('patern', '; did you mean pattern?'), ('Pattern', '; did you mean pattern?'),
     ('pattren:320x240@5', '; did you mean pattern:320x240@5?'),
     ('lantern', ''), ('pat', ''), ('patterns/in.mp4', ''), ('patern/*.png', '')])
-def test_a_mistyped_pattern_is_recognised(
+def test_mistyped_pattern_gets_a_hint(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, hint: str) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(CaptureError) as caught:
@@ -75,7 +75,7 @@ def test_a_mistyped_pattern_is_recognised(
     assert str(caught.value) == f'{text} cannot be opened: No such file or directory{hint}'
 
 
-def test_a_file_with_almost_that_name_is_opened(
+def test_existing_file_named_like_pattern_is_opened(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path('patern').write_text('hello')
@@ -91,7 +91,7 @@ def test_a_file_with_almost_that_name_is_opened(
     ('socket', 'x.mp4', 'x.mp4 is a socket; give a file or a folder'),
     ('device', 'x.png', 'x.png is not a camera'),
     ('folder', 'x.png', 'no image file in .*x.png')])
-def test_what_is_no_file_is_refused_as_a_source(
+def test_non_regular_files_are_refused_as_a_source(
         tmp_path: Path, kind: str, name: str, reason: str) -> None:
     KINDS[kind][0](tmp_path / name)
     with pytest.raises(CaptureError, match=reason):
@@ -99,7 +99,7 @@ def test_what_is_no_file_is_refused_as_a_source(
 
 
 @pytest.mark.parametrize('form', ['{}', 'file://{}'])
-def test_a_pipe_is_not_read_before_it_is_shown(
+def test_named_pipe_is_not_read_for_its_size(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
     def _open(path: str) -> None:
         opened.append(path)

@@ -22,7 +22,7 @@ from opencv_tools.capture.source import open_source
 from playback import frames_of
 
 
-def test_video_gives_every_frame_and_its_rate() -> None:
+def test_video_yields_every_frame_and_its_rate() -> None:
     source = open_source(str(CLIP))
     assert source.rate == 25.0 and not source.live
     for expected, frame in zip(decode_clip(), frames_of(source), strict=True):

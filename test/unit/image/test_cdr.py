@@ -80,7 +80,7 @@ def without(data: bytes, positions: list[int]) -> bytes:
 
 @settings(max_examples=300, deadline=None)
 @given(IMAGES)
-def test_an_image_is_serialised_as_rclpy_does(image: WireImage) -> None:
+def test_image_to_cdr_equals_rclpy(image: WireImage) -> None:
     ours, theirs = image_to_cdr(image), serialize_message(message_of(image))
     assert len(ours) == len(theirs)
     assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
@@ -91,7 +91,7 @@ def test_an_image_is_serialised_as_rclpy_does(image: WireImage) -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(COMPRESSED_IMAGES)
-def test_a_compressed_image_is_serialised_as_rclpy_does(image: WireCompressedImage) -> None:
+def test_compressed_image_to_cdr_equals_rclpy(image: WireCompressedImage) -> None:
     ours, theirs = compressed_image_to_cdr(image), serialize_message(message_of(image))
     assert len(ours) == len(theirs)
     assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
@@ -102,7 +102,7 @@ def test_a_compressed_image_is_serialised_as_rclpy_does(image: WireCompressedIma
 
 @settings(max_examples=300, deadline=None)
 @given(IMAGES, st.data())
-def test_a_message_cut_short_is_refused(image: WireImage, data: st.DataObject) -> None:
+def test_truncated_message_is_refused(image: WireImage, data: st.DataObject) -> None:
     whole = image_to_cdr(image)
     cut = whole[:data.draw(st.integers(0, len(whole) - 1))]
     with pytest.raises(CdrError):
@@ -113,7 +113,7 @@ def test_a_message_cut_short_is_refused(image: WireImage, data: st.DataObject) -
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=200))
-def test_any_other_bytes_are_read_or_refused(data: bytes) -> None:
+def test_random_bytes_are_read_or_refused(data: bytes) -> None:
     for head in (b'', b'\0\0\0\0', b'\0\1\0\0', b'\0\3\0\0'):
         for read in (cdr_to_image, cdr_to_compressed_image, read_image):
             try:
@@ -155,7 +155,7 @@ def test_other_encapsulations_are_left_to_the_middleware() -> None:
 
 
 @pytest.mark.parametrize('encoding', ['bgr8', 'mono16', '32FC3', 'nv12'])
-def test_an_array_goes_over_the_wire_and_back_without_a_copy_on_the_way_in(encoding: str) -> None:
+def test_round_trip_of_an_array_reads_without_a_copy(encoding: str) -> None:
     image = random_image(encoding, 6, 8)
     header = Header(frame_id='camera')
     header.stamp.sec, header.stamp.nanosec = 1, 2
@@ -173,14 +173,14 @@ def test_an_array_goes_over_the_wire_and_back_without_a_copy_on_the_way_in(encod
     ('header', WireHeader(2**31, 0, ''), 'out of the range'),
     ('header', WireHeader(0, 0, 'a\0b'), 'has a NUL'),
 ], ids=['height', 'step', 'sec', 'frame_id'])
-def test_what_a_message_cannot_hold_is_refused(field: str, value: object, text: str) -> None:
+def test_values_out_of_range_are_refused(field: str, value: object, text: str) -> None:
     image = WireImage(header=WireHeader(0, 0, ''), height=0, width=0, encoding='',
                       is_bigendian=False, step=0, data=b'')
     with pytest.raises(CdrError, match=text):
         image_to_cdr(replace(image, **{field: value}))
 
 
-def test_an_array_that_cannot_be_sent_is_refused() -> None:
+def test_unserialisable_array_is_refused() -> None:
     bridge = CvBridge()
     with pytest.raises(CvBridgeError, match='has a NUL'):
         bridge.cv2_to_cdr(np.zeros((1, 1), np.uint8), 'mono8', Header(frame_id='a\0'))

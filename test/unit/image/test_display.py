@@ -23,7 +23,7 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay
 import pytest
 
 
-def test_labels_are_shown_in_colours() -> None:
+def test_labels_become_colours() -> None:
     labels = np.arange(-3, 147, dtype=np.int32).reshape(10, 15)
     shown = cvtColorForDisplay(labels, '32SC1', 'bgr8')
     assert shown.dtype == np.uint8 and shown.shape == (10, 15, 3)
@@ -37,7 +37,7 @@ def test_labels_are_shown_in_colours() -> None:
 
 @pytest.mark.parametrize('options', [
     {'do_dynamic_scaling': True}, {'min_image_value': 50.0, 'max_image_value': 150.0}, {}])
-def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> None:
+def test_floats_are_scaled_between_their_limits(options: dict[str, object]) -> None:
     image = np.array([[50, 100, 150, -np.inf, np.inf, np.nan]], np.float32)
     shown = cvtColorForDisplay(image, '32FC1', 'mono8', **options)
     assert shown.tolist() == [[0, 128, 255, 0, 0, 0]]
@@ -49,18 +49,19 @@ def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> No
     (np.array([3e38, -3e38, 0.0], np.float32), [0, 0, 128]),  # a range that exceeds float32
     (np.array([np.inf, -np.inf, np.nan, 0.0, 1.0], np.float32), [0, 0, 0, 0, 255]),
     (np.array([0x7fa00000, 0, 0x3f800000], np.uint32).view(np.float32), [0, 0, 255])])
-def test_odd_numbers_are_shown_without_a_warning(image: np.ndarray, shown: list[int]) -> None:
+def test_nan_and_infinity_are_displayed_without_a_warning(
+        image: np.ndarray, shown: list[int]) -> None:
     with np.errstate(all='raise'):
         assert cvtColorForDisplay(image[np.newaxis], '32FC1', 'mono8').tolist() == [shown]
 
 
-def test_float_colours_are_shown() -> None:
+def test_float_colours_are_scaled() -> None:
     image = np.array([[[0, 0.5, 1], [1, 0.25, 0]]], np.float32)
     assert cvtColorForDisplay(image, '32FC3', 'rgb8').tolist() == [
         [[255, 128, 0], [0, 64, 255]]]
 
 
-def test_numbers_all_alike_are_shown_as_middle_gray() -> None:
+def test_equal_numbers_become_middle_gray() -> None:
     image = np.full((2, 3), 7, np.uint16)
     shown = cvtColorForDisplay(image, '16UC1', 'mono8', do_dynamic_scaling=True)
     assert shown.tolist() == [[128] * 3] * 2
@@ -68,7 +69,7 @@ def test_numbers_all_alike_are_shown_as_middle_gray() -> None:
     assert cvtColorForDisplay(nothing, '32FC1', 'bgr8').tolist() == [[[128] * 3] * 3] * 2
 
 
-def test_a_colormap_colours_what_is_scaled() -> None:
+def test_colormap_applies_to_scaled_numbers() -> None:
     image = np.array([[0, 5, 10, np.nan]], np.float32)
     shown = cvtColorForDisplay(
         image, '32FC1', 'rgb8', do_dynamic_scaling=True, colormap=cv2.COLORMAP_JET)
@@ -84,7 +85,7 @@ def test_a_colormap_colours_what_is_scaled() -> None:
     ('16UC3', 'bgr16'), ('16UC4', 'bgra16'), ('bayer_grbg8', 'bayer_grbg8'), ('uyvy', 'uyvy'),
     ('rgb16', 'rgb16'), ('mono8', 'mono8'),
 ])
-def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str) -> None:
+def test_other_encodings_are_converted_for_display(source: str, taken_for: str) -> None:
     bridge = CvBridge()
     image = random_image(source, 6, 8)
     message = bridge.cv2_to_imgmsg(image, taken_for)
@@ -104,7 +105,7 @@ def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str)
      "'bgr8' an exception was thrown ([16SC1] is not a color format."),
     ('8UC2', 'bgr8', {}, 'The conversion does not make sense'),
 ])
-def test_what_cannot_be_shown_is_refused(
+def test_encodings_without_a_display_form_are_refused(
         source: str, settings: str, options: dict[str, object], reason: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
         cvtColorForDisplay(random_image(source, 4, 4), source, settings, **options)

@@ -70,14 +70,14 @@ def huge_png() -> bytes:
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
-def test_the_size_is_that_of_the_picture_that_opencv_reads(suffix: str) -> None:
+def test_size_equals_that_of_the_decoded_image(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
     assert picture_size(data) == (53, 37)
     assert decode_picture(data).shape[:2] == (37, 53)
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
-def test_a_picture_that_is_too_large_is_refused(suffix: str) -> None:
+def test_image_with_too_many_pixels_is_refused(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
     assert decode_picture(data, max_pixels=53 * 37).shape[:2] == (37, 53)
     with pytest.raises(CodecError, match=r'^53x37 pixels are more than max_pixels=1960$'):
@@ -102,7 +102,7 @@ def test_a_picture_that_is_too_large_is_refused(suffix: str) -> None:
     (b'\x76\x2f\x31\x01' + b'dataWindow\0box2i\0\0\0\0\x10' + struct.pack('<4i', -5, 0, 4, 6),
      (10, 7)),
 ], ids=['webp', 'lossless', 'bmp', 'os2', 'tiff', 'bigtiff', 'pnm', 'pam', 'hdr', 'jp2', 'exr'])
-def test_the_size_is_the_largest_that_is_told(data: bytes, size: tuple[int, int]) -> None:
+def test_largest_declared_size_is_read(data: bytes, size: tuple[int, int]) -> None:
     assert picture_size(data) == size
 
 
@@ -111,14 +111,14 @@ def test_the_size_is_the_largest_that_is_told(data: bytes, size: tuple[int, int]
     b'II*\0\x08\0\0\0\xff\xff', b'II*\0\xff\xff\xff\xff', b'P6\n5', b'P6\n' + b'#' * 10**6,
     b'P7\nENDHDR', b'\x59\xa6\x6a\x95', b'GIF89a', b'#?RGBE\n', b'\xff\x4f\xff\x51',
     b'\xff\x4f\xff\x51' * 1000, b'....ftypavif', b'\x76\x2f\x31\x01', bytes(1000)])
-def test_what_tells_no_size_is_not_decoded(data: bytes) -> None:
+def test_header_without_a_size_is_refused(data: bytes) -> None:
     with pytest.raises(SizeError, match=f'^{len(data)} bytes '):
         picture_size(data)
     with pytest.raises(CodecError):
         decode_picture(data)
 
 
-def test_a_header_that_is_cut_off_anywhere_is_an_error_with_a_sentence() -> None:
+def test_header_truncated_anywhere_is_a_clear_error() -> None:
     for suffix, image in FORMATS.items():
         data = encoded(image, suffix)
         for length in range(min(200, len(data))):
@@ -128,7 +128,7 @@ def test_a_header_that_is_cut_off_anywhere_is_an_error_with_a_sentence() -> None
                 assert str(err).startswith(f'{length} bytes ')
 
 
-def test_as_many_pixels_as_allowed_are_allowed() -> None:
+def test_largest_allowed_size_passes() -> None:
     check_size(2**20, 2**7, MAX_PIXELS)
     with pytest.raises(SizeError):
         check_size(2**20 + 1, 2**7, MAX_PIXELS)
@@ -139,13 +139,13 @@ def test_as_many_pixels_as_allowed_are_allowed() -> None:
               step=20000, data=b''),
     WireCompressedImage(header=HEADER, format='jpeg', data=huge_jpeg())],
     ids=['raw', 'compressed'])
-def test_a_message_that_is_too_large_names_the_parameter(message: WireMessage) -> None:
+def test_error_of_a_large_message_names_the_parameter(message: WireMessage) -> None:
     with pytest.raises(SizeError, match=r'^\d+x\d+ pixels are more than max_pixels=134217728; '
                                         'raise the parameter max_pixels to receive it$'):
         FrameConverter(CvBridge()).convert(message, '', 1)
 
 
-def test_a_limit_goes_with_the_frame() -> None:
+def test_pixel_limit_belongs_to_the_frame() -> None:
     message = WireCompressedImage(header=HEADER, format='png', data=encoded(COLOR, '.png'))
     frame = FrameConverter(CvBridge(), 53 * 37).convert(message, '', 1)
     assert np.array_equal(frame.decode().image, COLOR)
@@ -153,14 +153,14 @@ def test_a_limit_goes_with_the_frame() -> None:
         FrameConverter(CvBridge(), 53 * 37 - 1).convert(message, '', 1)
 
 
-def test_the_bridge_refuses_what_is_too_large() -> None:
+def test_bridge_refuses_images_with_too_many_pixels() -> None:
     with pytest.raises(CvBridgeError, match=r'^32767x32767 pixels are more than max_pixels'):
         CvBridge().compressed_imgmsg_to_cv2(SimpleNamespace(format='jpeg', data=huge_jpeg()))
 
 
 @pytest.mark.process
 @pytest.mark.parametrize('make', [huge_jpeg, huge_png])
-def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None:
+def test_refused_image_takes_no_memory(make: object, tmp_path: Path) -> None:
     path = tmp_path / 'picture.png'
     path.write_bytes(make())
     script = ('import pathlib, sys\n'

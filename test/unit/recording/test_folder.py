@@ -47,7 +47,7 @@ from recordings import (
 from special_files import KINDS
 
 
-def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
+def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     folder, console = tmp_path / 'mount' / 'out', Console()
     sink = open_sink(folder, FileNames('{seq}.png'), EncoderSettings('.png'), 'continue', Limits(),
                      False)
@@ -74,7 +74,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     assert (recorder.counts.written, recorder.counts.failed) == (3, 2)
 
 
-def test_a_file_without_its_line_is_no_file(
+def test_file_without_its_manifest_line_is_removed(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fill_the_disk(file: int, data: Any) -> int:
         return write(file, data[:10] if data[:1] == b'{' else data)
@@ -112,7 +112,7 @@ def leave_behind(folder: Path, kill_in: str) -> None:
 @pytest.mark.process
 @pytest.mark.parametrize(('kill_in', 'is_there'), [
     ('link', False), ('unlink', True), ('append', True)])
-def test_what_a_killed_recording_left_is_put_in_order(
+def test_leftovers_of_a_killed_recording_are_completed(
         tmp_path: Path, kill_in: str, is_there: bool) -> None:
     record(tmp_path, 1, '{seq}.png')
     leave_behind(tmp_path, kill_in)
@@ -144,7 +144,7 @@ for number in itertools.count():
 
 
 @pytest.mark.process
-def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> None:
+def test_recording_killed_at_any_moment_leaves_whole_files(tmp_path: Path) -> None:
     moments = random.Random(5)
     checked: set[Path] = set()
     for _ in range(12):
@@ -168,7 +168,7 @@ def test_killed_at_any_moment_a_recording_leaves_whole_files(tmp_path: Path) -> 
     assert not list(tmp_path.glob('.*'))
 
 
-def test_temporary_files_of_others_stay(tmp_path: Path) -> None:
+def test_temporary_files_of_other_recordings_stay(tmp_path: Path) -> None:
     other = Folder(tmp_path)
     temporary = other.write((b'content',))
     record(tmp_path, 1)
@@ -177,7 +177,7 @@ def test_temporary_files_of_others_stay(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.npy'])
-def test_what_is_on_the_disk_is_asked_for_before_the_name(
+def test_file_is_flushed_to_disk_before_it_is_renamed(
         suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
 
@@ -199,7 +199,7 @@ def test_what_is_on_the_disk_is_asked_for_before_the_name(
 
 @pytest.mark.parametrize('number', [
     errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK])
-def test_a_disk_without_hard_links_overwrites_nothing_either(
+def test_nothing_is_overwritten_without_hard_links(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     monkeypatch.setattr(os, 'link', failing(number))
     record(tmp_path, 2)
@@ -214,14 +214,15 @@ def test_a_disk_without_hard_links_overwrites_nothing_either(
     assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]
 
 
-def test_a_link_that_fails_otherwise_is_told(
+def test_other_errors_of_links_are_reported(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, 'link', failing(errno.EIO))
     assert record(tmp_path, 2).counts.failed == 2
     assert not list(tmp_path.glob('*.png')) and not list(tmp_path.glob('.*'))
 
 
-def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_system_without_locks_is_supported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fcntl, 'flock', failing(errno.ENOLCK))
     record(tmp_path, 2)
     record(tmp_path, 1, first=2)
@@ -230,7 +231,7 @@ def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not list(tmp_path.glob('.*'))
 
 
-def test_lines_that_are_owed_are_added_by_the_next_recording(tmp_path: Path) -> None:
+def test_next_recording_adds_the_deferred_lines(tmp_path: Path) -> None:
     record(tmp_path, 3)
     entries = Manifest(tmp_path).entries()
     (tmp_path / 'manifest.jsonl').unlink()
@@ -245,7 +246,7 @@ def test_lines_that_are_owed_are_added_by_the_next_recording(tmp_path: Path) -> 
     assert not list(tmp_path.glob('.*'))
 
 
-def test_what_a_shorter_journal_leaves_of_a_longer_one_is_not_added(tmp_path: Path) -> None:
+def test_rest_of_a_longer_journal_is_ignored(tmp_path: Path) -> None:
     record(tmp_path, 3)
     entries = Manifest(tmp_path).entries()
     (tmp_path / 'manifest.jsonl').unlink()
@@ -259,7 +260,7 @@ def test_what_a_shorter_journal_leaves_of_a_longer_one_is_not_added(tmp_path: Pa
     assert [entry.seq for entry in Manifest(tmp_path).entries()] == [0]
 
 
-def test_a_line_of_a_file_that_is_no_more_is_not_added(tmp_path: Path) -> None:
+def test_line_of_a_removed_file_is_not_added(tmp_path: Path) -> None:
     record(tmp_path, 2)
     entries = Manifest(tmp_path).entries()
     folder = Folder(tmp_path)
@@ -272,7 +273,7 @@ def test_a_line_of_a_file_that_is_no_more_is_not_added(tmp_path: Path) -> None:
     assert [line['seq'] for line in read_manifest(tmp_path)] == [1]
 
 
-def test_no_file_stays_open(tmp_path: Path) -> None:
+def test_no_file_descriptor_stays_open(tmp_path: Path) -> None:
     before = len(list(Path('/proc/self/fd').iterdir()))
     (tmp_path / '.recording-abandoned-.journal').touch()
     (tmp_path / '.recording-abandoned-0.part').touch()
@@ -281,7 +282,7 @@ def test_no_file_stays_open(tmp_path: Path) -> None:
     assert len(list(Path('/proc/self/fd').iterdir())) == before
 
 
-def test_files_are_for_whom_the_mask_leaves_them_to(tmp_path: Path) -> None:
+def test_files_have_the_mode_of_the_umask(tmp_path: Path) -> None:
     before = os.umask(0o026)
     try:
         files = picture_files(tmp_path, '{seq}.png')
@@ -294,7 +295,7 @@ def test_files_are_for_whom_the_mask_leaves_them_to(tmp_path: Path) -> None:
     assert modes == {'.png': 0o640, '.jsonl': 0o640, '.journal': 0o640}
 
 
-def test_a_folder_that_cannot_be_cleaned_up_is_left_as_it_was(
+def test_folder_that_cannot_be_cleaned_up_is_left_unchanged(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def open_some(path: Path, *args: Any) -> int:
         if 'abandoned' in path.name:
@@ -310,7 +311,7 @@ def test_a_folder_that_cannot_be_cleaned_up_is_left_as_it_was(
     assert list(tmp_path.iterdir()) == [abandoned]
 
 
-def test_one_that_cleaned_up_just_before_leaves_nothing_to_do(
+def test_leftovers_removed_by_another_recording_are_skipped(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def clean_up_and_lock(file: int, how: int) -> None:
         locked.append(file)
@@ -330,7 +331,8 @@ def test_one_that_cleaned_up_just_before_leaves_nothing_to_do(
     assert not list(real_glob(tmp_path, '.recording-*'))
 
 
-def test_two_that_begin_at_once_clean_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_recordings_that_begin_at_once_clean_up(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def open_after_another(path: Path, *args: Any) -> int:
         if 'abandoned' in path.name:
             path.unlink()
@@ -345,7 +347,7 @@ def test_two_that_begin_at_once_clean_up(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize('name', ['.journal', 'manifest.jsonl'])
-def test_a_file_that_is_removed_as_soon_as_it_is_there_is_made_again(
+def test_file_removed_after_its_creation_is_created_again(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     def open_and_remove(path: Path, *args: Any) -> int:
         file = open_file(path, *args)
@@ -369,7 +371,7 @@ def test_a_file_that_is_removed_as_soon_as_it_is_there_is_made_again(
 @pytest.mark.parametrize('suffix', ['.png', '.mkv'])
 @pytest.mark.parametrize('kind', ['link', *KINDS])
 @pytest.mark.parametrize('name', [FILE_NAME, '.recording-0a1b2c3d-.journal'])
-def test_a_folder_with_something_else_in_place_of_a_file(
+def test_non_regular_manifest_or_journal_is_refused(
         tmp_path: Path, name: str, kind: str, suffix: str) -> None:
     folder, victim = tmp_path / 'out', tmp_path / 'victim'
     folder.mkdir()
@@ -389,8 +391,7 @@ def test_a_folder_with_something_else_in_place_of_a_file(
 
 
 @pytest.mark.parametrize('name', ['../victim', 'link', 'pipe'])
-def test_a_journal_gets_no_line_for_what_is_no_file_of_the_folder(
-        tmp_path: Path, name: str) -> None:
+def test_journal_entry_outside_the_folder_is_ignored(tmp_path: Path, name: str) -> None:
     folder = tmp_path / 'out'
     folder.mkdir()
     (tmp_path / 'victim').write_text('precious')
@@ -401,7 +402,7 @@ def test_a_journal_gets_no_line_for_what_is_no_file_of_the_folder(
     assert {path.name for path in folder.iterdir()} == {'link', 'pipe'}
 
 
-def test_a_journal_without_a_number_of_its_own_removes_nothing(tmp_path: Path) -> None:
+def test_journal_without_a_number_removes_nothing(tmp_path: Path) -> None:
     other = Folder(tmp_path)
     temporary = other.write((b'content',))
     (tmp_path / '.recording-.journal').touch()

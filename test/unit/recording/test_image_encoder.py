@@ -37,7 +37,7 @@ ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb1
 
 @pytest.mark.parametrize('suffix', IMAGE_FORMATS)
 @pytest.mark.parametrize('encoding', ENCODINGS)
-def test_a_format_keeps_a_frame_exactly_or_refuses_it(
+def test_format_stores_a_frame_exactly_or_refuses_it(
         tmp_path: Path, encoding: str, suffix: str) -> None:
     image = random_image(encoding)
     path = tmp_path / f'file{suffix}'
@@ -67,8 +67,7 @@ def test_a_format_keeps_a_frame_exactly_or_refuses_it(
     ('bayer_rggb8', cv2.COLOR_BayerRGGB2BGR), ('bayer_gbrg16', cv2.COLOR_BayerGBRG2BGR),
     ('uyvy', cv2.COLOR_YUV2BGR_UYVY), ('yuv422_yuy2', cv2.COLOR_YUV2BGR_YUYV),
     ('nv12', cv2.COLOR_YUV2BGR_NV12), ('nv21', cv2.COLOR_YUV2BGR_NV21)])
-def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
-        encoding: str, color: int) -> None:
+def test_bayer_and_yuv_become_colours_or_stay_arrays(encoding: str, color: int) -> None:
     image = random_image(encoding)
     picture = encode_frame(frame_of(image, encoding), EncoderSettings('.png'))
     assert picture.encoding == ('bgr16' if encoding.endswith('16') else 'bgr8')
@@ -83,7 +82,7 @@ def test_frames_without_colours_of_their_own_become_pictures_or_stay_arrays(
 
 @pytest.mark.parametrize(('encoding', 'is_kept'), [
     ('bayer_rggb8', True), ('bayer_rggb16', True), ('uyvy', False), ('nv12', False)])
-def test_nothing_is_converted_when_it_must_not_be(encoding: str, is_kept: bool) -> None:
+def test_conversion_to_colours_can_be_disabled(encoding: str, is_kept: bool) -> None:
     image = random_image(encoding)
     settings = EncoderSettings('.png', to_color=False)
     if not is_kept:
@@ -96,29 +95,29 @@ def test_nothing_is_converted_when_it_must_not_be(encoding: str, is_kept: bool) 
         cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED), image)
 
 
-def test_big_endian_frames_are_kept_by_value() -> None:
+def test_big_endian_frames_keep_their_values() -> None:
     image = random_image('mono16') + 1000
     content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), EncoderSettings('.png'))
     kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(kept, image)
 
 
-def test_what_opencv_cannot_encode_is_refused() -> None:
+def test_frame_that_opencv_cannot_encode_is_refused() -> None:
     with pytest.raises(UnwritableError, match=r'^the mono8 frame was not encoded: '):
         encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), EncoderSettings('.jpg'))
 
 
-def test_formats_as_they_are_unless_told() -> None:
+def test_default_encoder_settings() -> None:
     assert EncoderSettings('.png') == EncoderSettings(
         '.png', to_color=True, jpeg_quality=95, png_compression=1, crf=23)
 
 
-def test_an_empty_frame_is_refused_with_its_size() -> None:
+def test_empty_frame_is_refused_with_its_size() -> None:
     with pytest.raises(UnwritableError, match=r'an empty frame \(0x5\) cannot be stored as \.png'):
         encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), EncoderSettings('.png'))
 
 
-def test_quality_and_compression_make_smaller_files() -> None:
+def test_quality_and_compression_change_the_file_size() -> None:
     image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, (200, 300, 3), np.uint8),
                              (9, 9), 0)
     frame = frame_of(image, 'bgr8')
@@ -139,14 +138,14 @@ def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
 
 @pytest.mark.parametrize(('suffix', 'told'), [
     ('.jpg', 'rgb8; jpeg compressed bgr8'), ('.jpeg', 'jpeg'), ('.png', '; png compressed ')])
-def test_a_compressed_frame_is_kept_as_it_came(suffix: str, told: str) -> None:
+def test_compressed_frame_is_stored_unchanged(suffix: str, told: str) -> None:
     frame = compressed(suffix, told, random_image('bgr8'))
     content = encode_frame(frame, EncoderSettings(suffix))
     assert content.data is frame.data
     assert (content.encoding, content.width, content.height) == (told, 8, 10)
 
 
-def test_a_compressed_frame_is_decoded_for_another_format() -> None:
+def test_compressed_frame_is_decoded_for_another_format() -> None:
     image = random_image('bgr8')
     content = encode_frame(compressed('.png', 'png', image), EncoderSettings('.npy'))
     assert content.encoding == 'bgr8'
@@ -156,7 +155,7 @@ def test_a_compressed_frame_is_decoded_for_another_format() -> None:
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.png'])
-def test_a_compressed_frame_that_is_not_whole_is_refused(suffix: str) -> None:
+def test_truncated_compressed_frame_is_refused(suffix: str) -> None:
     whole = compressed(suffix, suffix[1:], np.zeros((300, 300, 3), np.uint8))
     for data in (whole.data[:-20], whole.data[:9], b'', b'text', bytes(whole.data[:2]) * 1000,
                  bytes(whole.data[:2]) + b'\xff' * 1000 + b'\xff\xd9'):

@@ -39,8 +39,7 @@ LARGE = np.random.default_rng(4).integers(0, 2**16, (1024, 4096, 2), np.uint16) 
     np.zeros((0, 5), np.uint8), np.zeros((5, 0, 3), np.float64), LARGE[:1, :1]],
     ids=['tight', 'rows', 'channel', 'big-endian', 'turned', 'upside down', 'no row', 'no column',
          'pixel'])
-def test_an_array_is_written_without_another_one_in_memory(
-        image: np.ndarray, tmp_path: Path) -> None:
+def test_array_is_written_without_a_copy(image: np.ndarray, tmp_path: Path) -> None:
     encoding = f'16UC{image.shape[2] if image.ndim == 3 else 1}'
     if image.dtype.itemsize != 2:
         encoding = '8UC1' if image.dtype == np.uint8 else '64FC3'
@@ -62,7 +61,7 @@ def test_an_array_is_written_without_another_one_in_memory(
     assert read_manifest(tmp_path)[0]['bytes'] == len(whole.getvalue())
 
 
-def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
+def test_array_on_a_full_disk_leaves_no_file(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
                       Limits(), sync=False)
@@ -77,7 +76,7 @@ def test_an_array_that_the_disk_has_no_room_for_leaves_nothing(
     files.close()
 
 
-def test_the_latest_frame_alone_is_kept_under_one_name(tmp_path: Path) -> None:
+def test_overwritten_file_holds_the_latest_frame(tmp_path: Path) -> None:
     record(tmp_path, 250, 'latest.png', on_exists='overwrite')
     assert gray_numbers(tmp_path) == [249]
     assert len(read_manifest(tmp_path)) == 1
@@ -88,7 +87,7 @@ LIMITS = [Limits(max_frames=4, ring=True), Limits(max_seconds=3.5, ring=True)]
 
 @pytest.mark.parametrize(('limits', 'kept'), [
     (LIMITS[0], [248, 249, 250, 251]), (LIMITS[1], [250, 251])])  # what is there is years old
-def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits, kept: list[int]) -> None:
+def test_ring_keeps_the_newest_files(tmp_path: Path, limits: Limits, kept: list[int]) -> None:
     (tmp_path / '7.txt').write_text('not ours')
     recorder = record(tmp_path, 250, limits=limits)
     (tmp_path / '7.txt').unlink()
@@ -101,7 +100,7 @@ def test_a_ring_keeps_the_newest(tmp_path: Path, limits: Limits, kept: list[int]
 
 
 @pytest.mark.parametrize('ring', [False, True])
-def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> None:
+def test_files_stay_below_max_bytes(tmp_path: Path, ring: bool) -> None:
     record(tmp_path / 'one', 1, '{seq:03d}.bmp')
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
@@ -119,7 +118,7 @@ def test_files_take_no_more_bytes_than_they_may(tmp_path: Path, ring: bool) -> N
     assert recorder.counts.failed == 0
 
 
-def test_lines_of_other_recordings_stay(tmp_path: Path) -> None:
+def test_manifest_lines_of_other_recordings_stay(tmp_path: Path) -> None:
     record(tmp_path, 1, 'other_{seq}.bmp')
     (tmp_path / 'other_0.bmp').unlink()
     record(tmp_path, 150, limits=LIMITS[0])
@@ -127,7 +126,7 @@ def test_lines_of_other_recordings_stay(tmp_path: Path) -> None:
         'other_0.bmp', '146.png', '147.png', '148.png', '149.png']
 
 
-def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
+def test_temporary_file_that_cannot_be_removed_is_left(tmp_path: Path) -> None:
     folder = tmp_path / 'out'
     files = picture_files(folder, '{seq}.png')
     picture = files.prepare(gray_frame(0))
@@ -142,7 +141,7 @@ def test_a_file_that_cannot_be_discarded_is_left(tmp_path: Path) -> None:
     files.close()
 
 
-def test_lines_of_files_that_are_no_more_are_dropped_meanwhile(tmp_path: Path) -> None:
+def test_manifest_is_compacted_while_a_ring_records(tmp_path: Path) -> None:
     names = FileNames('{seq:03d}.png')
     files = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', LIMITS[0], False)
     lengths = []

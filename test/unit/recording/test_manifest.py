@@ -29,7 +29,7 @@ import pytest
 from recordings import manifest_line, record, record_ring
 
 
-def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
+def test_manifest_has_a_line_for_every_file(tmp_path: Path) -> None:
     record(tmp_path, 3)
     lines = read_manifest(tmp_path)
     assert [line['seq'] for line in lines] == [0, 1, 2]
@@ -40,7 +40,7 @@ def test_the_manifest_tells_of_every_file(tmp_path: Path) -> None:
         'encoding': 'mono8', 'stored_encoding': 'mono8', 'size': [20, 20], 'frames': 1}
 
 
-def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
+def test_truncated_last_line_is_removed(tmp_path: Path) -> None:
     record(tmp_path, 2)
     manifest = tmp_path / 'manifest.jsonl'
     manifest.write_bytes(manifest.read_bytes() + b'{"seq": 2, "fi' + b'x' * 5000)
@@ -48,7 +48,7 @@ def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
     assert len(read_manifest(tmp_path)) == 3
 
 
-def test_a_line_is_not_lost_while_another_drops_lines(tmp_path: Path) -> None:
+def test_line_added_during_a_compaction_is_kept(tmp_path: Path) -> None:
     record(tmp_path, 2)
     manifest = Manifest(tmp_path)
     first, second = manifest.entries()
@@ -67,7 +67,7 @@ def test_a_line_is_not_lost_while_another_drops_lines(tmp_path: Path) -> None:
     assert manifest.entries() == [second, first]
 
 
-def test_the_last_lines_of_a_long_manifest(tmp_path: Path) -> None:
+def test_tail_of_a_long_manifest(tmp_path: Path) -> None:
     record(tmp_path, 1)
     manifest = Manifest(tmp_path)
     [entry] = manifest.entries()
@@ -81,7 +81,7 @@ def test_the_last_lines_of_a_long_manifest(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('name', [
     '../victim.png', '{tmp}/victim.png', 'deeper/victim.png', '../out/../victim.png'])
-def test_a_ring_deletes_nothing_outside_its_folder(tmp_path: Path, name: str) -> None:
+def test_ring_deletes_nothing_outside_its_folder(tmp_path: Path, name: str) -> None:
     folder = tmp_path / 'out'
     (folder / 'deeper').mkdir(parents=True)
     victims = [tmp_path / 'victim.png', folder / 'deeper' / 'victim.png']
@@ -99,8 +99,7 @@ def test_a_ring_deletes_nothing_outside_its_folder(tmp_path: Path, name: str) ->
     {'file': '\ud800'}, {'file': 7}, {'file': None}, {'seq': -1}, {'seq': 2**63}, {'bytes': -9},
     {'frames': -1}, {'seq': float('inf')}, {'seq': float('nan')}, {'size': [1]},
     {'stamp': {'sec': 1e300, 'nanosec': 0}}, {'size': [1, -1]}])
-def test_lines_that_nobody_wrote_here_are_left_out(
-        tmp_path: Path, fields: dict[str, object]) -> None:
+def test_invalid_lines_are_skipped(tmp_path: Path, fields: dict[str, object]) -> None:
     with pytest.raises(ValueError):
         parse_line(manifest_line(**fields))
     good, bad = manifest_line(), manifest_line(**fields)
@@ -109,7 +108,7 @@ def test_lines_that_nobody_wrote_here_are_left_out(
 
 
 @pytest.mark.parametrize('kind', ['named pipe', 'symbolic link'])
-def test_what_takes_the_place_of_the_manifest(tmp_path: Path, kind: str) -> None:
+def test_pipe_or_link_instead_of_the_manifest_is_refused(tmp_path: Path, kind: str) -> None:
     manifest = Manifest(tmp_path)
     manifest.append(parse_line(manifest_line()))
     (tmp_path / FILE_NAME).rename(tmp_path / 'target')
@@ -124,7 +123,7 @@ def test_what_takes_the_place_of_the_manifest(tmp_path: Path, kind: str) -> None
             act()
 
 
-def test_a_manifest_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+def test_manifest_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).touch()
     os.truncate(tmp_path / FILE_NAME, 1 << 42)
     for act in (lambda: record_ring(tmp_path), Manifest(tmp_path).entries):

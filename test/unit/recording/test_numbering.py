@@ -32,7 +32,7 @@ from recordings import Console, gray_frame, gray_numbers, picture_files, record
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.mp4'])
-def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: Path) -> None:
+def test_long_file_name_is_reported_with_a_remedy(suffix: str, tmp_path: Path) -> None:
     console = Console()
     names = FileNames('a' * 251 + '{seq}' + suffix)
     files = open_sink(tmp_path, names, EncoderSettings(suffix), 'continue', Limits(), sync=False)
@@ -49,7 +49,7 @@ def test_a_name_that_is_too_long_is_told_with_what_helps(suffix: str, tmp_path: 
     ('{seq:03d}.png', ['000.png', '001.png', '002.png', '003.png']),
     ('x.png', ['x.png', 'x_1.png', 'x_2.png', 'x_3.png']),
     ('{frame_id}.png', ['camera.png', 'camera_1.png', 'camera_2.png', 'camera_3.png'])])
-def test_a_second_recording_continues(tmp_path: Path, template: str, names: list[str]) -> None:
+def test_second_recording_continues(tmp_path: Path, template: str, names: list[str]) -> None:
     record(tmp_path, 2, template)
     record(tmp_path, 2, template, first=2)
     assert gray_numbers(tmp_path) == [0, 1, 2, 3]
@@ -59,7 +59,7 @@ def test_a_second_recording_continues(tmp_path: Path, template: str, names: list
 
 
 @pytest.mark.parametrize('count', [1, 3])
-def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path, count: int) -> None:
+def test_numbers_continue_after_files_were_removed(tmp_path: Path, count: int) -> None:
     record(tmp_path, count)
     for path in recorded_files(tmp_path):
         path.unlink()
@@ -67,7 +67,7 @@ def test_numbers_go_on_when_the_files_were_taken_away(tmp_path: Path, count: int
     assert [path.name for path in recorded_files(tmp_path)] == [f'{count:03d}.png']
 
 
-def test_each_name_has_copies_of_its_own(tmp_path: Path) -> None:
+def test_copies_are_numbered_for_each_name(tmp_path: Path) -> None:
     files = picture_files(tmp_path, '{frame_id}.png')
     gray = gray_frame(0)
     frames = [replace(gray, metadata=replace(gray.metadata, frame_id=name))
@@ -78,7 +78,7 @@ def test_each_name_has_copies_of_its_own(tmp_path: Path) -> None:
         'a.png', 'a_1.png', 'a_2.png', 'b.png', 'b_1.png', 'a_3.png']
 
 
-def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
+def test_two_simultaneous_recordings_share_a_folder(tmp_path: Path) -> None:
     threads = [threading.Thread(target=record, args=(tmp_path, 40)) for _ in range(2)]
     for thread in threads:
         thread.start()
@@ -88,14 +88,14 @@ def test_two_recordings_at_once_share_a_folder(tmp_path: Path) -> None:
     assert len(read_manifest(tmp_path)) == 80
 
 
-def test_files_are_overwritten_when_that_is_asked(tmp_path: Path) -> None:
+def test_files_are_overwritten_on_request(tmp_path: Path) -> None:
     record(tmp_path, 3)
     record(tmp_path, 2, on_exists='overwrite', first=10)
     assert gray_numbers(tmp_path) == [10, 11, 2]
     assert len(read_manifest(tmp_path)) == 3
 
 
-def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
+def test_existing_files_can_be_an_error(tmp_path: Path) -> None:
     (tmp_path / 'other.txt').touch()
     record(tmp_path, 2, on_exists='error')
     with pytest.raises(RecordingError, match=r'already contains 000\.png; set output_dir'):
@@ -103,7 +103,7 @@ def test_files_that_are_there_can_be_an_error(tmp_path: Path) -> None:
     assert len([path for path in tmp_path.iterdir() if path.name.startswith('.')]) == 0
 
 
-def test_a_file_that_comes_from_elsewhere_is_not_touched(tmp_path: Path) -> None:
+def test_file_of_another_program_is_not_changed(tmp_path: Path) -> None:
     names = FileNames('{seq}.png')
     recorder = Recorder(
         open_sink(tmp_path, names, EncoderSettings('.png'), 'error', Limits(), False), Console())

@@ -33,7 +33,7 @@ from recordings import NO_LIMITS, open_videos, record
     ('loop', 'it is a file or a broken link; set output_dir to a folder'),
     ('below a loop', 'its path contains a loop of links; set output_dir to another folder'),
     ('long', 'it is too long for the file system; set output_dir to a shorter path')])
-def test_a_folder_that_is_none_is_refused_with_what_helps(
+def test_unusable_output_dir_is_refused_with_a_remedy(
         kind: str, sentence: str, tmp_path: Path) -> None:
     path = tmp_path / ('a' * 256 if kind == 'long' else 'out')
     if kind == 'file':
@@ -49,14 +49,14 @@ def test_a_folder_that_is_none_is_refused_with_what_helps(
     assert str(raised.value).endswith(f' cannot be used: {sentence}')
 
 
-def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_output_dir_that_cannot_be_created_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     with pytest.raises(RecordingError, match=r'output_dir .*/file/out cannot be used'):
         record(tmp_path / 'file' / 'out', 1)
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.mkv'])
-def test_a_manifest_that_cannot_be_read(tmp_path: Path, suffix: str) -> None:
+def test_unreadable_manifest_is_refused(tmp_path: Path, suffix: str) -> None:
     (tmp_path / 'manifest.jsonl').mkdir()
     with pytest.raises(RecordingError, match=r'output_dir .* cannot be used: Is a directory$'):
         open_sink(tmp_path, FileNames(f'x{suffix}'), EncoderSettings(suffix), 'continue',
@@ -64,14 +64,13 @@ def test_a_manifest_that_cannot_be_read(tmp_path: Path, suffix: str) -> None:
     assert not list(tmp_path.glob('.*'))
 
 
-def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
+def test_ring_of_videos_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
         open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
     assert not (tmp_path / 'out').exists()
 
 
-def test_without_pyav_videos_alone_are_refused(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_pyav_refuses_videos_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def find_nothing() -> None:
         raise VideoError('install it')
 

@@ -35,7 +35,7 @@ from recordings import Console, frame_of, gray_frame, gray_numbers, picture_file
 from switching import switching_in
 
 
-def test_frames_are_numbered_in_the_order_they_came(tmp_path: Path) -> None:
+def test_frames_are_numbered_in_the_order_of_arrival(tmp_path: Path) -> None:
     folder = tmp_path / 'a' / 'b'
     recorder = record(folder, 50)
     assert [path.name for path in recorded_files(folder)] == [
@@ -62,7 +62,7 @@ def slow_files(tmp_path: Path) -> SlowFiles:
     return picture_files(tmp_path, '{seq:03d}.png', SlowFiles)
 
 
-def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) -> None:
+def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_files: SlowFiles) -> None:
     console = Console()
     recorder = Recorder(slow_files, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
@@ -78,7 +78,7 @@ def test_a_full_queue_drops_the_oldest(tmp_path: Path, slow_files: SlowFiles) ->
     assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
-def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowFiles) -> None:
+def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_files: SlowFiles) -> None:
     recorder = Recorder(slow_files, Console(), queue_size=3, writers=2, block=True)
     putting = threading.Thread(
         target=lambda: [recorder.put(gray_frame(number)) for number in range(40)])
@@ -92,7 +92,7 @@ def test_a_full_queue_blocks_and_loses_nothing(tmp_path: Path, slow_files: SlowF
     assert recorder.counts.dropped == 0
 
 
-def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
+def test_bad_frame_is_logged_once_and_numbering_continues(tmp_path: Path) -> None:
     console = Console()
     names = FileNames('{seq}.png')
     sink = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', Limits(), False)
@@ -109,7 +109,7 @@ def test_one_bad_frame_is_told_once_and_leaves_no_gap(tmp_path: Path) -> None:
         'set the extension of file_name to .tif or .tiff or .npy']
 
 
-def test_an_error_that_nobody_expects_holds_nothing_up(
+def test_unexpected_error_does_not_stop_the_recorder(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stumble(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         if frame.image[0, 0] % 3 == 0:
@@ -140,7 +140,7 @@ def test_every_error_has_a_reason(
     assert console.lines == [f'error: a frame was not written: {reason}']
 
 
-def test_writers_keep_nobody_from_ending(slow_files: SlowFiles) -> None:
+def test_writer_threads_end_with_the_recorder(slow_files: SlowFiles) -> None:
     before = set(threading.enumerate())
     recorder = Recorder(slow_files, Console(), writers=3)
     writers = set(threading.enumerate()) - before
@@ -178,7 +178,7 @@ class Unfinished(Numbers):
         raise OSError(errno.EIO, 'Input/output error', 'x')
 
 
-def test_an_end_that_fails_is_told_once() -> None:
+def test_failure_of_close_is_logged_once() -> None:
     console = Console()
     recorder = Recorder(Unfinished(), console)
     recorder.put(gray_frame(0))
@@ -202,7 +202,7 @@ class Waiting(Numbers):
         self.counts.reason = 'the disk is full'
 
 
-def test_a_frame_counts_when_it_is_known_what_became_of_it() -> None:
+def test_frame_is_counted_when_its_outcome_is_known() -> None:
     console, files = Console(), Waiting()
     recorder = Recorder(files, console, block=True)
     for number in range(5):
@@ -232,7 +232,7 @@ class Full(Numbers):
         self.discarded += 1
 
 
-def test_what_was_prepared_before_the_end_is_left_out() -> None:
+def test_frames_prepared_before_the_limit_are_discarded() -> None:
     files = Full()
     outcomes: list[object] = []
     recorder = Recorder(files, Console(), writers=2)
@@ -245,7 +245,7 @@ def test_what_was_prepared_before_the_end_is_left_out() -> None:
 
 
 @pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
-def test_the_order_is_kept_wherever_threads_are_stopped() -> None:
+def test_order_is_independent_of_thread_switches() -> None:
     files = Numbers()
     with switching_in(Recorder._write_all):
         recorder = Recorder(files, Console(), writers=4, block=True)

@@ -35,7 +35,7 @@ def planes(image: np.ndarray, encoding: str) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize('size', [(16, 16), (1, 256)])
-def test_every_gray_has_the_luma_of_the_standard(size: tuple[int, int]) -> None:
+def test_every_gray_has_the_luma_of_bt_601(size: tuple[int, int]) -> None:
     ramp = np.arange(256, dtype=np.uint8).reshape(size)
     luma, *chroma = planes(ramp, 'mono8')
     np.testing.assert_array_equal(luma, np.rint(16 + 219 / 255 * ramp))
@@ -44,7 +44,7 @@ def test_every_gray_has_the_luma_of_the_standard(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize('size', [(2, 4), (3, 5)])
 @pytest.mark.parametrize('color', COLORS)
-def test_colors_are_those_of_the_standard(color: str, size: tuple[int, int]) -> None:
+def test_colors_are_those_of_bt_601(color: str, size: tuple[int, int]) -> None:
     image = np.full((*size, 3), COLORS[color], np.uint8)
     expected = BT_601 @ [*np.divide(COLORS[color], 255), 1]
     for frame in (planes(image, 'bgr8'), planes(image[..., ::-1], 'rgb8')):
@@ -60,7 +60,7 @@ CONVERTED = {'bayer_rggb8', 'bayer_bggr8', 'bayer_gbrg8', 'bayer_grbg8', 'yuv422
 @pytest.mark.parametrize('to_color', [False, True])
 @pytest.mark.parametrize('name', [
     *ENCODINGS, '8U', '8UC1', '8UC2', '8UC3', '8UC4', '8SC1', '16UC1', '16SC3', '32FC1', '64FC3'])
-def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
+def test_encodings_are_accepted_or_refused(name: str, to_color: bool) -> None:
     encoding = find_encoding(name)
     shape = (encoding.rows(8), 6, encoding.channels)[:2 + (encoding.channels > 1)]
     image = np.full(shape, 100, encoding.dtype)
@@ -79,7 +79,7 @@ def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
     ('nv12', np.vstack([np.full((32, 32), 81, np.uint8),
                         np.tile(np.uint8([90, 240]), (16, 16))]), (0, 0, 254)),
 ])
-def test_raw_colors_are_converted(
+def test_bayer_and_yuv_frames_are_converted(
         tmp_path: Path, name: str, image: np.ndarray, color: tuple[int, int, int]) -> None:
     path = tmp_path / 'video.mp4'
     picture = to_video_frame(image, name, '.mp4', to_color=True)
@@ -91,13 +91,13 @@ def test_raw_colors_are_converted(
     assert np.abs(kept[8:-8, 8:-8].reshape(-1, 3).mean(axis=0) - color).max() < 5
 
 
-def test_an_empty_frame_is_refused_with_its_size() -> None:
+def test_empty_frame_is_refused_with_its_size() -> None:
     with pytest.raises(VideoError, match=r'an empty frame \(0x5\) cannot be stored as \.mp4$'):
         to_video_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.mp4')
 
 
 @pytest.mark.parametrize('size', [(20, 30), (21, 31)])
-def test_a_view_is_read_and_not_changed(size: tuple[int, int]) -> None:
+def test_view_is_converted_and_not_changed(size: tuple[int, int]) -> None:
     large = np.random.default_rng(1).integers(0, 256, (2 * size[0], 100, 4), np.uint8)
     large.flags.writeable = False
     view = large[::-2, 2:2 + size[1], 2::-1]

@@ -27,7 +27,7 @@ from videos import every_format, record, START_NS
 
 
 @every_format
-def test_frames_are_counted_wherever_a_file_was_cut_off(tmp_path: Path, suffix: str) -> None:
+def test_frames_of_a_file_truncated_anywhere_are_counted(tmp_path: Path, suffix: str) -> None:
     path, copy = tmp_path / f'video{suffix}', tmp_path / f'cut{suffix}'
     record(path, {number: START_NS + number * 50_000_000 for number in range(60)})
     data = path.read_bytes()
@@ -41,7 +41,7 @@ def test_frames_are_counted_wherever_a_file_was_cut_off(tmp_path: Path, suffix: 
     assert played >= 40
 
 
-def test_what_may_be_something_else_is_not_called_empty(
+def test_unreadable_file_is_not_reported_as_empty(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text, large = tmp_path / 'notes.txt', tmp_path / 'video.mkv'
     text.write_text('precious')

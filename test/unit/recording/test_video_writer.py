@@ -38,7 +38,7 @@ from videos import (
 
 
 @every_format
-def test_every_frame_comes_back_at_its_time(tmp_path: Path, suffix: str) -> None:
+def test_every_frame_is_played_at_its_time(tmp_path: Path, suffix: str) -> None:
     steps = np.random.default_rng(3).integers(4_000_000, 200_000_000, 600)
     times = [START_NS + int(step) for step in np.cumsum(steps) - steps[0]]
     assert times[-1] - START_NS > 55 * 10 ** 9
@@ -57,7 +57,7 @@ def test_every_frame_comes_back_at_its_time(tmp_path: Path, suffix: str) -> None
 
 
 @every_format
-def test_a_long_wait_and_times_that_stand_still(tmp_path: Path, suffix: str) -> None:
+def test_long_gap_and_equal_times_between_frames(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     later = [START_NS + 195 * 10 ** 9 + number * 10 ** 8 for number in range(7)]
     record(path, dict(enumerate([START_NS, START_NS, START_NS - 10 ** 8, *later])))
@@ -71,8 +71,7 @@ def test_a_long_wait_and_times_that_stand_still(tmp_path: Path, suffix: str) -> 
 
 
 @every_format
-def test_a_key_frame_comes_each_second_and_the_comment_tells_the_start(
-        tmp_path: Path, suffix: str) -> None:
+def test_key_frame_each_second_and_start_time_in_the_comment(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     record(path, {number: START_NS + number * 50_000_000 for number in range(100)})
     with av.open(str(path)) as container:
@@ -85,7 +84,7 @@ def test_a_key_frame_comes_each_second_and_the_comment_tells_the_start(
 
 
 @pytest.mark.parametrize('crf', [18, 40])
-def test_crf_is_the_quality(tmp_path: Path, crf: int) -> None:
+def test_crf_determines_the_quality(tmp_path: Path, crf: int) -> None:
     path = tmp_path / 'video.mkv'
     picture = to_video_frame(draw(0, 128), 'mono8', '.mkv')
     writer = VideoWriter(path, picture, 0, crf)
@@ -99,7 +98,7 @@ def test_crf_is_the_quality(tmp_path: Path, crf: int) -> None:
 @every_format
 @pytest.mark.parametrize('size', [(64, 96), (63, 95), (64, 95)])
 @pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', '8UC3'])
-def test_colors_are_true(
+def test_colors_survive_encoding(
         tmp_path: Path, encoding: str, size: tuple[int, int], suffix: str) -> None:
     image = np.empty((*size, 3), np.uint8)
     edges = np.linspace(0, size[1], len(COLORS) + 1).astype(int)
@@ -122,7 +121,7 @@ def test_colors_are_true(
 
 
 @every_format
-def test_gray_stays_gray(tmp_path: Path, suffix: str) -> None:
+def test_gray_survives_encoding(tmp_path: Path, suffix: str) -> None:
     ramp = np.repeat(np.arange(256, dtype=np.uint8), 16).reshape(64, 64).repeat(2, axis=1)
     path = tmp_path / f'video{suffix}'
     picture = to_video_frame(ramp, 'mono8', suffix)
@@ -135,8 +134,7 @@ def test_gray_stays_gray(tmp_path: Path, suffix: str) -> None:
 
 @every_format
 @pytest.mark.parametrize('size', [(1, 1), (2, 2), (1, 2), (3, 200), (17, 16), (480, 641)])
-def test_no_size_is_cropped_or_padded(
-        tmp_path: Path, size: tuple[int, int], suffix: str) -> None:
+def test_no_size_is_cropped_or_padded(tmp_path: Path, size: tuple[int, int], suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     picture = to_video_frame(np.full((*size, 3), (30, 80, 140), np.uint8), 'bgr8', suffix)
     writer = VideoWriter(path, picture, 0)
@@ -148,7 +146,7 @@ def test_no_size_is_cropped_or_padded(
         assert np.abs(images[-1].astype(int) - (30, 80, 140)).max() < 5
 
 
-def test_a_size_that_the_encoder_refuses(tmp_path: Path) -> None:
+def test_size_that_the_encoder_refuses(tmp_path: Path) -> None:
     picture = to_video_frame(np.zeros((2, 40000), np.uint8), 'mono8', '.mp4')
     with pytest.raises(VideoError, match=r'a 40000x2 frame cannot be encoded as \.mp4: '):
         VideoWriter(tmp_path / 'video.mp4', picture, 0)
@@ -156,7 +154,7 @@ def test_a_size_that_the_encoder_refuses(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('suffix', 'longest'), [('.mp4', 3600), ('.mkv', 3600), ('.avi', 199)])
-def test_what_fits_into_one_file(tmp_path: Path, suffix: str, longest: int) -> None:
+def test_frames_that_fit_into_one_file(tmp_path: Path, suffix: str, longest: int) -> None:
     first = to_video_frame(np.zeros((16, 16), np.uint8), 'mono8', suffix)
     writer = VideoWriter(tmp_path / f'video{suffix}', first, START_NS)
     writer.write(first, START_NS)
@@ -173,7 +171,7 @@ def test_what_fits_into_one_file(tmp_path: Path, suffix: str, longest: int) -> N
 
 
 @every_format
-def test_a_file_that_exists_is_not_touched(tmp_path: Path, suffix: str) -> None:
+def test_existing_file_is_not_changed(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     path.write_text('kept')
     with pytest.raises(FileExistsError):
@@ -182,7 +180,7 @@ def test_a_file_that_exists_is_not_touched(tmp_path: Path, suffix: str) -> None:
 
 
 @every_format
-def test_a_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
+def test_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
     writer = VideoWriter(tmp_path / f'video{suffix}', to_video_frame(draw(0), 'mono8', suffix), 0)
     writer.close()
     writer.close()
@@ -190,7 +188,7 @@ def test_a_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
 
 
 @every_format
-def test_a_file_that_is_forgotten_is_ended(tmp_path: Path, suffix: str) -> None:
+def test_file_of_a_forgotten_writer_is_finished(tmp_path: Path, suffix: str) -> None:
     picture = to_video_frame(draw(7), 'mono8', suffix)
     writer = VideoWriter(tmp_path / f'video{suffix}', picture, 0)
     writer.write(picture, 0)
@@ -200,7 +198,7 @@ def test_a_file_that_is_forgotten_is_ended(tmp_path: Path, suffix: str) -> None:
 
 @every_format
 @pytest.mark.parametrize('size', [100_000, 250_001])
-def test_a_full_disk(tmp_path: Path, size: int, suffix: str) -> None:
+def test_full_disk_keeps_the_complete_frames(tmp_path: Path, size: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     pictures = [to_video_frame(draw(number, 64), 'mono8', suffix) for number in range(300)]
     with disk_of(size):
@@ -223,7 +221,7 @@ def test_a_full_disk(tmp_path: Path, size: int, suffix: str) -> None:
 
 
 @every_format
-def test_a_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
+def test_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     pictures = [to_video_frame(draw(number), 'mono8', suffix) for number in range(25)]
     writer = VideoWriter(path, pictures[0], 0)
@@ -241,7 +239,7 @@ def test_a_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
 
 @every_format
 @pytest.mark.parametrize('room', [100, 300, 1000, 3000])
-def test_an_end_that_fits_in_part_keeps_what_it_counts(
+def test_partly_written_end_keeps_the_counted_frames(
         tmp_path: Path, room: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     pictures = [to_video_frame(draw(number), 'mono8', suffix) for number in range(25)]
@@ -255,7 +253,7 @@ def test_an_end_that_fits_in_part_keeps_what_it_counts(
 
 @every_format
 @pytest.mark.parametrize('height', [16, 128])
-def test_what_is_flushed_is_whole_in_the_file(tmp_path: Path, height: int, suffix: str) -> None:
+def test_flushed_frames_are_complete_in_the_file(tmp_path: Path, height: int, suffix: str) -> None:
     path, copy = tmp_path / f'video{suffix}', tmp_path / f'copy{suffix}'
     pictures = [to_video_frame(draw(number, height), 'mono8', suffix) for number in range(45)]
     writer = VideoWriter(path, pictures[0], 0)
@@ -273,7 +271,7 @@ def test_what_is_flushed_is_whole_in_the_file(tmp_path: Path, height: int, suffi
 
 @every_format
 @pytest.mark.parametrize('height', [16, 128])
-def test_no_file_is_larger_than_it_may_be(tmp_path: Path, height: int, suffix: str) -> None:
+def test_no_file_is_larger_than_max_bytes(tmp_path: Path, height: int, suffix: str) -> None:
     for max_bytes in (1, 1000, 6000, 20_001, 60_000, 10**6):
         pictures = [to_video_frame(draw(number, height), 'mono8', suffix) for number in range(60)]
         path = tmp_path / f'{max_bytes}{suffix}'
@@ -291,7 +289,7 @@ def test_no_file_is_larger_than_it_may_be(tmp_path: Path, height: int, suffix: s
             assert max_bytes - size < (10_000 if height > 16 else 600)  # a packet's
 
 
-def test_a_failure_does_not_keep_the_encoder(tmp_path: Path) -> None:
+def test_failure_releases_the_encoder(tmp_path: Path) -> None:
     picture = to_video_frame(draw(0), 'mono8', '.mkv')
     writer = VideoWriter(tmp_path / 'video.mkv', picture, 0)
     with disk_of(writer.bytes_written + 10), suppress(OSError):
@@ -305,7 +303,7 @@ def test_a_failure_does_not_keep_the_encoder(tmp_path: Path) -> None:
 
 
 @every_format
-def test_a_disk_that_is_full_at_the_beginning(tmp_path: Path, suffix: str) -> None:
+def test_disk_that_is_full_at_the_beginning(tmp_path: Path, suffix: str) -> None:
     picture = to_video_frame(draw(0), 'mono8', suffix)
     with disk_of(10), pytest.raises(OSError) as caught:
         VideoWriter(tmp_path / f'video{suffix}', picture, 0)
@@ -332,8 +330,7 @@ for number in itertools.count():
 @pytest.mark.process
 @every_format
 @pytest.mark.parametrize('moment', [30, 97, 234])
-def test_a_writer_that_is_killed_leaves_a_video(
-        tmp_path: Path, moment: int, suffix: str) -> None:
+def test_killed_writer_leaves_a_video(tmp_path: Path, moment: int, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     with subprocess.Popen(
             [sys.executable, '-c', WRITE_UNTIL_KILLED, str(path)],
@@ -355,7 +352,7 @@ def test_pyav_is_not_imported_before_it_is_used() -> None:
     assert subprocess.run([sys.executable, '-c', code]).returncode == 0
 
 
-def test_a_machine_without_the_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_encoder_is_reported_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     check_video()
 
     def find_nothing(*args: object) -> None:
