@@ -37,7 +37,8 @@ from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
+from opencv_tools.image.cdr import (
+    compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader)
 from opencv_tools.image_codecs import encode_picture
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -411,7 +412,7 @@ def measure(seconds: float) -> list[Figure]:
     """Measure and print section after section; the figures."""
     pictures = clip_pictures()
     bridge = CvBridge()
-    messages = [bridge.cv2_to_cdr(picture, 'bgr8', Header(frame_id='camera'))
+    messages = [image_to_cdr(bridge.cv2_to_wire(picture, 'bgr8', Header(frame_id='camera')))
                 for picture in pictures]
     print(f'{len(os.sched_getaffinity(0))} cores, OpenCV {cv2.__version__} with '
           f'{cv2.getNumThreads()} threads, PyAV {av.__version__}, medians of {ROUNDS}\n')

@@ -30,7 +30,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
+from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
@@ -184,24 +184,6 @@ class CvBridge:
             message.header = header
         message.data.frombytes(pack_pixels(cvim))  # assigning to data would copy a second time
         return message
-
-    @_raises_bridge_errors
-    def cv2_to_cdr(
-        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
-    ) -> bytes:
-        """
-        Convert an array to a serialised image message, copying its data once.
-
-        The original cv_bridge has no such method.
-
-        :param cvim: as for ``cv2_to_imgmsg``.
-        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
-        :param header: header of the message; None for an empty one.
-        :returns: CDR, which a publisher accepts instead of the message.
-        :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is unknown or does not fit the array.
-        """
-        return image_to_cdr(self.cv2_to_wire(cvim, encoding, header))
 
     @_raises_bridge_errors
     def cv2_to_wire(

@@ -22,15 +22,12 @@ process is created. The parameters of the node are not known by then.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.source import expected_size
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.ros.command_line import load_parameters, parameter_sections
+from opencv_tools.ros.command_line import given_parameters
 from opencv_tools.ros.publisher.parameters import PARAMETERS, PublisherSettings
 import yaml
 
@@ -49,7 +46,7 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
     :returns: bytes per frame, at least 1.
     """
     try:
-        given = _given_parameters(args)
+        given = given_parameters(args, 'image_publisher')
         settings = PublisherSettings(**{
             parameter.name: parameter.accept(given[parameter.name])
             for parameter in PARAMETERS if parameter.name in given})
@@ -64,16 +61,3 @@ def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
     width, height = size
     found = find_encoding(encoding)
     return int(found.rows(height) * width * found.pixel_bytes)
-
-
-def _given_parameters(args: Sequence[str]) -> dict[str, Any]:
-    """Return the parameters of a command line and its files, regardless of the node name."""
-    values: dict[str, Any] = {}
-    for option, value in pairwise(args):
-        if option in ('-p', '--param'):
-            name, _, text = value.partition(':=')
-            values[name.rpartition(':')[2]] = yaml.safe_load(text)
-        elif option == '--params-file':
-            for _, parameters in parameter_sections(load_parameters(Path(value))):
-                values.update(parameters)
-    return values

@@ -159,7 +159,7 @@ def test_round_trip_of_an_array_reads_without_a_copy(encoding: str) -> None:
     image = random_image(encoding, 6, 8)
     header = Header(frame_id='camera')
     header.stamp.sec, header.stamp.nanosec = 1, 2
-    serialized = CvBridge().cv2_to_cdr(image, encoding, header)
+    serialized = image_to_cdr(CvBridge().cv2_to_wire(image, encoding, header))
     assert deserialize_message(serialized, Image) == CvBridge().cv2_to_imgmsg(
         image, encoding, header)
     view = CvBridge().imgmsg_to_cv2(cdr_to_image(serialized))
@@ -181,11 +181,8 @@ def test_values_out_of_range_are_refused(field: str, value: object, text: str) -
 
 
 def test_unserialisable_array_is_refused() -> None:
-    bridge = CvBridge()
-    with pytest.raises(CvBridgeError, match='has a NUL'):
-        bridge.cv2_to_cdr(np.zeros((1, 1), np.uint8), 'mono8', Header(frame_id='a\0'))
     with pytest.raises(CvBridgeError, match='image has incompatible type 8UC1'):
-        bridge.cv2_to_cdr(np.zeros((1, 1), np.uint8), 'bgr8')
+        CvBridge().cv2_to_wire(np.zeros((1, 1), np.uint8), 'bgr8')
 
 
 def test_text_that_is_not_utf_8_is_read() -> None:

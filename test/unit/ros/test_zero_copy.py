@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages given to rcl and taken from it without rclpy's copies."""
+"""Publishing and taking of messages through rcl, without rclpy's copies."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ PIXEL = WireImage(header=WireHeader(1, 2, 'camera'), height=1, width=1, encoding
 
 
 def large_image(value: int) -> WireImage:
-    """Make an image of 6 MB."""
+    """Return an image of 6 MB."""
     return WireImage(header=WireHeader(value, 0, ''), height=1024, width=2048, encoding='bgr8',
                      is_bigendian=False, step=3 * 2048,
                      data=np.full(6 * MB, value % 256, np.uint8))
@@ -60,14 +60,14 @@ def publisher(node: Node) -> Publisher:
 
 @pytest.fixture
 def subscription(node: Node, publisher: Publisher) -> Subscription:
-    """Give a subscription that the publisher knows, and that no executor takes from."""
+    """Return a subscription that has met the publisher, and that no executor takes from."""
     made = node.create_subscription(Image, 'images', lambda _: None, 10, raw=True)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     return made
 
 
 def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
-    """Take a message, which may be on its way."""
+    """Take a message, which may still be in transit."""
     deadline = time.monotonic() + DEADLINE
     while (taken := take_serialized(subscription.handle)) is None:
         assert time.monotonic() < deadline, 'no message came'
@@ -76,7 +76,7 @@ def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
 
 
 def resident_bytes() -> int:
-    """Tell how much memory this process has."""
+    """Return the resident memory of this process in bytes."""
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * 4096
 
@@ -86,7 +86,7 @@ def resident_bytes() -> int:
     replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
     replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
     replace(PIXEL, step=2**32 - 1, data=b'')])
-def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
+def test_images_at_an_rclpy_subscriber(
         node: Node, publisher: Publisher, image: WireImage) -> None:
     received: list[Image] = []
     node.create_subscription(Image, 'images', received.append, 10)
@@ -102,7 +102,7 @@ def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
     assert received == [expected]
 
 
-def test_an_array_with_gaps_arrives_without_them(
+def test_array_that_is_not_contiguous(
         publisher: Publisher, subscription: Subscription) -> None:
     whole = np.arange(60 * 40 * 3, dtype=np.uint8).reshape(60, 40, 3)
     array = whole[::2, 5:25, ::-1]
@@ -114,7 +114,7 @@ def test_an_array_with_gaps_arrives_without_them(
 
 @pytest.mark.parametrize('fields', [
     {'header': WireHeader(1, 2, 'a\0b')}, {'encoding': 'a\0b'}], ids=['frame_id', 'encoding'])
-def test_a_nul_is_refused_and_nothing_is_published(
+def test_refused_nul_character(
         publisher: Publisher, subscription: Subscription, fields: dict[str, Any]) -> None:
     with pytest.raises(CdrError, match='has a NUL'):
         publish_image(publisher.handle, replace(PIXEL, **fields))
@@ -123,20 +123,20 @@ def test_a_nul_is_refused_and_nothing_is_published(
     assert take_serialized(subscription.handle) is None
 
 
-def test_what_was_destroyed_neither_publishes_nor_takes(
+def test_destroyed_publisher_and_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
-    of_publisher, of_subscription = publisher.handle, subscription.handle
+    publisher_handle, subscription_handle = publisher.handle, subscription.handle
     node.destroy_publisher(publisher)
     node.destroy_subscription(subscription)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        publish_image(of_publisher, PIXEL)
+        publish_image(publisher_handle, PIXEL)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        take_serialized(of_subscription)
+        take_serialized(subscription_handle)
 
 
 def destroy_meanwhile(
         monkeypatch: pytest.MonkeyPatch, name: str, destroy: Callable[[], object]) -> None:
-    """Let something be destroyed when a function of rcl is about to be called."""
+    """Call ``destroy`` immediately before a function of rcl."""
     function = getattr(zero_copy._rcl, name)
 
     def _call(*args: object) -> int:
@@ -146,7 +146,7 @@ def destroy_meanwhile(
     monkeypatch.setattr(zero_copy._rcl, name, _call)
 
 
-def test_a_publisher_lives_until_the_message_is_published(
+def test_publisher_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     destroy_meanwhile(monkeypatch, 'rcl_publish', lambda: node.destroy_publisher(publisher))
@@ -156,7 +156,7 @@ def test_a_publisher_lives_until_the_message_is_published(
         publish_image(publisher.handle, PIXEL)
 
 
-def test_a_subscription_lives_until_the_message_is_taken(
+def test_subscription_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     publish_image(publisher.handle, PIXEL)
@@ -168,7 +168,7 @@ def test_a_subscription_lives_until_the_message_is_taken(
         take_serialized(subscription.handle)
 
 
-def test_nothing_is_published_once_ros_is_shut_down(domain: int) -> None:
+def test_publishing_after_shutdown(domain: int) -> None:
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     node = Node('short', context=context)
@@ -180,11 +180,11 @@ def test_nothing_is_published_once_ros_is_shut_down(domain: int) -> None:
     node.destroy_node()
 
 
-def test_where_there_is_no_message_none_is_taken(subscription: Subscription) -> None:
+def test_taking_without_a_message(subscription: Subscription) -> None:
     assert [take_serialized(subscription.handle) for _ in range(3)] == [None] * 3
 
 
-def test_messages_are_told_by_number_and_time(
+def test_metadata_of_messages(
         publisher: Publisher, subscription: Subscription) -> None:
     began = time.time_ns()
     for _ in range(3):
@@ -198,11 +198,11 @@ def test_messages_are_told_by_number_and_time(
 
 @pytest.mark.parametrize(('given', 'number'), [(0, 0), (1, 1), (2**64 - 2, 2**64 - 2),
                                                (2**64 - 1, 0)])
-def test_a_number_that_is_not_known_is_0(given: int, number: int) -> None:
+def test_sequence_number(given: int, number: int) -> None:
     assert MessageInfo(publication_sequence_number=given).number == number
 
 
-def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
+def test_read_only_data_after_the_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
     images = [large_image(value) for value in range(3)]
     for image in images:
@@ -219,7 +219,7 @@ def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
-def test_memory_does_not_grow_with_what_was_taken(
+def test_memory_of_taken_messages(
         publisher: Publisher, subscription: Subscription, tell: Callable[[str], None]) -> None:
     sizes = []
     for value in range(120):
@@ -233,24 +233,22 @@ def test_memory_does_not_grow_with_what_was_taken(
     assert sizes[-1] - sizes[0] < 30 * MB
 
 
-# Where rcl is another
-
 class OtherImage(ctypes.Structure):
-    """An image with one field more."""
+    """An image with an additional field."""
 
     _fields_ = (*zero_copy._Image._fields_[:4], ('depth', ctypes.c_uint64),
                 *zero_copy._Image._fields_[4:])
 
 
 class OtherArray(ctypes.Structure):
-    """A serialized message whose numbers have changed places."""
+    """A serialized message with two fields swapped."""
 
     _fields_ = tuple(zero_copy._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
 
 
 @pytest.fixture
 def use_rcl_again() -> Iterator[None]:
-    """Use what there is after a test."""
+    """Select rcl again after a test."""
     yield
     assert zero_copy.use_rcl() == ''
 
@@ -264,7 +262,7 @@ def use_rcl_again() -> Iterator[None]:
     ('_RmwSerializedMessage', OtherArray, 'rmw_serialized_message_t has another layout'),
     ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
     ('ROS_DISTRO', 'kilted', 'ROS_DISTRO is kilted')])
-def test_messages_go_by_rclpy_where_rcl_is_another(
+def test_fallback_to_rclpy(
         use_rcl_again: None, publisher: Publisher, subscription: Subscription,
         name: str, value: Any, reason: str) -> None:
     with pytest.MonkeyPatch.context() as patch:
