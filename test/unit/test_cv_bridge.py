@@ -30,6 +30,7 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, getCvType
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.layout import array_to_wire
 import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -88,7 +89,7 @@ def test_round_trip_of_any_array_by_message_and_wire(
     copied = bridge.imgmsg_to_cv2(message, encoding)
     np.testing.assert_array_equal(copied, expected)
     assert copied.dtype == expected.dtype and copied.shape == expected.shape
-    wire = cdr_to_image(image_to_cdr(bridge.cv2_to_wire(image, encoding)))
+    wire = cdr_to_image(image_to_cdr(array_to_wire(image, find_encoding(encoding))))
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(wire), expected)
     rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
     extra = padding * find_encoding(encoding).pixel_bytes
