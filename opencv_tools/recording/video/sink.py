@@ -199,7 +199,7 @@ class VideoSink:
         if now < self._next_check_at:
             return True
         self._next_check_at = now + _CHECK_SECONDS
-        return video.writer.is_at_path()
+        return video.writer.file.is_at_path()
 
     def _begin(self, seq: int, name: str, frame: ReceivedFrame, video_frame: VideoFrame) -> _Video:
         self._folder.recreate()
@@ -230,7 +230,7 @@ class VideoSink:
         """
         self._video = None
         writer = video.writer
-        is_at_path = writer.is_at_path()
+        is_at_path = writer.file.is_at_path()
         try:
             writer.close()
         except (OSError, VideoError) as err:

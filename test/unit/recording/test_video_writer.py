@@ -45,7 +45,7 @@ def test_every_frame_is_played_at_its_time(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f'video{suffix}'
     writer = record(path, dict(enumerate(times)))
     assert writer.frames == len(times)
-    assert writer.bytes_written == path.stat().st_size
+    assert writer.file.size == path.stat().st_size
     played = [(time, read(image)) for time, image in play(path)]
     assert [number for _, number in played] == list(range(len(times)))
     errors = [time - (true - START_NS) / 1e6 for (time, _), true in zip(played, times)]
@@ -213,7 +213,7 @@ def test_full_disk_keeps_the_complete_frames(tmp_path: Path, size: int, suffix: 
                 writer.write(pictures[0], 0)
         taken = writer.frames
         writer.close()
-    assert path.stat().st_size == writer.bytes_written <= size
+    assert path.stat().st_size == writer.file.size <= size
     kept = numbers(path)
     assert kept == list(range(len(kept)))
     assert len(kept) == writer.flushed > 10
@@ -227,7 +227,7 @@ def test_disk_that_is_full_at_the_end(tmp_path: Path, suffix: str) -> None:
     writer = VideoWriter(path, pictures[0], 0)
     for number, picture in enumerate(pictures):
         writer.write(picture, number * 50_000_000)
-    with disk_of(writer.bytes_written + 10):
+    with disk_of(writer.file.size + 10):
         with pytest.raises(OSError) as caught:
             writer.close()
         writer.close()
@@ -246,7 +246,7 @@ def test_partly_written_end_keeps_the_counted_frames(
     writer = VideoWriter(path, pictures[0], 0)
     for number, picture in enumerate(pictures):
         writer.write(picture, number * 50_000_000)
-    with disk_of(writer.bytes_written + room), suppress(OSError):
+    with disk_of(writer.file.size + room), suppress(OSError):
         writer.close()
     assert count_frames(path) == writer.flushed
 
@@ -292,7 +292,7 @@ def test_no_file_is_larger_than_max_bytes(tmp_path: Path, height: int, suffix: s
 def test_failure_releases_the_encoder(tmp_path: Path) -> None:
     picture = to_video_frame(draw(0), 'mono8', '.mkv')
     writer = VideoWriter(tmp_path / 'video.mkv', picture, 0)
-    with disk_of(writer.bytes_written + 10), suppress(OSError):
+    with disk_of(writer.file.size + 10), suppress(OSError):
         for number in range(100):
             writer.write(picture, number * 50_000_000)
     assert writer.frames < 99
