@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.color import convert_to
-from opencv_tools.image.compressed import parse_format, stored_encoding
+from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
@@ -243,10 +243,10 @@ class CvBridge:
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
+        picture = _pictures().decode_picture(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
             return picture
-        source = stored_encoding(picture, cmprs_img_msg.format)
+        source = decoded_encoding(picture, cmprs_img_msg.format)
         return convert_to(picture, source, desired_encoding)
 
     @_raises_bridge_errors
@@ -369,5 +369,4 @@ def _declared(image: NDArray[Any], encoding: str) -> Encoding:
 
 def _channel_step() -> int:
     """Return by how much the number of an OpenCV type increases with each channel."""
-    step: int = getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)
-    return step
+    return getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)

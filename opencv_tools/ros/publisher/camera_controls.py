@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.controls import Control, ControlType
 from opencv_tools.ros.parameters import (

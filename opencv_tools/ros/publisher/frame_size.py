@@ -26,7 +26,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.source import expected_size
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError

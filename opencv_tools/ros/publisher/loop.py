@@ -21,8 +21,8 @@ import math
 import time
 from typing import Any
 
-from opencv_tools.capture.frame import (
-    BrokenFrameError, CaptureError, Frame, Source, UnavailableError)
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import open_source

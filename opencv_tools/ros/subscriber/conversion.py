@@ -20,7 +20,8 @@ from typing import Any
 
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
+from opencv_tools.image.errors import SizeError
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
 from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata, NANO
 

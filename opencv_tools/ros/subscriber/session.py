@@ -22,7 +22,7 @@ from pathlib import Path
 import time
 
 from opencv_tools.logs import Log
-from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -138,8 +138,8 @@ def _open_recorder(
     """
     names = FileNames(settings.file_name)
     encoder = EncoderSettings(
-        names.suffix, settings.convert == 'auto', settings.jpeg_quality, settings.png_compression,
-        settings.crf)
+        names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
+        png_compression=settings.png_compression, crf=settings.crf)
     sink = open_sink(folder, names, encoder, settings.on_exists, limits, settings.sync)
     return Recorder(
         sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block', on_full)

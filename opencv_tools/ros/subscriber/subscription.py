@@ -21,7 +21,8 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import CdrError, WireMessage
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames

@@ -28,8 +28,9 @@ import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
-from opencv_tools.image_codecs import CodecError, decode_picture
+from opencv_tools.image.errors import CodecError, SizeError
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
+from opencv_tools.image_codecs import decode_picture
 from opencv_tools.ros.subscriber.conversion import FrameConverter
 import pytest
 
@@ -163,9 +164,10 @@ def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None
     path = tmp_path / 'picture.png'
     path.write_bytes(make())
     script = ('import pathlib, sys\n'
-              'from opencv_tools.capture.frame import BrokenFrameError\n'
+              'from opencv_tools.capture.errors import BrokenFrameError\n'
               'from opencv_tools.capture.image_files import PictureSequence\n'
-              'from opencv_tools.image_codecs import CodecError, decode_picture\n'
+              'from opencv_tools.image.errors import CodecError\n'
+              'from opencv_tools.image_codecs import decode_picture\n'
               'path = pathlib.Path(sys.argv[1])\n'
               'try: decode_picture(path.read_bytes())\n'
               'except CodecError as err: print(err)\n'

@@ -20,7 +20,7 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import PictureSequence
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
@@ -29,7 +29,8 @@ from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.image.text import printable, without_password
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.ros.command_line import check_ros_arguments

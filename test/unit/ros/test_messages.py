@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from opencv_tools.image.cdr import CdrError, WireCompressedImage
+from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.ros.subscriber.messages import read_compressed_image
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage

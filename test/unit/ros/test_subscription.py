@@ -27,7 +27,8 @@ import time
 
 from conftest import DEADLINE, spin_until
 import numpy as np
-from opencv_tools.image.cdr import CdrError, WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.cdr import WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.ros.subscriber import lost_frames, no_frames_warning
 from opencv_tools.ros.subscriber import subscription as subscription_module
 from opencv_tools.ros.subscriber.subscription import FrameSubscription

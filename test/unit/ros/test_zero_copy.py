@@ -27,7 +27,8 @@ from conftest import DEADLINE, spin_until
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import cdr_to_image, CdrError, WireHeader, WireImage
+from opencv_tools.image.cdr import cdr_to_image, WireHeader, WireImage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.ros import zero_copy
 from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
 import pytest
