@@ -43,10 +43,10 @@ from opencv_tools.image_codecs import encode_picture
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.ros.subscriber.conversion import message_to_frame
+from opencv_tools.ros.subscriber.conversion import FrameConverter
 from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
-from opencv_tools.ros.subscriber.parameters import limits, open_recorder, RecorderSettings
 from std_msgs.msg import Header
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
@@ -218,13 +218,13 @@ def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> f
 
 def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     """Write as the subscriber does, until all are on the disk and in the manifest."""
-    settings = RecorderSettings(
-        output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
-    bridge = CvBridge()
-    _, recorder = open_recorder(settings, limits(settings), logging.getLogger(), lambda: None)
+    sink = open_sink(folder, FileNames(f'{{seq:06d}}{suffix}'), EncoderSettings(suffix),
+                     'continue', Limits(), sync=False)
+    converter = FrameConverter(CvBridge())
+    recorder = Recorder(sink, logging.getLogger(), block=True)
     began = time.perf_counter()
     for serialized in messages:
-        recorder.put(message_to_frame(bridge, read_image(serialized), TOPIC, time.time_ns()))
+        recorder.put(converter.convert(read_image(serialized), TOPIC, time.time_ns()))
     recorder.close()
     seconds = time.perf_counter() - began
     if recorder.counts.written != len(messages):
@@ -328,14 +328,14 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
 
 def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, float]:
     """Write JPEG messages on this thread; CPU and wall milliseconds per frame."""
-    bridge = CvBridge()
+    converter = FrameConverter(CvBridge())
     with folder_here() as folder:
         files = open_sink(Path(folder), FileNames('{seq:06d}.jpg'), EncoderSettings('.jpg'),
                           'continue', Limits(), sync=False)
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
-            frame = message_to_frame(
-                bridge, read_compressed_image(serialized), TOPIC, time.time_ns())
+            frame = converter.convert(
+                read_compressed_image(serialized), TOPIC, time.time_ns())
             frame = frame.decode() if encode else frame
             files.commit(frame, files.prepare(frame))
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began

@@ -210,7 +210,12 @@ class OurSubscriber(ImageSubscriber):
     ages: Ages
     stages: Stages
 
-    def _record(self, frame: ReceivedFrame) -> None:
+    def __init__(self) -> None:
+        """Replace the recording of frames."""
+        super().__init__()
+        self._session.record = self._note
+
+    def _note(self, frame: ReceivedFrame) -> None:
         assert isinstance(frame, RawFrame)
         self.ages.note(frame.image, frame.metadata.stamp_ns)
         self.stages.note(frame.metadata.stamp_ns)

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.color import convert_to
-from opencv_tools.image.compressed import parse_format, stored_encoding
+from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
@@ -228,7 +228,7 @@ class CvBridge:
         picture = _pictures().decode_picture(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
             return picture
-        source = stored_encoding(picture, cmprs_img_msg.format)
+        source = decoded_encoding(picture, cmprs_img_msg.format)
         return convert_to(picture, source, desired_encoding)
 
     @_raises_bridge_errors

@@ -25,16 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.jpeg import (
-    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, JpegError, with_extra_data,
-)
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
+    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
 from opencv_tools.image.text import printable
-
-
-class CodecError(ImageError):
-    """An image file cannot be encoded or decoded. The message contains the reason."""
 
 
 def _types(depths: str, channels: str) -> frozenset[str]:
@@ -140,10 +135,7 @@ def decode_picture(
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
-    try:
-        check_size(*picture_size(content), max_pixels)
-    except SizeError as err:
-        raise CodecError(str(err)) from err
+    check_size(*picture_size(content), max_pixels)
     is_jpeg = content.startswith(JPEG_SOI)
     scan_end = check_complete(content) if is_jpeg else 0
     # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the

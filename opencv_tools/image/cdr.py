@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import struct
 from typing import Any
 
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import CdrError, EncapsulationError
 from opencv_tools.image.text import printable
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
@@ -41,14 +41,6 @@ _SIZE = struct.Struct('<I')
 _SIZES = struct.Struct('<II')
 _MAX_TEXT = 40  # characters of a text in a description
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
-
-
-class CdrError(ImageError):
-    """Bytes that are not a message, or a message that cannot be serialised."""
-
-
-class EncapsulationError(CdrError):
-    """A message with another encapsulation than plain CDR. The middleware must read it."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
+from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import NANO
@@ -29,10 +30,6 @@ _JITTER_TOLERANCE = 0.25
 
 # Arrival time in nanoseconds of files whose age is unknown.
 _UNKNOWN_AGE_NS = -1 << 62
-
-
-class LimitReached(Exception):
-    """A recording has reached its limits."""
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,15 @@ import time
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
+from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError, VideoError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
-from opencv_tools.recording.image_encoder import EncoderSettings, formats_for, UnwritableError
+from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.recorder import error_text, SinkCounts
-from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.video.frame import to_video_frame, VideoError, VideoFrame
+from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
 
 

@@ -20,9 +20,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, CdrError, EncapsulationError, WireCompressedImage,
-    WireImage, WireMessage,
-)
+    cdr_to_compressed_image, cdr_to_image, WireCompressedImage, WireImage, WireMessage)
+from opencv_tools.image.errors import CdrError, EncapsulationError
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 

@@ -12,23 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameter table of ``img_subscriber``, and the recorder that follows from it."""
+"""Parameters of ``img_subscriber``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.logs import Log
-from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
-from opencv_tools.recording.open_sink import check_format, open_sink
-from opencv_tools.recording.recorder import QUEUE_SIZE, Recorder
+from opencv_tools.recording.open_sink import check_format
+from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
@@ -62,7 +56,7 @@ class RecorderSettings:
         '.avi record a video', check=_check_file_name)
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto uses compressed if no raw images are '
-        'published', choices=TRANSPORTS)
+        'published', choices=tuple(TRANSPORTS))
     max_pixels: int = parameter(
         MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is refused before it is '
         'decoded', bounds=(1, 2**31))
@@ -110,62 +104,31 @@ class RecorderSettings:
         0.0, 'Seconds without a frame after which the node exits with an error; 0 for no limit',
         bounds=(0, 1e9), ends=True)
 
+    @property
+    def depth(self) -> int | None:
+        """
+        Return the number of frames that the middleware keeps; None to keep every frame.
+
+        The number is the size of the queue. With ``on_overflow:=block`` the middleware keeps every
+        frame, and a reliable publisher that can wait does so when its own queue is full.
+        """
+        if self.on_overflow == 'block':
+            return None
+        return max(_LEAST_DEPTH, min(self.queue_size, _LARGEST_DEPTH))
+
+    @property
+    def limits(self) -> Limits:
+        """
+        Return the limits of the recording.
+
+        :raises ParameterError: ``ring`` is set without a limit.
+        """
+        limits = Limits(self.max_frames, self.max_duration, self.max_bytes, self.ring)
+        if limits == Limits(ring=True):
+            raise ParameterError('parameter ring is True without a limit: set max_frames, '
+                                 'max_duration or max_bytes as well')
+        return limits
+
 
 #: Parameters of ``img_subscriber``.
 PARAMETERS = parameter_table(RecorderSettings)
-
-
-def limits(settings: RecorderSettings) -> Limits:
-    """
-    Return the limits of the recording that the parameters describe.
-
-    :param settings: values of the parameters.
-    :raises ParameterError: ``ring`` is set without a limit.
-    """
-    found = Limits(settings.max_frames, settings.max_duration, settings.max_bytes, settings.ring)
-    if found == Limits(ring=True):
-        raise ParameterError('parameter ring is True without a limit: set max_frames, '
-                             'max_duration or max_bytes as well')
-    return found
-
-
-def subscription_depth(settings: RecorderSettings) -> int | None:
-    """
-    Return the number of frames that the middleware keeps for the subscription.
-
-    It is the size of the queue. With ``on_overflow:=block`` the middleware keeps every frame, and
-    a reliable publisher that can wait does so when its own queue is full.
-
-    :param settings: values of the parameters.
-    :returns: the depth in frames; None to keep every frame.
-    """
-    if settings.on_overflow == 'block':
-        return None
-    return max(_LEAST_DEPTH, min(settings.queue_size, _LARGEST_DEPTH))
-
-
-def open_recorder(
-    settings: RecorderSettings, bounds: Limits, log: Log, on_full: Callable[[], object],
-) -> tuple[Path, Recorder[Any]]:
-    """
-    Create the recorder that the parameters describe.
-
-    :param settings: values of the parameters.
-    :param bounds: limits of the recording, from ``limits``.
-    :param log: log for failures.
-    :param on_full: called on any thread when the recording reaches its limits.
-    :returns: the output folder and the recorder.
-    :raises RecordingError: the output folder cannot be used.
-    """
-    try:
-        folder = Path(settings.output_dir).expanduser().absolute()
-    except FileNotFoundError as err:
-        raise RecordingError(
-            f"output_dir {settings.output_dir} cannot be used: the working directory was "
-            'removed; set output_dir to an absolute path') from err
-    names = FileNames(settings.file_name)
-    encoder = EncoderSettings(names.suffix, settings.convert == 'auto', settings.jpeg_quality,
-                              settings.png_compression, settings.crf)
-    files = open_sink(folder, names, encoder, settings.on_exists, bounds, settings.sync)
-    return folder, Recorder(files, log, settings.queue_size, settings.writers,
-                            settings.on_overflow == 'block', on_full)

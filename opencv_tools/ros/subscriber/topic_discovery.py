@@ -28,7 +28,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-TRANSPORTS = ('auto', 'raw', 'compressed')
+#: Types of the messages that each transport uses.
+TRANSPORTS = {
+    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,)}
 
 _NAMED_TOPICS = 5
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
@@ -62,10 +64,9 @@ class TopicDiscovery:
         self._node = node
         self._topic = topic
         self._known = _list_topics(topic, node.resolve_topic_name(topic))
-        allowed = {'raw': {IMAGE}, 'compressed': {COMPRESSED_IMAGE}}.get(
-            transport, MESSAGE_TYPES.keys())
         #: Topics that the transport allows, best first.
-        self.allowed = [known for known in self._known if known.type_name in allowed]
+        self.allowed = [
+            known for known in self._known if known.type_name in TRANSPORTS[transport]]
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
@@ -99,8 +100,7 @@ class TopicDiscovery:
         return f'no publisher on {topic}; {self._describe_images()}'
 
     def _resolved_name(self, image_topic: ImageTopic) -> str:
-        name: str = self._node.resolve_topic_name(image_topic.name)
-        return name
+        return self._node.resolve_topic_name(image_topic.name)
 
     def _describe_other(
         self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,

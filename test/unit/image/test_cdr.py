@@ -25,8 +25,9 @@ from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, CdrError, compressed_image_to_cdr,
-    EncapsulationError, image_to_cdr, WireCompressedImage, WireHeader, WireImage)
+    cdr_to_compressed_image, cdr_to_image, compressed_image_to_cdr, image_to_cdr,
+    WireCompressedImage, WireHeader, WireImage)
+from opencv_tools.image.errors import CdrError, EncapsulationError
 from opencv_tools.ros.subscriber.messages import read_image
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message

@@ -29,7 +29,8 @@ from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.image.text import printable, without_password
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.ros.command_line import check_ros_arguments

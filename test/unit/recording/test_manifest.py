@@ -21,7 +21,8 @@ import os
 from pathlib import Path
 
 import numpy as np
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
@@ -144,7 +145,7 @@ def test_a_journal_gets_no_line_for_what_is_no_file_of_the_folder(
 
 def test_a_journal_without_a_number_of_its_own_removes_nothing(tmp_path: Path) -> None:
     other = Folder(tmp_path)
-    temporary = other.write(b'content')
+    temporary = other.write((b'content',))
     (tmp_path / '.recording-.journal').touch()
     Folder(tmp_path).close()
     assert temporary.exists()

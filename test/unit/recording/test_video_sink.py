@@ -32,15 +32,14 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, VideoError
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.image_encoder import EncoderSettings, UnwritableError
+from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
-from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.video.frame import VideoError
+from opencv_tools.recording.selection import Limits
 import pytest
 from stepped_clock import SteppedClock
 from test_recorder import Console

@@ -32,9 +32,12 @@ from rclpy.node import Node
 
 TABLE = (Parameter('source', '0', 'a source'),
          Parameter('gain', 1.0, 'a number of the node', bounds=(0, 9), changeable=True))
-BRIGHTNESS = Control('brightness', 1, ControlType.INTEGER, 0, 255, 1, 128)
-FLIP = Control('flip', 2, ControlType.BOOLEAN, 0, 1, 1, 0)
-GAIN = Control('gain', 3, ControlType.INTEGER, 0, 10, 1, 5)
+BRIGHTNESS = Control(name='brightness', number=1, kind=ControlType.INTEGER, minimum=0, maximum=255,
+                     step=1, default=128)
+FLIP = Control(name='flip', number=2, kind=ControlType.BOOLEAN, minimum=0, maximum=1, step=1,
+               default=0)
+GAIN = Control(name='gain', number=3, kind=ControlType.INTEGER, minimum=0, maximum=10, step=1,
+               default=5)
 
 
 class Camera:
