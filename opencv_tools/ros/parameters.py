@@ -206,7 +206,7 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """Return the name that a misspelt one resembles, or ''."""
+    """Return the name that a misspelt name resembles, or ''."""
     return next(iter(difflib.get_close_matches(name, names, 1)), '')
 
 

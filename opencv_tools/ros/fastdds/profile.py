@@ -110,7 +110,7 @@ class FastDdsSetup:
     Result of the configuration of Fast DDS, for frames to subscribers on this machine.
 
     :param summary: summary of the configuration and its reason, as a sentence.
-    :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP; None if the
+    :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP. None if the
         user configured Fast DDS, or another size would not help.
     :param free_bytes: free bytes of shared memory before the configuration.
     :param warning: problem that does not depend on the size of the frames; '' if there is none.
