@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos of a recording: which frames go into which file, and the line that each file has."""
+"""Recording of videos: new files, limits, full disks and removed files."""
 
 from __future__ import annotations
 
@@ -32,30 +32,17 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, VideoError
+from opencv_tools.recording.errors import LimitReached, UnwritableError, VideoError
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
-from opencv_tools.recording.naming import FileNames, FrameMetadata
-from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 import pytest
+from recordings import Console, NANO, open_videos
 from stepped_clock import SteppedClock
-from test_recorder import Console
 
-NANO = 10**9
-NO_LIMITS = Limits()
 SMALL, WIDE = (16, 16), (16, 32)
-
-
-def open_videos(
-    folder: Path, name: str = 'clip.mkv', on_exists: str = 'continue', limits: Limits = NO_LIMITS,
-    monotonic: Callable[[], float] = time.monotonic,
-) -> Sink[Any]:
-    names = FileNames(name)
-    return open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False,
-                     monotonic=monotonic)
 
 
 def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
@@ -424,26 +411,3 @@ def test_a_frame_that_is_refused_is_told_where_it_fits(
     assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
                                  f'set the extension of file_name to {suffixes}')
     videos.close()
-
-
-def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
-        open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
-    assert not (tmp_path / 'out').exists()
-
-
-def test_without_pyav_videos_alone_are_refused(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def find_nothing() -> None:
-        raise VideoError('install it')
-
-    monkeypatch.setattr('opencv_tools.recording.open_sink.check_video', find_nothing)
-    with pytest.raises(VideoError, match=r'^install it$'):
-        check_format('.mkv')
-    with pytest.raises(RecordingError, match=r'^install it$'):
-        open_videos(tmp_path / 'out')
-    assert not (tmp_path / 'out').exists()
-    check_format('.png')
-    open_videos(tmp_path / 'out', 'x.png').close()
-    with pytest.raises(ValueError, match=r"^the extension '\.gif' .* \.png, .*\.npy, \.mp4, "):
-        check_format('.gif')

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos: every frame at its time and in its colours, however the file came to its end."""
+"""Video files: times, colours, sizes, full disks and killed writers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 import errno
 import os
@@ -28,69 +27,14 @@ import weakref
 
 import av
 from conftest import disk_of
-import cv2
 import numpy as np
-from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.video.frame import to_video_frame
 from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS, VideoWriter
+from opencv_tools.recording.video.writer import check_video, VideoWriter
 import pytest
-
-START_NS = 1_700_000_000_123_456_789
-BLOCK = 8
-BITS = 16
-TOLERANCE_MS = {'.mp4': 0.02, '.mkv': 0.51, '.avi': 1.7}
-
-every_format = pytest.mark.parametrize('suffix', VIDEO_FORMATS)
-
-
-def draw(number: int, height: int = 2 * BLOCK) -> np.ndarray:
-    """Draw a number in blocks that no compression makes unreadable, above noise."""
-    bits = np.array([number >> bit & 1 for bit in range(BITS)], np.uint8) * 255
-    noise = np.random.default_rng(number).integers(0, 256, (height, BITS * BLOCK), np.uint8)
-    noise[:2 * BLOCK] = np.kron(bits, np.ones((2 * BLOCK, BLOCK), np.uint8))
-    return noise
-
-
-def read(image: np.ndarray) -> int:
-    """Read the number that is drawn in an image."""
-    blocks = image[:2 * BLOCK].reshape(2 * BLOCK, BITS, BLOCK, -1).mean(axis=(0, 2, 3)) > 127
-    return sum(1 << bit for bit in range(BITS) if blocks[bit])
-
-
-def record(path: Path, frames: dict[int, int], crf: int = 23) -> VideoWriter:
-    """Write a video of numbers, each at its time."""
-    pictures = {number: to_video_frame(draw(number), 'mono8', path.suffix) for number in frames}
-    writer = VideoWriter(path, next(iter(pictures.values())), START_NS, crf)
-    for number, time_ns in frames.items():
-        writer.write(pictures[number], time_ns)
-    writer.close()
-    return writer
-
-
-def play(path: Path) -> Iterator[tuple[float, np.ndarray]]:
-    """Give the frames of a video and their times in ms, as OpenCV reads them."""
-    capture = cv2.VideoCapture(str(path))
-    assert capture.isOpened()
-    while True:
-        is_read, image = capture.read()
-        if not is_read:
-            return
-        yield capture.get(cv2.CAP_PROP_POS_MSEC), image
-
-
-def decode(path: Path) -> list[np.ndarray]:
-    """Give the frames of a video as PyAV reads them, which raises for what is broken."""
-    with av.open(str(path)) as container:
-        return [frame.to_ndarray(format='bgr24') for frame in container.decode(video=0)]
-
-
-def numbers(path: Path) -> list[int]:
-    """Read the numbers in a video, by two programs that must agree."""
-    found = [read(image) for _, image in play(path)]
-    assert found == [read(image) for image in decode(path)]
-    return found
+from videos import (
+    COLORS, decode, draw, every_format, numbers, play, read, record, START_NS, TOLERANCE_MS)
 
 
 @every_format
@@ -152,10 +96,6 @@ def test_crf_is_the_quality(tmp_path: Path, crf: int) -> None:
     assert (error < 5) == (crf == 18)
 
 
-COLORS = {'red': (0, 0, 255), 'green': (0, 255, 0), 'blue': (255, 0, 0), 'gray': (128, 128, 128),
-          'black': (0, 0, 0), 'white': (255, 255, 255), 'brown': (30, 80, 140)}
-
-
 @every_format
 @pytest.mark.parametrize('size', [(64, 96), (63, 95), (64, 95)])
 @pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', '8UC3'])
@@ -193,36 +133,6 @@ def test_gray_stays_gray(tmp_path: Path, suffix: str) -> None:
         assert np.abs(kept.astype(int) - ramp[..., np.newaxis]).max() <= 2
 
 
-def planes(image: np.ndarray, encoding: str) -> list[np.ndarray]:
-    """Give Y, Cb and Cr of a frame as the encoder gets them."""
-    frame = to_video_frame(image, encoding, '.mkv').frame
-    return [np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, :plane.width]
-            for plane in frame.planes]
-
-
-@pytest.mark.parametrize('size', [(16, 16), (1, 256)])
-def test_every_gray_has_the_luma_of_the_standard(size: tuple[int, int]) -> None:
-    ramp = np.arange(256, dtype=np.uint8).reshape(size)
-    luma, *chroma = planes(ramp, 'mono8')
-    np.testing.assert_array_equal(luma, np.rint(16 + 219 / 255 * ramp))
-    assert all((plane == 128).all() for plane in chroma)
-
-
-# Y, Cb and Cr of B, G, R and 1, as tables of the standard have it.
-BT_601 = np.array([[24.966, 128.553, 65.481, 16], [112, -74.203, -37.797, 128],
-                   [-18.214, -93.786, 112, 128]])
-
-
-@pytest.mark.parametrize('size', [(2, 4), (3, 5)])
-@pytest.mark.parametrize('color', COLORS)
-def test_colors_are_those_of_the_standard(color: str, size: tuple[int, int]) -> None:
-    image = np.full((*size, 3), COLORS[color], np.uint8)
-    expected = BT_601 @ [*np.divide(COLORS[color], 255), 1]
-    for frame in (planes(image, 'bgr8'), planes(image[..., ::-1], 'rgb8')):
-        for plane, value in zip(frame, expected):
-            assert np.abs(plane - value).max() < 0.75
-
-
 @every_format
 @pytest.mark.parametrize('size', [(1, 1), (2, 2), (1, 2), (3, 200), (17, 16), (480, 641)])
 def test_no_size_is_cropped_or_padded(
@@ -243,63 +153,6 @@ def test_a_size_that_the_encoder_refuses(tmp_path: Path) -> None:
     with pytest.raises(VideoError, match=r'a 40000x2 frame cannot be encoded as \.mp4: '):
         VideoWriter(tmp_path / 'video.mp4', picture, 0)
     assert not list(tmp_path.iterdir())
-
-
-TAKEN = {'mono8', 'rgb8', 'bgr8', '8UC1', '8UC3', '8U'}
-CONVERTED = {'bayer_rggb8', 'bayer_bggr8', 'bayer_gbrg8', 'bayer_grbg8', 'yuv422', 'uyvy',
-             'yuv422_yuy2', 'yuyv', 'nv12', 'nv21', 'nv24'}
-
-
-@pytest.mark.parametrize('to_color', [False, True])
-@pytest.mark.parametrize('name', [
-    *ENCODINGS, '8U', '8UC1', '8UC2', '8UC3', '8UC4', '8SC1', '16UC1', '16SC3', '32FC1', '64FC3'])
-def test_a_frame_is_taken_or_refused(name: str, to_color: bool) -> None:
-    encoding = find_encoding(name)
-    shape = (encoding.rows(8), 6, encoding.channels)[:2 + (encoding.channels > 1)]
-    image = np.full(shape, 100, encoding.dtype)
-    if name in TAKEN or (to_color and name in CONVERTED):
-        assert to_video_frame(image, name, '.mkv', to_color).stream_format == (6, 8, 'yuv420p')
-    else:
-        with pytest.raises(VideoError) as caught:
-            to_video_frame(image, name, '.mkv', to_color)
-        assert str(caught.value) == f'a {name} frame cannot be stored as .mkv'
-
-
-@pytest.mark.parametrize(('name', 'image', 'color'), [
-    ('bayer_rggb8', np.tile(np.uint8([[200, 90], [90, 40]]), (16, 16)), (40, 90, 200)),
-    ('bayer_bggr8', np.tile(np.uint8([[40, 90], [90, 200]]), (16, 16)), (40, 90, 200)),
-    ('uyvy', np.tile(np.uint8([[[90, 81], [240, 81]]]), (32, 16, 1)), (0, 0, 254)),
-    ('nv12', np.vstack([np.full((32, 32), 81, np.uint8),
-                        np.tile(np.uint8([90, 240]), (16, 16))]), (0, 0, 254)),
-])
-def test_raw_colors_are_converted(
-        tmp_path: Path, name: str, image: np.ndarray, color: tuple[int, int, int]) -> None:
-    path = tmp_path / 'video.mp4'
-    picture = to_video_frame(image, name, '.mp4', to_color=True)
-    writer = VideoWriter(path, picture, 0, 12)
-    writer.write(picture, 0)
-    writer.close()
-    (kept,) = decode(path)
-    assert kept.shape == (32, 32, 3)
-    assert np.abs(kept[8:-8, 8:-8].reshape(-1, 3).mean(axis=0) - color).max() < 5
-
-
-def test_an_empty_frame_is_refused_with_its_size() -> None:
-    with pytest.raises(VideoError, match=r'an empty frame \(0x5\) cannot be stored as \.mp4$'):
-        to_video_frame(np.zeros((5, 0, 3), np.uint8), 'bgr8', '.mp4')
-
-
-@pytest.mark.parametrize('size', [(20, 30), (21, 31)])
-def test_a_view_is_read_and_not_changed(size: tuple[int, int]) -> None:
-    large = np.random.default_rng(1).integers(0, 256, (2 * size[0], 100, 4), np.uint8)
-    large.flags.writeable = False
-    view = large[::-2, 2:2 + size[1], 2::-1]
-    before = large.copy()
-    picture = to_video_frame(view, 'bgr8', '.mkv')
-    other = to_video_frame(view.copy(), 'bgr8', '.mkv')
-    kept = [picture.frame.to_ndarray(format='rgb24') for picture in (picture, other)]
-    np.testing.assert_array_equal(*kept)
-    np.testing.assert_array_equal(large, before)
 
 
 @pytest.mark.parametrize(('suffix', 'longest'), [('.mp4', 3600), ('.mkv', 3600), ('.avi', 199)])
@@ -438,34 +291,6 @@ def test_no_file_is_larger_than_it_may_be(tmp_path: Path, height: int, suffix: s
             assert max_bytes - size < (10_000 if height > 16 else 600)  # a packet's
 
 
-@every_format
-def test_frames_are_counted_wherever_a_file_was_cut_off(tmp_path: Path, suffix: str) -> None:
-    path, copy = tmp_path / f'video{suffix}', tmp_path / f'cut{suffix}'
-    record(path, {number: START_NS + number * 50_000_000 for number in range(60)})
-    data = path.read_bytes()
-    for size in range(0, len(data), len(data) // 40):
-        copy.write_bytes(data[:size])
-        capture = cv2.VideoCapture(str(copy))
-        played = 0
-        while capture.read()[0]:
-            played += 1
-        assert (count_frames(copy) or 0) == played
-    assert played >= 40
-
-
-def test_what_may_be_something_else_is_not_called_empty(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text, large = tmp_path / 'notes.txt', tmp_path / 'video.mkv'
-    text.write_text('precious')
-    large.touch()
-    os.truncate(large, 8193)  # an MP4 that was cut off at a bad moment cannot be opened, either
-    assert count_frames(text) is count_frames(large) is None
-    os.truncate(large, 8192)
-    assert count_frames(large) == 0
-    monkeypatch.setitem(sys.modules, 'av', None)
-    assert count_frames(large) is None
-
-
 def test_a_failure_does_not_keep_the_encoder(tmp_path: Path) -> None:
     picture = to_video_frame(draw(0), 'mono8', '.mkv')
     writer = VideoWriter(tmp_path / 'video.mkv', picture, 0)
@@ -490,7 +315,7 @@ def test_a_disk_that_is_full_at_the_beginning(tmp_path: Path, suffix: str) -> No
 
 WRITE_UNTIL_KILLED = """
 import itertools, pathlib, sys, time
-from test_video import draw
+from videos import draw
 from opencv_tools.recording.video.writer import VideoWriter
 from opencv_tools.recording.video.frame import to_video_frame
 path = pathlib.Path(sys.argv[1])
