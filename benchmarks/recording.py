@@ -48,7 +48,7 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.subscriber.conversion import FrameConverter
-from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
+from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, read_message
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
 SIZE = (1920, 1080)
@@ -211,7 +211,7 @@ def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> f
     bridge = CvBridge()
     began = time.perf_counter()
     for number, serialized in enumerate(messages):
-        image = bridge.imgmsg_to_cv2(read_image(serialized))
+        image = bridge.imgmsg_to_cv2(read_message(serialized, IMAGE))
         if not cv2.imwrite(str(folder / f'{number:06d}{suffix}'), image):
             raise SystemExit('OpenCV wrote no picture')
     return time.perf_counter() - began
@@ -225,7 +225,7 @@ def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     recorder = Recorder(sink, logging.getLogger(), block=True)
     began = time.perf_counter()
     for serialized in messages:
-        recorder.put(converter.convert(read_image(serialized), TOPIC, time.time_ns()))
+        recorder.put(converter.convert(read_message(serialized, IMAGE), TOPIC, time.time_ns()))
     recorder.close()
     seconds = time.perf_counter() - began
     if recorder.counts.written != len(messages):
@@ -336,7 +336,7 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
             frame = converter.convert(
-                read_compressed_image(serialized), TOPIC, time.time_ns())
+                read_message(serialized, COMPRESSED_IMAGE), TOPIC, time.time_ns())
             frame = frame.decode() if encode else frame
             files.commit(frame, files.prepare(frame))
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began

@@ -107,15 +107,15 @@ class Parameter:
                                  f'({self.description})')
         if self.choices:
             return self._accept_choice(value)
-        kind = float if isinstance(self.default, float) else int
-        numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
+        number = float if isinstance(self.default, float) else int
+        is_number = isinstance(value, (int, number)) and not isinstance(value, bool)
         low, high = self.bounds or (-math.inf, math.inf)
-        if not numeric or not low <= value <= high:
-            noun = 'a number' if kind is float else 'a whole number'
+        if not is_number or not low <= value <= high:
+            noun = 'a number' if number is float else 'a whole number'
             span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
             raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun}{span} '
                                  f'({self.description})')
-        return kind(value)
+        return number(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
@@ -171,10 +171,10 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
         node is misspelt.
     """
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
-    known = {parameter.name: parameter for parameter in table}
+    by_name = {parameter.name: parameter for parameter in table}
     for name in unknown_parameters(node, table):
-        similar = closest_name(name, known)
-        if similar and known[similar].ends:
+        similar = closest_name(name, by_name)
+        if similar and by_name[similar].ends:
             raise ParameterError(
                 f'there is no parameter {printable(name)}: did you mean {similar}?')
     return values
@@ -206,7 +206,7 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """Return the name that a misspelt one resembles, or ''."""
+    """Return the name that a misspelt name resembles, or ''."""
     return next(iter(difflib.get_close_matches(name, names, 1)), '')
 
 
@@ -232,10 +232,10 @@ def watch_parameters(
     :param apply: called with the changed values by name.
     :param more: returns further parameters, which other callbacks apply.
     """
-    known = {parameter.name: parameter for parameter in table}
+    by_name = {parameter.name: parameter for parameter in table}
 
     def convert(changes: list[rclpy.Parameter]) -> list[rclpy.Parameter]:
-        parameters = {**known, **{parameter.name: parameter for parameter in more()}}
+        parameters = {**by_name, **{parameter.name: parameter for parameter in more()}}
         for change in changes:
             if not node.has_parameter(change.name):
                 raise UnknownParameterError(
@@ -245,14 +245,14 @@ def watch_parameters(
     def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
         try:
             for change in changes:
-                if change.name in known:
-                    known[change.name].accept(change.value)
+                if change.name in by_name:
+                    by_name[change.name].accept(change.value)
         except ParameterError as err:
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
     def apply_changes(changes: list[rclpy.Parameter]) -> None:
-        changed = {change.name: change.value for change in changes if change.name in known}
+        changed = {change.name: change.value for change in changes if change.name in by_name}
         if changed:
             apply(changed)
 

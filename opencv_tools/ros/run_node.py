@@ -110,14 +110,14 @@ def run(
     args = list(sys.argv if args is None else args)
     signals = _Signals()
     try:
-        remarks = check_ros_arguments(
+        warnings = check_ros_arguments(
             args, executable.name, executable.node, executable.parameters)
         _parse_arguments(remove_ros_args(args), executable)
-        remark = replace_log_folder()
-        if remark:
-            logger.warning(remark)
-        for remark in remarks:
-            logger.error(remark)
+        log_warning = replace_log_folder()
+        if log_warning:
+            logger.warning(log_warning)
+        for warning in warnings:
+            logger.error(warning)
         with configured_fastdds(executable.frame_bytes(args)) as fastdds:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             logger.debug(fastdds.summary + (
@@ -198,9 +198,10 @@ def _parse_arguments(args: list[str], executable: Executable) -> None:
         epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
                f'parameters [default]:\n{describe_parameters(executable.parameters)}\n\n'
                f'{ENVIRONMENT_HELP}')
-    _, rest = parser.parse_known_args(args[1:])
-    if rest:
-        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, executable)}')
+    _, unknown = parser.parse_known_args(args[1:])
+    if unknown:
+        parser.error(
+            f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, executable)}')
 
 
 def _remedy(words: Sequence[str], executable: Executable) -> str:

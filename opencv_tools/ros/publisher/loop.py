@@ -29,6 +29,7 @@ from opencv_tools.capture.source import open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import without_password
+from opencv_tools.logs import Throttle
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
@@ -73,6 +74,7 @@ class PublishLoop:
         self._controls = controls
         self._dropped = 0
         self._last_drop = ''
+        self._repeated_drops = Throttle()
         self._opened_encoding = ''  # the encoding that the source was opened for
         self._stamper = Stamper(node.get_clock())
         self._progress = Progress(self._log.info, 'Publishing video frame')
@@ -175,9 +177,8 @@ class PublishLoop:
         """Count and log a frame that cannot be read or published."""
         self._dropped += 1
         text = f'frame dropped: {reason}'
-        if text == self._last_drop:  # a camera may send the same broken frame repeatedly
-            self._log.warning(text, throttle_duration_sec=1.0)
-        else:
+        # A camera may send the same broken frame repeatedly.
+        if text != self._last_drop or self._repeated_drops.passes():
             self._log.warning(text)
         self._last_drop = text
 

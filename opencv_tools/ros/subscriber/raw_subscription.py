@@ -63,9 +63,9 @@ class RawSubscription(Waitable):
         self.qos = qos
         self._node = node
         self._on_message = on_message
-        message_type, self.read = MESSAGE_TYPES[image_topic.type_name]
+        message_class, _ = MESSAGE_TYPES[image_topic.type_name]
         self._subscription = node.create_subscription(
-            message_type, image_topic.name, _unused_callback, qos, raw=True,
+            message_class, image_topic.name, _unused_callback, qos, raw=True,
             callback_group=_EventsOnlyGroup(),
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=on_publishers, matched=on_publishers,

@@ -26,6 +26,7 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
+from opencv_tools.ros.subscriber.messages import read_message
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 from opencv_tools.ros.subscriber.topic_discovery import ImageTopic, TopicDiscovery
@@ -244,7 +245,7 @@ class FrameSubscription:
         self._has_frames = True
         self.losses.add(info)
         try:
-            message = subscription.read(data)
+            message = read_message(data, subscription.image_topic.type_name)
         except CdrError as err:
             self._on_broken(err)
         else:

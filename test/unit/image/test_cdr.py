@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import array
 from dataclasses import replace
+from functools import partial
 import struct
 
 from hypothesis import given, settings, strategies as st
@@ -30,7 +31,7 @@ from opencv_tools.image.cdr import (
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import CdrError, EncapsulationError, EncodingError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.ros.subscriber.messages import read_image
+from opencv_tools.ros.subscriber.messages import IMAGE, read_message
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
@@ -110,14 +111,15 @@ def test_truncated_message_is_refused(image: WireImage, data: st.DataObject) -> 
     with pytest.raises(CdrError):
         cdr_to_image(cut)
     with pytest.raises(CdrError):
-        read_image(cut)
+        read_message(cut, IMAGE)
 
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=200))
 def test_random_bytes_are_read_or_refused(data: bytes) -> None:
     for head in (b'', b'\0\0\0\0', b'\0\1\0\0', b'\0\3\0\0'):
-        for read in (cdr_to_image, cdr_to_compressed_image, read_image):
+        for read in (
+                cdr_to_image, cdr_to_compressed_image, partial(read_message, type_name=IMAGE)):
             try:
                 image = read(head + data)
             except CdrError as err:
@@ -151,7 +153,7 @@ def test_other_encapsulations_are_left_to_the_middleware() -> None:
     with pytest.raises(EncapsulationError, match='0003 is not plain CDR'):
         cdr_to_image(parameter_list)
     try:
-        assert read_image(parameter_list) == read_image(serialized)
+        assert read_message(parameter_list, IMAGE) == read_message(serialized, IMAGE)
     except CdrError as err:
         assert 'the middleware cannot read the message' in str(err)
 
