@@ -154,7 +154,8 @@ class PublisherSettings:
         :param controls: names and values of camera controls.
         """
         return CameraRequest(
-            self.width, self.height, self.fps, self.fourcc, self.encoding, controls)
+            width=self.width, height=self.height, fps=self.fps, fourcc=self.fourcc,
+            encoding=self.encoding, controls=controls)
 
 
 #: Parameters of ``img_publisher``.
