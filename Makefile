@@ -6,19 +6,21 @@
 # make test-network  test two hosts, and hosts with little shared memory; needs root
 # make test-interop  check converted robots with the parsers of Gazebo and ROS; needs Debian
 # make bench         run the benchmarks and write their results to benchmarks.md
+# make docs          write the parameter page and build the documentation in build/docs/html
 # make soak          run both nodes for ten minutes; check for lost frames and leaks
 # make clean         remove all files that these targets have created
 #
 # Without ROS 2, each target creates the virtual environment .venv with ROS 2 Jazzy. This needs
 # python3, version 3.10 or newer, with venv. demo, bench and soak install only the package and its
-# dependencies (.venv/installed), the other targets also those of the tests (.venv/dev).
+# dependencies (.venv/installed), docs also Sphinx (.venv/docs), the other targets also those of the
+# tests (.venv/dev).
 #
-# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-network, test-interop, bench and
-# soak use it and install nothing. Only test-interop installs its parsers with apt-get.
+# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-network, test-interop, bench,
+# docs and soak use it and install nothing. Only test-interop installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-camera test-network test-interop bench soak clean
+.PHONY: demo test unit test-oldest test-camera test-network test-interop bench docs soak clean
 
 PYTHON ?= python3
 
@@ -56,6 +58,13 @@ define unit_test
 @$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),3)
 endef
 
+# $(1): environment of the command; $(2): further options of Sphinx
+define build_docs
+@$(1) python3 docs/write_parameters.py
+@$(1) python3 -m sphinx -M html docs build/docs --quiet --nitpicky --keep-going $(2)
+@echo 'The documentation is build/docs/html/index.html'
+endef
+
 ifeq ($(sourced),yes)
 
 demo:
@@ -75,6 +84,12 @@ test:
 
 unit:
 	$(call unit_test,env PYTHONPATH="$(CURDIR):$$PYTHONPATH")
+
+# Other versions of Sphinx than those in requirements/ may have other warnings.
+docs:
+	@python3 -c 'import furo, myst_parser, sphinx' || \
+	  { echo 'Sphinx is missing: sudo apt install furo python3-myst-parser python3-sphinx'; exit 1; }
+	$(call build_docs,env PYTHONPATH="$(CURDIR):$$PYTHONPATH",)
 
 test-network:
 	@command -v colcon > /dev/null || \
@@ -102,6 +117,9 @@ test: .venv/dev
 unit: .venv/dev
 	$(call unit_test,$(call in_venv,.venv))
 
+docs: .venv/docs
+	$(call build_docs,$(call in_venv,.venv),--fail-on-warning)
+
 test-network: .venv/dev
 	@$(call in_venv,.venv) python test/network/run.py
 
@@ -118,7 +136,7 @@ test-camera: .venv/dev
 
 .venv/ready: python = $(PYTHON)
 .venv/ready: newest = 14
-.venv/ready .venv/installed .venv/dev: requirements/constraints.txt
+.venv/ready .venv/installed .venv/dev .venv/docs: requirements/constraints.txt
 
 # There are no wheels of numpy 1.26 for newer versions of Python.
 .venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
@@ -161,6 +179,12 @@ endef
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \
 	  --requirement requirements/alone.txt)
+	@touch $@
+
+%/docs: %/ready requirements/docs.txt | %/installed
+	@echo 'Installing Sphinx into $*: 15 MB to download, 0.05 GB on the disk, less than a minute'
+	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
+	  --requirement requirements/docs.txt)
 	@touch $@
 
 clean:

@@ -27,9 +27,6 @@ import xml.etree.ElementTree as ElementTree
 from ament_index_python.packages import (
     get_package_prefix, get_package_share_directory, PackageNotFoundError)
 from conftest import NodeProcess
-from opencv_tools.basic_image_publisher import PARAMETERS as PUBLISHER_PARAMETERS
-from opencv_tools.basic_image_subscriber import PARAMETERS as SUBSCRIBER_PARAMETERS
-from opencv_tools.ros.parameters import Parameter
 import pytest
 import yaml
 
@@ -82,7 +79,7 @@ def test_executables_of_the_nodes_run(prefix: Path, tmp_path: Path) -> None:
 
 
 def test_executables_for_robots_run(prefix: Path, share: Path,
-                                                         tmp_path: Path) -> None:
+                                    tmp_path: Path) -> None:
     urdf, sdf = share / 'urdf' / 'my_robot.urdf', share / 'sdf' / 'my_robot' / 'model.sdf'
     for command, *arguments in (
             ('urdf_to_sdf', urdf, '-o', tmp_path / 'my_robot.sdf'),
@@ -156,20 +153,16 @@ def test_nodes_run_as_modules(module: str) -> None:
     assert 'parameters [default]:' in finished.stdout
 
 
-def test_the_tests_that_the_readme_names_exist() -> None:
-    tests = Path(__file__).parents[1]
-    named = re.findall(r'`((?:camera/)?test_\w+\.py)((?:::\w+)*)',
-                       tests.parent.joinpath('README.md').read_text())
-    assert len(named) > 20
-    for file, path in named:
-        found, = tests.rglob(file)
-        source = found.read_text()
-        for name in filter(None, path.split('::')):
-            assert re.search(rf'^ *(def|class) {name}\b', source, re.MULTILINE), (file, name)
-
-
-@pytest.mark.parametrize('parameter', [*PUBLISHER_PARAMETERS, *SUBSCRIBER_PARAMETERS],
-                         ids=lambda parameter: parameter.name)
-def test_every_parameter_is_in_the_readme(parameter: Parameter) -> None:
-    readme = Path(__file__).parents[2].joinpath('README.md').read_text()
-    assert f'| `{parameter.name}` | `{parameter.default!r}` | {parameter.description}' in readme
+def test_names_in_architecture_page() -> None:
+    root = Path(__file__).parents[2]
+    page = root.joinpath('docs', 'architecture.md').read_text()
+    paths = re.findall(r'`((?:\w+/)+(?:\w+\.py)?)`', page)
+    assert len(paths) > 30
+    assert [path for path in paths if not (root / 'opencv_tools' / path).exists()
+            and not (root / path).exists()] == []
+    steps = re.findall(r'`(?:(\w+)\.)?(\w+)` \(`([\w/]+\.py)`\)', page)
+    assert len(steps) > 15
+    for owner, name, path in steps:
+        source = root.joinpath('opencv_tools', path).read_text()
+        for word in filter(None, (owner, name)):
+            assert re.search(rf'^ *(def|class) {word}\b', source, re.MULTILINE), (path, word)

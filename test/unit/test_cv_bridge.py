@@ -17,8 +17,6 @@
 from __future__ import annotations
 
 import gc
-from pathlib import Path
-import re
 import subprocess
 import sys
 import tracemalloc
@@ -379,14 +377,3 @@ def test_more_than_four_channels() -> None:
     assert message.encoding == '8UC5'
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message), image)
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(message, '32FC5'), image)
-
-
-@pytest.mark.process
-def test_the_example_of_the_readme_runs() -> None:
-    readme = (Path(__file__).parents[2] / 'README.md').read_text()
-    (example,) = re.findall(r'```python\n(.*?)```', readme, re.DOTALL)
-    (comment,) = re.findall(r'print\(err\)  # (.*)', example)
-    finished = subprocess.run([sys.executable, '-c', example], capture_output=True, text=True,
-                              timeout=60, check=False)
-    assert finished.returncode == 0, finished.stderr
-    assert finished.stdout.strip() == comment

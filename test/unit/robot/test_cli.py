@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from io import BytesIO, TextIOWrapper
 import json
-import os
 from pathlib import Path
 import subprocess
 import sys
@@ -76,31 +75,6 @@ def test_they_are_a_pipe() -> None:
                           capture_output=True, check=True, timeout=30)
     assert same.stdout.startswith(b'the same robot: links 2, joints 1;')
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
-
-
-@pytest.mark.process
-def test_the_commands_of_the_readme_print_what_it_says(tmp_path: Path) -> None:
-    section = (ROOT / 'README.md').read_text().split('\n## One robot in URDF and SDF\n')[1]
-    lines = section.split('```console\n')[1].split('```')[0].splitlines()
-    commands = [line.removeprefix('$ ') for line in lines if line.startswith('$ ')]
-    # A folder that looks as the root of the repository does after `make demo`.
-    (tmp_path / '.venv' / 'bin').mkdir(parents=True)
-    (tmp_path / 'demo').mkdir()
-    for folder in ('urdf', 'sdf'):
-        (tmp_path / folder).symlink_to(ROOT / folder)
-    for name in ('urdf_to_sdf', 'sdf_to_urdf', 'robot_compare', 'robot_frames'):
-        assert any(name in command for command in commands)
-        script = tmp_path / '.venv' / 'bin' / name
-        script.write_text(
-            f'#!/bin/sh\nexec "{sys.executable}" -m opencv_tools.robot.cli {name} "$@"\n')
-        script.chmod(0o755)
-    done = subprocess.run(
-        ['bash', '-e', '-o', 'pipefail'], input='\n'.join(commands), cwd=tmp_path, check=True,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=120)
-    assert done.stderr == ''
-    assert done.stdout.splitlines() == [line for line in lines if not line.startswith('$ ')]
-    written = sorted(path.name for path in (tmp_path / 'demo').iterdir())
-    assert written == ['conventions.png', 'frames.png', 'my_arm.sdf', 'my_arm.urdf']
 
 
 def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: Text) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Publishing and taking through rcl, without rclpy's copies."""
+"""Publishing and taking of messages through rcl, without rclpy's copies."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def publisher(node: Node) -> Publisher:
 
 @pytest.fixture
 def subscription(node: Node, publisher: Publisher) -> Subscription:
-    """Create a matched subscription that no executor takes from."""
+    """Return a subscription that has met the publisher, and that no executor takes from."""
     made = node.create_subscription(Image, 'images', lambda _: None, 10, raw=True)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     return made
 
 
 def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
-    """Wait for a message and take it."""
+    """Take a message, which may still be in transit."""
     deadline = time.monotonic() + DEADLINE
     while (taken := take_serialized(subscription.handle)) is None:
         assert time.monotonic() < deadline, 'no message came'
@@ -76,7 +76,7 @@ def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
 
 
 def resident_bytes() -> int:
-    """Return the resident memory of this process."""
+    """Return the resident memory of this process in bytes."""
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * 4096
 
@@ -86,7 +86,7 @@ def resident_bytes() -> int:
     replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
     replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
     replace(PIXEL, step=2**32 - 1, data=b'')])
-def test_image_received_by_a_plain_subscriber(
+def test_images_at_an_rclpy_subscriber(
         node: Node, publisher: Publisher, image: WireImage) -> None:
     received: list[Image] = []
     node.create_subscription(Image, 'images', received.append, 10)
@@ -102,7 +102,7 @@ def test_image_received_by_a_plain_subscriber(
     assert received == [expected]
 
 
-def test_array_with_gaps_between_rows(
+def test_array_that_is_not_contiguous(
         publisher: Publisher, subscription: Subscription) -> None:
     whole = np.arange(60 * 40 * 3, dtype=np.uint8).reshape(60, 40, 3)
     array = whole[::2, 5:25, ::-1]
@@ -114,7 +114,7 @@ def test_array_with_gaps_between_rows(
 
 @pytest.mark.parametrize('fields', [
     {'header': WireHeader(1, 2, 'a\0b')}, {'encoding': 'a\0b'}], ids=['frame_id', 'encoding'])
-def test_nul_in_a_string_is_refused(
+def test_refused_nul_character(
         publisher: Publisher, subscription: Subscription, fields: dict[str, Any]) -> None:
     with pytest.raises(CdrError, match='has a NUL'):
         publish_image(publisher.handle, replace(PIXEL, **fields))
@@ -125,18 +125,18 @@ def test_nul_in_a_string_is_refused(
 
 def test_destroyed_publisher_and_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
-    of_publisher, of_subscription = publisher.handle, subscription.handle
+    publisher_handle, subscription_handle = publisher.handle, subscription.handle
     node.destroy_publisher(publisher)
     node.destroy_subscription(subscription)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        publish_image(of_publisher, PIXEL)
+        publish_image(publisher_handle, PIXEL)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        take_serialized(of_subscription)
+        take_serialized(subscription_handle)
 
 
 def destroy_meanwhile(
         monkeypatch: pytest.MonkeyPatch, name: str, destroy: Callable[[], object]) -> None:
-    """Call a function directly before a function of rcl."""
+    """Call ``destroy`` immediately before a function of rcl."""
     function = getattr(zero_copy._rcl, name)
 
     def _call(*args: object) -> int:
@@ -146,7 +146,7 @@ def destroy_meanwhile(
     monkeypatch.setattr(zero_copy._rcl, name, _call)
 
 
-def test_publisher_destroyed_while_publishing(
+def test_publisher_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     destroy_meanwhile(monkeypatch, 'rcl_publish', lambda: node.destroy_publisher(publisher))
@@ -156,7 +156,7 @@ def test_publisher_destroyed_while_publishing(
         publish_image(publisher.handle, PIXEL)
 
 
-def test_subscription_destroyed_while_taking(
+def test_subscription_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     publish_image(publisher.handle, PIXEL)
@@ -180,11 +180,11 @@ def test_publishing_after_shutdown(domain: int) -> None:
     node.destroy_node()
 
 
-def test_take_without_a_message(subscription: Subscription) -> None:
+def test_taking_without_a_message(subscription: Subscription) -> None:
     assert [take_serialized(subscription.handle) for _ in range(3)] == [None] * 3
 
 
-def test_number_and_times_of_messages(
+def test_metadata_of_messages(
         publisher: Publisher, subscription: Subscription) -> None:
     began = time.time_ns()
     for _ in range(3):
@@ -198,11 +198,11 @@ def test_number_and_times_of_messages(
 
 @pytest.mark.parametrize(('given', 'number'), [(0, 0), (1, 1), (2**64 - 2, 2**64 - 2),
                                                (2**64 - 1, 0)])
-def test_unknown_number_is_0(given: int, number: int) -> None:
+def test_sequence_number(given: int, number: int) -> None:
     assert MessageInfo(publication_sequence_number=given).number == number
 
 
-def test_taken_bytes_are_read_only_and_outlive_all(
+def test_read_only_data_after_the_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
     images = [large_image(value) for value in range(3)]
     for image in images:
@@ -219,7 +219,7 @@ def test_taken_bytes_are_read_only_and_outlive_all(
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
-def test_memory_of_taken_messages_is_freed(
+def test_memory_of_taken_messages(
         publisher: Publisher, subscription: Subscription, tell: Callable[[str], None]) -> None:
     sizes = []
     for value in range(120):
@@ -232,8 +232,6 @@ def test_memory_of_taken_messages_is_freed(
     tell(f'{(sizes[-1] - sizes[0]) / MB:.1f} MB more after 100 images of 6 MB')
     assert sizes[-1] - sizes[0] < 30 * MB
 
-
-# Another version of rcl
 
 class OtherImage(ctypes.Structure):
     """An image with an additional field."""
@@ -250,7 +248,7 @@ class OtherArray(ctypes.Structure):
 
 @pytest.fixture
 def use_rcl_again() -> Iterator[None]:
-    """Select rcl again after the test."""
+    """Select rcl again after a test."""
     yield
     assert zero_copy.use_rcl() == ''
 

@@ -1,0 +1,68 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Configuration of Sphinx for ``make docs``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import xml.etree.ElementTree as ElementTree
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).parent.parent
+_PACKAGE = ElementTree.parse(ROOT / 'package.xml')
+
+project = _PACKAGE.findtext('name', '')
+author = _PACKAGE.findtext('maintainer', '')
+copyright = f'2026, {author}'  # noqa: A001
+release = version = _PACKAGE.findtext('version', '')
+
+extensions = ['myst_parser', 'sphinx.ext.autodoc']
+html_theme = 'furo'
+html_title = f'{project} {release}'
+
+myst_heading_anchors = 4
+
+autodoc_member_order = 'bysource'
+autodoc_default_options = {'members': True, 'show-inheritance': True}
+
+# Types of other packages, aliases, type variables, and private types of this package.
+nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
+nitpick_ignore = [('py:class', name) for name in (
+    'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
+    'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
+    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
+    'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
+nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
+
+#: Files of the root folder that are pages here.
+PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
+         'README.md': 'index.md'}
+
+
+def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
+    if docname == 'contributing':
+        text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+        source[0] = re.sub(
+            r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
+    for file, page in PAGES.items():
+        source[0] = source[0].replace(f'](../{file}', f']({page}')
+
+
+def setup(app: Sphinx) -> None:
+    """Connect the changes of page sources."""
+    app.connect('source-read', insert_page)

@@ -1,0 +1,106 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Write the page ``docs/parameters.md`` from the parameter tables of both nodes.
+
+Run ``python3 docs/write_parameters.py`` after each change of a table. ``make docs`` does so too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+import math
+from pathlib import Path
+
+from opencv_tools import basic_image_publisher, basic_image_subscriber
+from opencv_tools.ros.parameters import Parameter
+
+PAGE = Path(__file__).with_name('parameters.md')
+
+_INTRODUCTION = """\
+# Parameters
+
+<!-- Written by docs/write_parameters.py from the tables in the code. Do not edit this page. -->
+
+Set a parameter at the start with `--ros-args -p NAME:=VALUE`, or in a file with `--params-file`.
+See [Setting parameters](publisher.md#setting-parameters). `--help` prints these tables too.
+
+- *values*: the valid values. The description explains a text without a list of values.
+- *at run time*: whether the parameter can be changed while the node runs, for example with
+  `ros2 param set`.
+
+The settings of a camera, such as `brightness`, are further parameters of `img_publisher`. They
+depend on the camera. `ros2 param list` shows them.
+"""
+
+_HEADING = """
+## {executable}
+
+Parameters of the node `{node}`:
+
+| parameter | type | default | values | at run time | description |
+|---|---|---|---|---|---|
+"""
+
+_TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
+
+
+def parameters_page() -> str:
+    """Return the text of the page."""
+    return ''.join((
+        _INTRODUCTION,
+        _section('img_publisher', 'image_publisher', basic_image_publisher.PARAMETERS),
+        _section('img_subscriber', 'image_subscriber', basic_image_subscriber.PARAMETERS)))
+
+
+def _section(executable: str, node: str, table: Sequence[Parameter]) -> str:
+    return _HEADING.format(executable=executable, node=node) + ''.join(
+        f'| {" | ".join(_row(parameter))} |\n' for parameter in table)
+
+
+def _row(parameter: Parameter) -> tuple[str, ...]:
+    cells = (
+        f'`{parameter.name}`', _TYPES[type(parameter.default)], _literal(parameter.default),
+        _values(parameter), 'yes' if parameter.changeable else 'no', parameter.description)
+    return tuple(cell.replace('|', r'\|') for cell in cells)
+
+
+def _values(parameter: Parameter) -> str:
+    """Return the valid values of a parameter; '' for a text without a list of values."""
+    if parameter.choices:
+        return ', '.join(map(_literal, parameter.choices))
+    if isinstance(parameter.default, bool):
+        return '`false`, `true`'
+    if isinstance(parameter.default, str):
+        return ''
+    span = (f'`{_number(parameter.minimum)}` to `{_number(parameter.maximum)}`'
+            if math.isfinite(parameter.maximum) else f'at least `{_number(parameter.minimum)}`')
+    return span if parameter.step == 1 else f'{span}, in steps of `{parameter.step}`'
+
+
+def _literal(value: str | int | float) -> str:
+    """Return a value as a parameter file has it."""
+    if value == '':
+        return "`''`"
+    return f'`{value}`' if isinstance(value, str) else f'`{json.dumps(value)}`'
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f'{value:.15g}'
+
+
+if __name__ == '__main__':
+    PAGE.write_text(parameters_page(), encoding='utf-8')

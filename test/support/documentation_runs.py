@@ -1,0 +1,150 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Runs of blocks of the documentation, each in a copy of the project with its own home."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+import os
+from pathlib import Path
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+from conftest import DEADLINE, executable
+from documentation import ROOT
+from documented_commands import PARAMETERS, ROBOT_COMMANDS
+
+#: Parts of the project that the commands of the pages use.
+USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
+#: Line of a node that has published or received a frame.
+FRAME = re.compile(r'video frame \d')
+
+# PyPI has no ros2 command, and a container often has no sudo.
+_ROS2 = """#!/bin/bash
+[ "$1 $2" = 'run opencv_tools' ] && exec "${@:3}"
+echo "ros2 $1 is not on PyPI: mark the block with 'needs ros'" >&2
+exit 1
+"""
+_SUDO = '#!/bin/bash\nexec "$@"\n'
+
+
+def copy_project(folder: Path) -> Path:
+    """
+    Copy the files of the project that the pages use.
+
+    :param folder: a new folder for the copy, for the home and for commands.
+    :returns: the root of the copy.
+    """
+    root = folder / 'opencv_tools'
+    root.mkdir()
+    for name in USED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, root / name)
+        else:
+            shutil.copy(ROOT / name, root / name)
+    (folder / 'bin').mkdir()
+    for name in (*PARAMETERS, *ROBOT_COMMANDS):
+        (folder / 'bin' / name).symlink_to(executable(name))
+    for name, text in (('ros2', _ROS2), ('sudo', _SUDO)):
+        if shutil.which(name) is None:
+            (folder / 'bin' / name).write_text(text)
+            (folder / 'bin' / name).chmod(0o755)
+    (folder / 'home').mkdir()
+    return root
+
+
+def environment(root: Path) -> dict[str, str]:
+    """Return the variables of the blocks in a copy of the project."""
+    folders = (str(root.parent / 'bin'), str(Path(sys.executable).parent), os.environ['PATH'])
+    outer = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
+    return {**outer, 'PATH': os.pathsep.join(folders), 'HOME': str(root.parent / 'home'),
+            'PYTHONPATH': os.pathsep.join((str(ROOT), os.environ.get('PYTHONPATH', ''))),
+            'PYTHONUNBUFFERED': '1', 'PIP_NO_INDEX': '1',
+            'ROS_DISTRO': 'jazzy'}  # so make installs nothing
+
+
+def run(command: Sequence[str], root: Path, seconds: float = 0) -> tuple[int, str]:
+    """
+    Run a command in a copy of the project, and end everything that it has started.
+
+    :param command: the command and its arguments.
+    :param root: the copy, which is its working directory.
+    :param seconds: longest time until Ctrl-C, which follows the first frame; 0 for no Ctrl-C.
+    :returns: exit status, and the output of the command and of what it started.
+    """
+    log = root.parent / 'output.log'
+    with log.open('w') as console:
+        process = subprocess.Popen(
+            command, cwd=root, env=environment(root), stdin=subprocess.DEVNULL, stdout=console,
+            stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        _wait(process, log, seconds)
+    finally:
+        _end_session(process)
+    return process.returncode, log.read_text()
+
+
+def _wait(process: subprocess.Popen[bytes], log: Path, seconds: float) -> None:
+    """Wait for the end of a process, and interrupt its group when that is due."""
+    begin = interrupted = time.monotonic()
+    seen = 0
+    while process.poll() is None:
+        now = time.monotonic()
+        if now > begin + DEADLINE:
+            raise AssertionError(f'did not end:\n{log.read_text()}')
+        output = log.read_text()
+        if seconds and (now > interrupted + seconds or FRAME.search(output, seen)):
+            os.killpg(process.pid, signal.SIGINT)
+            interrupted, seen = now, len(output)
+        time.sleep(0.02)
+
+
+def _end_session(process: subprocess.Popen[bytes]) -> None:
+    """End the processes in the session of a process, those in the background too."""
+    begin = time.monotonic()
+    asked: set[int] = set()
+    while members := set(_members(process.pid)):
+        is_late = time.monotonic() > begin + 10
+        for pid in members if is_late else members - asked:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL if is_late else signal.SIGTERM)
+        asked |= members
+        time.sleep(0.05)
+        process.poll()
+
+
+def _members(session: int) -> list[int]:
+    """Return the running processes of a session."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(OSError):
+            state, _, _, number = path.read_text().rpartition(')')[2].split()[:4]
+            if int(number) == session and state != 'Z':
+                found.append(int(path.parent.name))
+    return found
+
+
+def matches(expected: str, output: str) -> bool:
+    """Return whether an output has the expected lines; ``...`` stands for any text or lines."""
+    pattern = ''.join(
+        r'(?:.*\n)*?' if line.strip() == '...'
+        else re.escape(line.rstrip()).replace(re.escape('...'), '.*') + r'[ \t]*\n'
+        for line in expected.splitlines())
+    return re.fullmatch(pattern, ''.join(f'{line}\n' for line in output.splitlines())) is not None
