@@ -75,7 +75,6 @@ def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
     :returns: values by name, not checked.
     :raises OSError: a file cannot be read, see ``load_parameters``.
     :raises ValueError: a file is not text, or is not a parameter file.
-    :raises TypeError: a file is not a parameter file.
     :raises yaml.YAMLError: a value or a file is not YAML.
     """
     options = list(_split(args))
@@ -89,6 +88,8 @@ def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
                 values[name] = yaml.safe_load(text)
         elif option == '--params-file':
             for section, parameters in parameter_sections(load_parameters(Path(value))):
+                if not isinstance(parameters, dict):
+                    raise ValueError(f'{value} is not a parameter file')
                 if _is_section_of(section, nodes):
                     values.update(parameters)
     return values

@@ -103,8 +103,7 @@ class Parameter:
         if isinstance(self.default, bool):
             if value in (False, True):  # or 0 or 1
                 return bool(value)
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give true or false '
-                                 f'({self.description})')
+            raise self._error(value, f'give true or false ({self.description})')
         if self.choices:
             return self._accept_choice(value)
         number = float if isinstance(self.default, float) else int
@@ -113,28 +112,29 @@ class Parameter:
         if not is_number or not low <= value <= high:
             noun = 'a number' if number is float else 'a whole number'
             span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun}{span} '
-                                 f'({self.description})')
+            raise self._error(value, f'give {noun}{span} ({self.description})')
         return number(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give a text '
-                                 f'({self.description})')
-        text = str(self._accept_choice(str(value)))
+            raise self._error(value, f'give a text ({self.description})')
+        text: str = self._accept_choice(str(value))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
-                raise ParameterError(f'parameter {self.name} is {_quoted(text)}: {err}') from err
+                raise self._error(text, str(err)) from err
         return text
 
-    def _accept_choice(self, value: Any) -> str | int:
+    def _accept_choice(self, value: Any) -> Any:
         if self.choices and value not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give one of '
-                                 f'{", ".join(repr(choice) for choice in self.choices)}')
-        chosen: str | int = value
-        return chosen
+            raise self._error(value, f'give one of {", ".join(map(repr, self.choices))}')
+        return value
+
+    def _error(self, value: object, remedy: str) -> ParameterError:
+        """Return an error that quotes a value without passwords."""
+        return ParameterError(
+            f'parameter {self.name} is {without_password(repr(value))}: {remedy}')
 
 
 def parameter(default: str | int | float, description: str, **options: Any) -> Any:
@@ -152,11 +152,6 @@ def parameter_table(settings: type) -> tuple[Parameter, ...]:
     """Return the parameters of a settings class, whose fields ``parameter`` has created."""
     return tuple(Parameter(found.name, found.default, **found.metadata)
                  for found in fields(settings))
-
-
-def _quoted(value: object) -> str:
-    """Return a value for a message; passwords in URLs are hidden."""
-    return without_password(repr(value))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:

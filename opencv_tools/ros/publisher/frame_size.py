@@ -54,8 +54,7 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
         settings = PublisherSettings(**values)
         size = expected_size(settings.source, settings.camera_request())
         return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
-    except (CaptureError, ImageError, OSError, OverflowError, RecursionError, TypeError,
-            ValueError, yaml.YAMLError):
+    except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
         return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
 
 
