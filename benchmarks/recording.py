@@ -41,7 +41,7 @@ from opencv_tools.image.cdr import (
     compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image_codecs import encode_picture
+from opencv_tools.image_codecs import encode_image
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
@@ -348,7 +348,7 @@ def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     """Compare writing JPEG messages as they came with decoding and encoding them."""
     messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
         header=WireHeader(0, 0, 'camera'), format='bgr8; jpeg compressed bgr8',
-        data=encode_picture(picture, '.jpg')))
+        data=encode_image(picture, '.jpg')))
         for picture in pictures]
     write_compressed(messages, False)
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))

@@ -197,11 +197,11 @@ class CvBridge:
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        picture = _pictures().decode_picture(cmprs_img_msg.data)
+        image = _codecs().decode_image(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
-            return picture
-        source = decoded_encoding(picture, cmprs_img_msg.format)
-        return convert_to(picture, source, desired_encoding)
+            return image
+        source = decoded_encoding(image, cmprs_img_msg.format)
+        return convert_to(image, source, desired_encoding)
 
     @_raises_bridge_errors
     def cv2_to_compressed_imgmsg(
@@ -225,10 +225,10 @@ class CvBridge:
         """
         target = parse_format(dst_format)
         declared = _declared(cvim, target.original or 'passthrough')
-        picture = np.ascontiguousarray(cvim, declared.dtype)
+        image = np.ascontiguousarray(cvim, declared.dtype)
         if target.stored:
-            picture = convert_to(picture, declared, target.stored)
-        content = _pictures().encode_picture(picture, f'.{target.codec}', quality)
+            image = convert_to(image, declared, target.stored)
+        content = _codecs().encode_image(image, f'.{target.codec}', quality)
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
@@ -292,20 +292,20 @@ def cvtColorForDisplay(
 def _colormap(number: int) -> Colormap | None:
     if number == -1:
         return None
-    return partial(_pictures().apply_colormap, colormap=number)
+    return partial(_codecs().apply_colormap, colormap=number)
 
 
-def _pictures() -> ModuleType:
+def _codecs() -> ModuleType:
     """
     Return the module that needs OpenCV, imported on first use.
 
     :raises CvBridgeError: OpenCV cannot be imported.
     """
     try:
-        import opencv_tools.image_codecs as pictures
+        import opencv_tools.image_codecs as codecs
     except ImportError as err:
         raise CvBridgeError(f'compressed images and colormaps need OpenCV: {err}') from err
-    return pictures
+    return codecs
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:

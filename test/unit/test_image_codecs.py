@@ -23,7 +23,7 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image_codecs import convert_picture, decode_picture
+from opencv_tools.image_codecs import convert_image, decode_image
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 from opencv_tools.recording.naming import FrameMetadata
@@ -87,9 +87,9 @@ def test_16_bit_png_is_kept() -> None:
 def test_exif_orientation_is_applied_only_on_request(orientation: int) -> None:
     jpeg = oriented_jpeg(random_image('bgr8', 16, 24), orientation)
     lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(decode_picture(jpeg), lying, strict=True)
+    np.testing.assert_array_equal(decode_image(jpeg), lying, strict=True)
     np.testing.assert_array_equal(
-        decode_picture(jpeg, upright=True), UPRIGHT[orientation](lying), strict=True)
+        decode_image(jpeg, upright=True), UPRIGHT[orientation](lying), strict=True)
     message = CompressedImage(format='jpeg')
     message.data.frombytes(jpeg)
     for desired in ('passthrough', '', 'bgr8'):
@@ -107,7 +107,7 @@ def test_only_a_jpeg_is_rotated_upright(upright: bool) -> None:
     for encoding in ('mono16', 'bgra8', 'bgr8'):
         image = random_image(encoding, 6, 9)
         png = cv2.imencode('.png', image)[1]
-        np.testing.assert_array_equal(decode_picture(png, upright), image, strict=True)
+        np.testing.assert_array_equal(decode_image(png, upright), image, strict=True)
 
 
 @pytest.mark.parametrize(('picture', 'suffix', 'text', 'desired', 'expected'), [
@@ -181,7 +181,7 @@ def test_conversion_equals_that_without_opencv(source: str, desired: str) -> Non
         image = random_image(source, height // pair * pair, width // pair * pair)
         for strided in (image, np.concatenate([image, image], 1)[:, :image.shape[1]]):
             expected = convert(strided, left, right)
-            converted = convert_picture(strided, left, right)
+            converted = convert_image(strided, left, right)
             assert converted.dtype == expected.dtype
             tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
             np.testing.assert_allclose(converted, expected, rtol=0, atol=tolerance)
@@ -201,18 +201,18 @@ def test_opencv_converts_supported_pairs(monkeypatch: pytest.MonkeyPatch, source
     for target, settings in zip(targets, expected, strict=True):
         tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
         np.testing.assert_allclose(
-            convert_picture(image, left, target), settings, rtol=0, atol=tolerance)
+            convert_image(image, left, target), settings, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])
 def test_odd_width_equals_the_conversion_without_opencv(source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 4, 5)
-    gray = convert_picture(image, left, ENCODINGS['mono8'])
+    gray = convert_image(image, left, ENCODINGS['mono8'])
     np.testing.assert_array_equal(gray, convert(image, left, ENCODINGS['mono8']), strict=True)
     if source == 'nv24':  # nv24 has chroma for each pixel
-        colors = convert_picture(image, left, ENCODINGS['bgr8'])
+        colors = convert_image(image, left, ENCODINGS['bgr8'])
         np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
         return
     with pytest.raises(ImageError, match=r'must have an even width .* a row has 5 pixels'):
-        convert_picture(image, left, ENCODINGS['bgr8'])
+        convert_image(image, left, ENCODINGS['bgr8'])

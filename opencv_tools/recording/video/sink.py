@@ -276,7 +276,7 @@ def _image_type(frame: RawFrame) -> str:
     """Return the type of the image of a frame, for the list of formats that can hold it."""
     encoding = frame.metadata.encoding
     try:
-        is_picture = find_encoding(encoding).kind in ('generic', 'color')
-        return generic_encoding(frame.image).name if is_picture else encoding
+        has_channels = find_encoding(encoding).kind in ('generic', 'color')
+        return generic_encoding(frame.image).name if has_channels else encoding
     except EncodingError:
         return encoding

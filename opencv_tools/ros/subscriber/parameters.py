@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from opencv_tools.image.picture_size import MAX_PIXELS
+from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.open_sink import check_format

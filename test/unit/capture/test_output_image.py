@@ -146,7 +146,7 @@ def test_damaged_jpeg_is_refused(data: bytes) -> None:
 
 def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for name in ('decode_picture', 'encode_picture', 'convert_picture'):
+    for name in ('decode_image', 'encode_image', 'convert_image'):
         original = getattr(__import__('opencv_tools.capture.output_image', fromlist=['x']), name)
         monkeypatch.setattr(
             f'opencv_tools.capture.output_image.{name}',
@@ -156,4 +156,4 @@ def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.Monkey
     for _ in range(2):
         assert output.image.shape == (48, 64)
         assert output.jpeg[1] == 'mono8; jpeg compressed mono8'
-    assert calls == ['decode_picture', 'convert_picture', 'encode_picture']
+    assert calls == ['decode_image', 'convert_image', 'encode_image']

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size
-from opencv_tools.image_codecs import decode_picture
+from opencv_tools.image_codecs import decode_image
 import pytest
 
 ENDS = b'\xff\xd9'
@@ -65,7 +65,7 @@ def test_complete_jpeg_passes(image: np.ndarray, kind: str) -> None:
     assert jpeg_size(jpeg) == (image.shape[1], image.shape[0])
     assert jpeg_components(jpeg) == (1 if image.ndim == 2 else 3)
     assert jpeg[check_jpeg(jpeg):].startswith(ENDS)
-    assert np.array_equal(decode_picture(jpeg), cv2.imdecode(
+    assert np.array_equal(decode_image(jpeg), cv2.imdecode(
         np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED))
 
 
@@ -76,7 +76,7 @@ def test_complete_jpeg_passes(image: np.ndarray, kind: str) -> None:
 def test_truncated_scan_is_refused(kind: str, part: float, channels: int, upright: bool) -> None:
     jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
     with pytest.raises(CodecError, match=r'whose end is missing$'):
-        decode_picture(broken_off(jpeg, part), upright)
+        decode_image(broken_off(jpeg, part), upright)
 
 
 def test_scan_truncated_at_any_restart_interval_is_refused() -> None:
@@ -88,7 +88,7 @@ def test_scan_truncated_at_any_restart_interval_is_refused() -> None:
     for place in ends:
         for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
             with pytest.raises(CodecError, match=r'whose end is missing$'):
-                decode_picture(data)
+                decode_image(data)
 
 
 @pytest.mark.parametrize('kind', ['baseline', 'optimized', 'restarts', 'progressive'])
@@ -124,4 +124,4 @@ def test_bytes_before_a_marker_are_skipped_like_libjpeg() -> None:
     jpeg = encoded(photo())
     padded = jpeg[:2] + b'\xff\xff\xff' + jpeg[2:-2] + b'\xff\xff' + ENDS
     assert jpeg_size(padded) == (128, 96)
-    assert np.array_equal(decode_picture(padded), decode_picture(jpeg))
+    assert np.array_equal(decode_image(padded), decode_image(jpeg))

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.image_files import PictureSequence
+from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
 from opencv_tools.cv_bridge import CvBridge
@@ -142,7 +142,7 @@ def test_names_of_files_are_printed_safely(tmp_path: Path) -> None:
     assert str(raised.value).isprintable()
     picture.write_bytes(b'nothing')
     with pytest.raises(BrokenFrameError) as raised:
-        PictureSequence([picture], str(picture)).read()
+        ImageFileSource([picture], str(picture)).read()
     assert str(raised.value).isprintable()
     (tmp_path / '\x1b[2J.png').touch()
     folder = Folder(tmp_path)

@@ -22,7 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image_codecs import encode_picture
+from opencv_tools.image_codecs import encode_image
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, IMAGE_FORMATS
@@ -130,7 +130,7 @@ def test_quality_and_compression_change_the_file_size() -> None:
 
 
 def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
-    data = memoryview(encode_picture(image, suffix))
+    data = memoryview(encode_image(image, suffix))
     return CompressedFrame(
         metadata=FrameMetadata(NANO, 'camera', told, '/video_frames/compressed'),
         receive_ns=NANO, data=data)
@@ -151,7 +151,7 @@ def test_compressed_frame_is_decoded_for_another_format() -> None:
     assert content.encoding == 'bgr8'
     assert b''.join(content.parts())[-image.nbytes:] == image.tobytes()
     jpeg = encode_frame(compressed('.png', 'png', image), EncoderSettings('.jpg', jpeg_quality=30))
-    assert jpeg.data.tobytes() == encode_picture(image, '.jpg', 30).tobytes()
+    assert jpeg.data.tobytes() == encode_image(image, '.jpg', 30).tobytes()
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.png'])

@@ -44,7 +44,7 @@ _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 _Reader = Callable[[bytes], tuple[int, int]]
 
 
-def picture_size(content: bytes) -> tuple[int, int]:
+def image_size(content: bytes) -> tuple[int, int]:
     """
     Read the size of an image file.
 

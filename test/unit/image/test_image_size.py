@@ -28,8 +28,8 @@ import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import CodecError, SizeError
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
-from opencv_tools.image_codecs import decode_picture
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image_codecs import decode_image
 import pytest
 
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
@@ -69,16 +69,16 @@ def huge_png() -> bytes:
 @pytest.mark.parametrize('suffix', FORMATS)
 def test_size_equals_that_of_the_decoded_image(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
-    assert picture_size(data) == (53, 37)
-    assert decode_picture(data).shape[:2] == (37, 53)
+    assert image_size(data) == (53, 37)
+    assert decode_image(data).shape[:2] == (37, 53)
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
 def test_image_with_too_many_pixels_is_refused(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
-    assert decode_picture(data, max_pixels=53 * 37).shape[:2] == (37, 53)
+    assert decode_image(data, max_pixels=53 * 37).shape[:2] == (37, 53)
     with pytest.raises(CodecError, match=r'^53x37 pixels are more than max_pixels=1960$'):
-        decode_picture(data, max_pixels=53 * 37 - 1)
+        decode_image(data, max_pixels=53 * 37 - 1)
 
 
 @pytest.mark.parametrize(('data', 'size'), [
@@ -100,7 +100,7 @@ def test_image_with_too_many_pixels_is_refused(suffix: str) -> None:
      (10, 7)),
 ], ids=['webp', 'lossless', 'bmp', 'os2', 'tiff', 'bigtiff', 'pnm', 'pam', 'hdr', 'jp2', 'exr'])
 def test_largest_declared_size_is_read(data: bytes, size: tuple[int, int]) -> None:
-    assert picture_size(data) == size
+    assert image_size(data) == size
 
 
 @pytest.mark.parametrize('data', [
@@ -110,9 +110,9 @@ def test_largest_declared_size_is_read(data: bytes, size: tuple[int, int]) -> No
     b'\xff\x4f\xff\x51' * 1000, b'....ftypavif', b'\x76\x2f\x31\x01', bytes(1000)])
 def test_header_without_a_size_is_refused(data: bytes) -> None:
     with pytest.raises(SizeError, match=f'^{len(data)} bytes '):
-        picture_size(data)
+        image_size(data)
     with pytest.raises(CodecError):
-        decode_picture(data)
+        decode_image(data)
 
 
 def test_header_truncated_anywhere_is_a_clear_error() -> None:
@@ -120,7 +120,7 @@ def test_header_truncated_anywhere_is_a_clear_error() -> None:
         data = encoded(image, suffix)
         for length in range(min(200, len(data))):
             try:
-                assert picture_size(data[:length]) == (53, 37)
+                assert image_size(data[:length]) == (53, 37)
             except SizeError as err:
                 assert str(err).startswith(f'{length} bytes ')
 
@@ -143,13 +143,13 @@ def test_refused_image_takes_no_memory(make: object, tmp_path: Path) -> None:
     path.write_bytes(make())
     script = ('import pathlib, sys\n'
               'from opencv_tools.capture.errors import BrokenFrameError\n'
-              'from opencv_tools.capture.image_files import PictureSequence\n'
+              'from opencv_tools.capture.image_files import ImageFileSource\n'
               'from opencv_tools.image.errors import CodecError\n'
-              'from opencv_tools.image_codecs import decode_picture\n'
+              'from opencv_tools.image_codecs import decode_image\n'
               'path = pathlib.Path(sys.argv[1])\n'
-              'try: decode_picture(path.read_bytes())\n'
+              'try: decode_image(path.read_bytes())\n'
               'except CodecError as err: print(err)\n'
-              'try: PictureSequence([path], "").read()\n'
+              'try: ImageFileSource([path], "").read()\n'
               'except BrokenFrameError as err: print(err)\n'
               f'{PRINT_PEAK_MEMORY}')
     finished = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,
