@@ -28,6 +28,8 @@ from figures import add_json_option, Figure, write_figures
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
+from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.layout import array_to_wire
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
@@ -96,7 +98,7 @@ def copies(random: np.random.Generator) -> Iterator[Comparison]:
         return filled
 
     def to_cdr() -> bytes:
-        return image_to_cdr(bridge.cv2_to_wire(frame, 'bgr8', message.header))
+        return image_to_cdr(array_to_wire(frame, declared_encoding(frame, 'bgr8')))
 
     def to_message() -> Image:
         return bridge.cv2_to_imgmsg(frame, 'bgr8')

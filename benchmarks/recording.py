@@ -39,15 +39,16 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import (
     compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader)
-from opencv_tools.image_codecs import encode_picture
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import encode_image
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.subscriber.conversion import FrameConverter
-from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
-from std_msgs.msg import Header
+from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, read_message
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
 SIZE = (1920, 1080)
@@ -210,7 +211,7 @@ def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> f
     bridge = CvBridge()
     began = time.perf_counter()
     for number, serialized in enumerate(messages):
-        image = bridge.imgmsg_to_cv2(read_image(serialized))
+        image = bridge.imgmsg_to_cv2(read_message(serialized, IMAGE))
         if not cv2.imwrite(str(folder / f'{number:06d}{suffix}'), image):
             raise SystemExit('OpenCV wrote no picture')
     return time.perf_counter() - began
@@ -224,7 +225,7 @@ def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     recorder = Recorder(sink, logging.getLogger(), block=True)
     began = time.perf_counter()
     for serialized in messages:
-        recorder.put(converter.convert(read_image(serialized), TOPIC, time.time_ns()))
+        recorder.put(converter.convert(read_message(serialized, IMAGE), TOPIC, time.time_ns()))
     recorder.close()
     seconds = time.perf_counter() - began
     if recorder.counts.written != len(messages):
@@ -335,7 +336,7 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
             frame = converter.convert(
-                read_compressed_image(serialized), TOPIC, time.time_ns())
+                read_message(serialized, COMPRESSED_IMAGE), TOPIC, time.time_ns())
             frame = frame.decode() if encode else frame
             files.commit(frame, files.prepare(frame))
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began
@@ -347,7 +348,7 @@ def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     """Compare writing JPEG messages as they came with decoding and encoding them."""
     messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
         header=WireHeader(0, 0, 'camera'), format='bgr8; jpeg compressed bgr8',
-        data=encode_picture(picture, '.jpg')))
+        data=encode_image(picture, '.jpg')))
         for picture in pictures]
     write_compressed(messages, False)
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))
@@ -411,9 +412,8 @@ def recording_figures(result: Recording) -> list[Figure]:
 def measure(seconds: float) -> list[Figure]:
     """Measure and print section after section; the figures."""
     pictures = clip_pictures()
-    bridge = CvBridge()
-    messages = [image_to_cdr(bridge.cv2_to_wire(picture, 'bgr8', Header(frame_id='camera')))
-                for picture in pictures]
+    encoding = find_encoding('bgr8')
+    messages = [image_to_cdr(array_to_wire(picture, encoding)) for picture in pictures]
     print(f'{len(os.sched_getaffinity(0))} cores, OpenCV {cv2.__version__} with '
           f'{cv2.getNumThreads()} threads, PyAV {av.__version__}, medians of {ROUNDS}\n')
 

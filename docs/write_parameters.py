@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import json
-import math
 from pathlib import Path
 
 from opencv_tools import basic_image_publisher, basic_image_subscriber
@@ -79,15 +78,15 @@ def _row(parameter: Parameter) -> tuple[str, ...]:
 
 
 def _values(parameter: Parameter) -> str:
-    """Return the valid values of a parameter; '' for a text without a list of values."""
+    """Return the valid values of a parameter; '' if it has neither choices nor bounds."""
     if parameter.choices:
         return ', '.join(map(_literal, parameter.choices))
     if isinstance(parameter.default, bool):
         return '`false`, `true`'
-    if isinstance(parameter.default, str):
+    if not parameter.bounds:
         return ''
-    span = (f'`{_number(parameter.minimum)}` to `{_number(parameter.maximum)}`'
-            if math.isfinite(parameter.maximum) else f'at least `{_number(parameter.minimum)}`')
+    low, high = parameter.bounds
+    span = f'`{_number(low)}` to `{_number(high)}`'
     return span if parameter.step == 1 else f'{span}, in steps of `{parameter.step}`'
 
 

@@ -42,14 +42,14 @@ def start_nodes(context: LaunchContext) -> list[Node]:
     check_params_file(params_file)
     nodes = []
     for name, executable in EXECUTABLES.items():
-        given = {argument: LaunchConfiguration(argument).perform(context)
-                 for argument in ARGUMENTS[name]}
-        over = {argument: ParameterValue(value, value_type=str)
-                for argument, value in given.items() if value}
+        values = {argument: LaunchConfiguration(argument).perform(context)
+                  for argument in ARGUMENTS[name]}
+        overrides = {argument: ParameterValue(value, value_type=str)
+                     for argument, value in values.items() if value}
         nodes.append(Node(
             package='opencv_tools', executable=executable, name=name, output='screen',
             namespace=LaunchConfiguration('namespace'),
-            parameters=[params_file, *([over] if over else [])]))
+            parameters=[params_file, *([overrides] if overrides else [])]))
     return nodes
 
 

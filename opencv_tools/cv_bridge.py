@@ -30,7 +30,6 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
@@ -38,7 +37,7 @@ from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
 )
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.layout import is_bigendian, pack_pixels, view_pixels
+from opencv_tools.image.layout import array_to_wire, view_pixels
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -175,40 +174,13 @@ class CvBridge:
         :raises TypeError: ``cvim`` is not an array.
         :raises CvBridgeError: the encoding is unknown or does not fit the array.
         """
-        declared = _declared(cvim, encoding)
-        rows, width = cvim.shape[:2]
-        message = Image(
-            height=declared.height(rows), width=width, encoding=declared.name,
-            step=width * declared.pixel_bytes, is_bigendian=is_bigendian(cvim.dtype))
+        wire = array_to_wire(cvim, _declared(cvim, encoding))
+        message = Image(height=wire.height, width=wire.width, encoding=wire.encoding,
+                        step=wire.step, is_bigendian=wire.is_bigendian)
         if header is not None:
             message.header = header
-        message.data.frombytes(pack_pixels(cvim))  # assigning to data would copy a second time
+        message.data.frombytes(wire.data)  # assigning to data would copy a second time
         return message
-
-    @_raises_bridge_errors
-    def cv2_to_wire(
-        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
-    ) -> WireImage:
-        """
-        Convert an array to the fields of an image message, without a copy.
-
-        The original cv_bridge has no such method.
-
-        :param cvim: as for ``cv2_to_imgmsg``; copied only if it is not contiguous.
-        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
-        :param header: header of the message; None for an empty one.
-        :returns: the fields; the data are a view of the array.
-        :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is unknown or does not fit the array.
-        """
-        declared = _declared(cvim, encoding)
-        rows, width = cvim.shape[:2]
-        header = header or Header()
-        return WireImage(
-            header=WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id),
-            height=declared.height(rows), width=width, encoding=declared.name,
-            is_bigendian=is_bigendian(cvim.dtype), step=width * declared.pixel_bytes,
-            data=pack_pixels(cvim))
 
     @_raises_bridge_errors
     def compressed_imgmsg_to_cv2(
@@ -225,11 +197,11 @@ class CvBridge:
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        picture = _pictures().decode_picture(cmprs_img_msg.data)
+        image = _codecs().decode_image(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
-            return picture
-        source = decoded_encoding(picture, cmprs_img_msg.format)
-        return convert_to(picture, source, desired_encoding)
+            return image
+        source = decoded_encoding(image, cmprs_img_msg.format)
+        return convert_to(image, source, desired_encoding)
 
     @_raises_bridge_errors
     def cv2_to_compressed_imgmsg(
@@ -253,10 +225,10 @@ class CvBridge:
         """
         target = parse_format(dst_format)
         declared = _declared(cvim, target.original or 'passthrough')
-        picture = np.ascontiguousarray(cvim, declared.dtype)
+        image = np.ascontiguousarray(cvim, declared.dtype)
         if target.stored:
-            picture = convert_to(picture, declared, target.stored)
-        content = _pictures().encode_picture(picture, f'.{target.codec}', quality)
+            image = convert_to(image, declared, target.stored)
+        content = _codecs().encode_image(image, f'.{target.codec}', quality)
         message = CompressedImage(format=dst_format)
         if header is not None:
             message.header = header
@@ -320,20 +292,20 @@ def cvtColorForDisplay(
 def _colormap(number: int) -> Colormap | None:
     if number == -1:
         return None
-    return partial(_pictures().apply_colormap, colormap=number)
+    return partial(_codecs().apply_colormap, colormap=number)
 
 
-def _pictures() -> ModuleType:
+def _codecs() -> ModuleType:
     """
     Return the module that needs OpenCV, imported on first use.
 
     :raises CvBridgeError: OpenCV cannot be imported.
     """
     try:
-        import opencv_tools.image_codecs as pictures
+        import opencv_tools.image_codecs as codecs
     except ImportError as err:
         raise CvBridgeError(f'compressed images and colormaps need OpenCV: {err}') from err
-    return pictures
+    return codecs
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import CodecError, JpegError
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
     check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
 from opencv_tools.image.text import printable
 
 
@@ -43,7 +43,7 @@ _TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
 
 #: OpenCV types that each format stores without conversion. All formats are lossless, except JPEG,
 #: and WebP with a quality.
-FORMATS = {
+CODEC_TYPES = {
     '.png': _types('8U 16U', '1 3 4'),
     '.jpg': _BYTES,
     '.jpeg': _BYTES,
@@ -77,14 +77,14 @@ _MAX_NAME = 80  # characters of an unknown format in an error message
 _FILL_GRAY = 128  # of libjpeg, in all channels
 
 
-def encode_picture(
+def encode_image(
     image: NDArray[Any], suffix: str, quality: int | None = None, compression: int = 1,
 ) -> NDArray[np.uint8]:
     """
     Encode an image as the content of an image file.
 
     :param image: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array in native byte order.
-    :param suffix: extension of the format, one of ``FORMATS``.
+    :param suffix: extension of the format, one of ``CODEC_TYPES``.
     :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for JPEG).
     :param compression: compression level of PNG, 0 (none) to 9; 1 is the fastest that compresses.
     :returns: content of the file, (n,) uint8.
@@ -92,12 +92,12 @@ def encode_picture(
     """
     type_name = generic_encoding(image).name
     described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
-    if suffix not in FORMATS:
+    if suffix not in CODEC_TYPES:
         raise CodecError(
             f"unknown picture format '{printable(suffix[1:], _MAX_NAME)}'; give one of "
-            f'{", ".join(known[1:] for known in FORMATS)}')
-    if type_name not in FORMATS[suffix]:
-        able = [known[1:] for known, types in FORMATS.items() if type_name in types]
+            f'{", ".join(known[1:] for known in CODEC_TYPES)}')
+    if type_name not in CODEC_TYPES[suffix]:
+        able = [known[1:] for known, types in CODEC_TYPES.items() if type_name in types]
         raise CodecError(
             f'{described} cannot be stored as {suffix[1:]}; '
             + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
@@ -121,7 +121,7 @@ def encode_picture(
     return content.reshape(-1)
 
 
-def decode_picture(
+def decode_image(
     data: Any, upright: bool = False, max_pixels: int = MAX_PIXELS,
 ) -> NDArray[Any]:
     """
@@ -135,7 +135,7 @@ def decode_picture(
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
-    check_size(*picture_size(content), max_pixels)
+    check_size(*image_size(content), max_pixels)
     is_jpeg = content.startswith(JPEG_SOI)
     scan_end = check_complete(content) if is_jpeg else 0
     # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
@@ -182,7 +182,7 @@ def _has_fill_gray(image: NDArray[Any]) -> bool:
     return any((image[row, column] == _FILL_GRAY).all() for row in (0, -1) for column in (0, -1))
 
 
-def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
+def convert_image(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
     """
     Convert an image between encodings, with OpenCV where OpenCV is faster.
 

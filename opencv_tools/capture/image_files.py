@@ -23,13 +23,13 @@ from typing import Literal
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame
-from opencv_tools.image.encodings import picture_encoding
+from opencv_tools.image.encodings import opencv_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.image_codecs import decode_picture
+from opencv_tools.image_codecs import decode_image
 from opencv_tools.regular_files import read_regular
 
-PICTURE_SUFFIXES = frozenset((
+IMAGE_SUFFIXES = frozenset((
     '.png', '.jpg', '.jpeg', '.jpe', '.jp2', '.bmp', '.dib', '.tif', '.tiff', '.webp', '.pbm',
     '.pgm', '.ppm', '.pnm', '.pxm', '.exr', '.hdr', '.pic', '.sr', '.ras'))
 
@@ -42,7 +42,7 @@ def natural_order(path: Path) -> list[tuple[bool, int, str]]:
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
-class PictureSequence:
+class ImageFileSource:
     """A sequence of image files, each with its own depth and channels."""
 
     rate = 0.0
@@ -58,7 +58,7 @@ class PictureSequence:
         """
         if not paths:
             raise CaptureError(f'no image file in {printable(name, MAX_PATH)}; supported '
-                               f'extensions: {", ".join(sorted(PICTURE_SUFFIXES))}')
+                               f'extensions: {", ".join(sorted(IMAGE_SUFFIXES))}')
         self.name = printable(name, MAX_PATH)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
         self._paths = tuple(paths)
@@ -75,8 +75,8 @@ class PictureSequence:
         shown = printable(path, MAX_PATH)
         self._next += 1
         try:
-            image = decode_picture(read_regular(path, _FILE_BYTES), upright=True)
-            return Frame(image, picture_encoding(image).name)
+            image = decode_image(read_regular(path, _FILE_BYTES), upright=True)
+            return Frame(image, opencv_encoding(image).name)
         except OSError as err:
             raise BrokenFrameError(f'{shown} cannot be read: {err.strerror}') from err
         except ImageError as err:

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import Frame, JPEG
-from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
+from opencv_tools.image.encodings import Encoding, find_encoding, opencv_encoding
 from opencv_tools.image.errors import JpegError
 from opencv_tools.image.jpeg import jpeg_components
 from opencv_tools.image.orientation import orient
-from opencv_tools.image_codecs import convert_picture, decode_picture, encode_picture
+from opencv_tools.image_codecs import convert_image, decode_image, encode_image
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
 # the colour channels, so it can be decoded to each of them.
@@ -114,8 +114,8 @@ class OutputImage:
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
-            image = convert_picture(image, actual, stored)
-        data = encode_picture(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
+            image = convert_image(image, actual, stored)
+        data = encode_image(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
         # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
         # string contains the encoding that is stored.
         declared = actual.name if actual.name in _AS_JPEG else stored.name
@@ -138,11 +138,11 @@ class OutputImage:
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
         image = self._frame.image
         if self._frame.encoding == JPEG:
-            image = decode_picture(image)
-            encoding = picture_encoding(image)
+            image = decode_image(image)
+            encoding = opencv_encoding(image)
         else:
             encoding = find_encoding(self._frame.encoding)
         target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
         if not target.has_layout_of(encoding):
-            image = convert_picture(image, encoding, target)
+            image = convert_image(image, encoding, target)
         return orient(image, target, self.settings.flip, self.settings.rotate)

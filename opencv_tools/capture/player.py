@@ -25,7 +25,7 @@ from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import FileSource, Frame
 
 ON_END = ('stop', 'loop', 'hold')
-PICTURE_RATE = 10.0  # frames per second of image files, which have no native rate
+IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
 
 _PAUSE_POLL_SECONDS = 0.02
 
@@ -147,7 +147,7 @@ class Player:
             interval = frame.position - last.position
             if interval > 0:  # negative from the last frame back to the first
                 return interval
-        return 1.0 / (rate or self._source.rate or PICTURE_RATE)
+        return 1.0 / (rate or self._source.rate or IMAGE_RATE)
 
     def _sequence(self) -> Iterator[Frame]:
         """Yield the frames in playback order, with repetitions."""

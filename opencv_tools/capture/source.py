@@ -27,7 +27,7 @@ import stat
 import cv2
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
-from opencv_tools.capture.image_files import natural_order, PICTURE_SUFFIXES, PictureSequence
+from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource, natural_order
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
@@ -148,19 +148,19 @@ def _open_path(path: Path) -> Source:
     except OSError as err:
         matches = [Path(match) for match in glob.glob(str(path))]
         if matches:
-            return PictureSequence(_pictures(matches), str(path))
+            return ImageFileSource(_image_files(matches), str(path))
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
         raise CaptureError(f'{shown} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
         raise CaptureError(f'no permission to read {shown}; check its owner and mode')
     if stat.S_ISDIR(mode):
-        return PictureSequence(_pictures(path.iterdir()), str(path))
-    is_picture = path.suffix.lower() in PICTURE_SUFFIXES
+        return ImageFileSource(_image_files(path.iterdir()), str(path))
+    is_image_file = path.suffix.lower() in IMAGE_SUFFIXES
     kind = describe_kind(mode)
-    if kind and (is_picture or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
+    if kind and (is_image_file or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
         raise CaptureError(f'{shown} is {kind}; give a file or a folder')
-    if is_picture:
-        return PictureSequence([path], str(path))
+    if is_image_file:
+        return ImageFileSource([path], str(path))
     return VideoSource(str(path), open_video(str(path)))
 
 
@@ -171,8 +171,8 @@ def _suggestion(path: Path) -> str:
     return f'; did you mean pattern{colon}{size}?' if is_close else ''
 
 
-def _pictures(paths: Iterable[Path]) -> list[Path]:
+def _image_files(paths: Iterable[Path]) -> list[Path]:
     """Return the image files among some paths, in natural order."""
     return sorted((path for path in paths
-                   if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()),
+                   if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()),
                   key=natural_order)

@@ -58,6 +58,10 @@ class WireHeader:
     frame_id: str
 
 
+#: The header of a message that has neither a stamp nor a frame.
+NO_HEADER = WireHeader(0, 0, '')
+
+
 @dataclass(frozen=True, kw_only=True)
 class WireImage:
     """

@@ -22,7 +22,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import (
-    Encoding, find_encoding, generic_encoding, picture_encoding,
+    Encoding, find_encoding, generic_encoding, opencv_encoding,
 )
 from opencv_tools.image.errors import EncodingError
 
@@ -59,17 +59,17 @@ def parse_format(text: str) -> CompressedFormat:
     return CompressedFormat(parts[2], parts[1].strip(), parts[3])
 
 
-def decoded_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
+def decoded_encoding(image: NDArray[Any], format_text: str) -> Encoding:
     """
     Return the encoding of a decoded image.
 
-    :param picture: (h, w) or (h, w, c) array, as OpenCV decodes it.
+    :param image: (h, w) or (h, w, c) array, as OpenCV decodes it.
     :param format_text: format string of the message.
     :returns: the encoding in the format string if it fits the array; otherwise gray, BGR or BGRA.
     :raises EncodingError: OpenCV has no type like that of the array.
     """
     parsed = parse_format(format_text)
-    actual = generic_encoding(picture)
+    actual = generic_encoding(image)
     for name in (parsed.stored, parsed.original):
         try:
             found = find_encoding(name)
@@ -77,4 +77,4 @@ def decoded_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
             continue
         if (found.dtype, found.channels, found.row_factor) == (actual.dtype, actual.channels, 1):
             return found
-    return picture_encoding(picture)
+    return opencv_encoding(image)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.depth import change_depth
-from opencv_tools.image.encodings import Encoding, ENCODINGS, find_encoding, picture_encoding
+from opencv_tools.image.encodings import Encoding, ENCODINGS, find_encoding, opencv_encoding
 from opencv_tools.image.errors import ConversionError
 
 # The named colours of CSS in alphabetical order, from aliceblue to yellowgreen, with the rounding
@@ -89,7 +89,7 @@ def to_display_image(
                 scaled_image[np.isnan(image)] = 0
         return convert(scaled_image, find_encoding(encoding), target)
     try:
-        return convert(image, picture_encoding(image) if source.is_generic else source, target)
+        return convert(image, opencv_encoding(image) if source.is_generic else source, target)
     except ConversionError as err:
         raise ConversionError(
             f'cv_bridge.cvtColorForDisplay() while trying to convert image from '

@@ -208,11 +208,11 @@ def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
     return declared
 
 
-_PICTURE_NAMES = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8',
-                  ('uint16', 1): 'mono16', ('uint16', 3): 'bgr16', ('uint16', 4): 'bgra16'}
+_OPENCV_NAMES = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8',
+                 ('uint16', 1): 'mono16', ('uint16', 3): 'bgr16', ('uint16', 4): 'bgra16'}
 
 
-def picture_encoding(image: NDArray[Any]) -> Encoding:
+def opencv_encoding(image: NDArray[Any]) -> Encoding:
     """
     Return the encoding of an array with gray, BGR or BGRA channels, as OpenCV decodes it.
 
@@ -222,4 +222,4 @@ def picture_encoding(image: NDArray[Any]) -> Encoding:
     :raises EncodingError: OpenCV does not support the type or the shape.
     """
     generic = generic_encoding(image)
-    return find_encoding(_PICTURE_NAMES.get((generic.dtype, generic.channels), generic.name))
+    return find_encoding(_OPENCV_NAMES.get((generic.dtype, generic.channels), generic.name))

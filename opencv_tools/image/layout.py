@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.image.cdr import NO_HEADER, WireHeader, WireImage
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import LayoutError
 
@@ -84,17 +85,22 @@ def _view_bytes(data: Any) -> NDArray[np.uint8]:
                           f'{err}') from err
 
 
-def pack_pixels(image: NDArray[Any]) -> memoryview:
+def array_to_wire(
+    image: NDArray[Any], encoding: Encoding, header: WireHeader = NO_HEADER,
+) -> WireImage:
     """
-    Return the bytes of an array row by row without padding, as a message contains them.
+    Convert an array to the fields of an image message, without a copy.
 
-    :param image: array of any shape, strides and byte order.
-    :returns: a view of the bytes, which keeps the array alive; a copy if the array is not
-        contiguous.
+    :param image: (h, w) or (h, w, c) array of any strides and byte order; copied only if it is
+        not contiguous. Separate chroma rows (``nv12``) follow the luma rows.
+    :param encoding: encoding of the array, as ``declared_encoding`` returns it.
+    :param header: header of the message.
+    :returns: the message, without padding at the end of rows; its data are a view of the array.
     """
-    return np.ascontiguousarray(image).reshape(-1).view(np.uint8).data
-
-
-def is_bigendian(dtype: np.dtype[Any]) -> bool:
-    """Return whether a numpy type is big-endian."""
-    return dtype.byteorder == '>' or (dtype.byteorder == '=' and sys.byteorder == 'big')
+    rows, width = image.shape[:2]
+    order = image.dtype.byteorder
+    return WireImage(
+        header=header, height=encoding.height(rows), width=width, encoding=encoding.name,
+        is_bigendian=order == '>' or (order == '=' and sys.byteorder == 'big'),
+        step=width * encoding.pixel_bytes,
+        data=np.ascontiguousarray(image).reshape(-1).view(np.uint8).data)

@@ -23,8 +23,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.image_codecs import decode_picture
+from opencv_tools.image.image_size import MAX_PIXELS
+from opencv_tools.image_codecs import decode_image
 from opencv_tools.recording.naming import FrameMetadata
 
 
@@ -90,7 +90,7 @@ class CompressedFrame(ReceivedFrame):
 
         :raises ImageError: the data cannot be decoded.
         """
-        image = decode_picture(self.data, max_pixels=self.max_pixels)
+        image = decode_image(self.data, max_pixels=self.max_pixels)
         encoding = decoded_encoding(image, self.metadata.encoding)
         return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
                         receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import CodecError
-from opencv_tools.image_codecs import convert_picture, encode_picture, FORMATS as PICTURE_FORMATS
+from opencv_tools.image_codecs import CODEC_TYPES, convert_image, encode_image
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_header import read_image_header
@@ -36,7 +36,7 @@ _PART_BYTES = 2**20
 
 #: OpenCV types that each format stores without loss (JPEG: apart from its compression).
 IMAGE_FORMATS = {
-    **{suffix: PICTURE_FORMATS[suffix]
+    **{suffix: CODEC_TYPES[suffix]
        for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
     _NPY: frozenset[str](),
 }
@@ -138,7 +138,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
                             height=height, array=image.T if header['fortran_order'] else image)
     if settings.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])
-        image, encoding = convert_picture(_native(image, encoding), encoding, target), target
+        image, encoding = convert_image(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
     if type_name not in IMAGE_FORMATS[settings.suffix]:
@@ -149,7 +149,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
                               f'{settings.suffix}')
     quality = settings.jpeg_quality if settings.suffix in ('.jpg', '.jpeg') else None
     try:
-        data = encode_picture(
+        data = encode_image(
             _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
     except CodecError as err:
         raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
@@ -161,7 +161,7 @@ def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     order = _FILE_ORDER.get(encoding.order)
     if order:
         target = find_encoding(encoding.name.replace(encoding.order, order))
-        return convert_picture(_native(image, encoding), encoding, target)
+        return convert_image(_native(image, encoding), encoding, target)
     return _native(image, encoding)
 
 

@@ -22,8 +22,8 @@ from typing import Any
 import zlib
 
 from opencv_tools.image.errors import CodecError
+from opencv_tools.image.image_size import PNG_SIGNATURE
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
-from opencv_tools.image.picture_size import PNG_SIGNATURE
 from opencv_tools.image_codecs import check_complete
 
 _PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'

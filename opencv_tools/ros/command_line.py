@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Checks of command line arguments that ROS accepts but does not apply as intended."""
+"""Parameters of the command line, and checks of arguments that ROS accepts but misapplies."""
 
 from __future__ import annotations
 
@@ -51,16 +51,16 @@ def check_ros_arguments(
     :returns: sentences about arguments that have no effect.
     :raises ParameterError: an argument is certainly a mistake.
     """
-    given = list(_split(args))
+    options = list(_split(args))
     names = {parameter.name for parameter in table}
-    for rule, left, _ in _remapping_rules(given):
+    for rule, left, _ in _remapping_rules(options):
         if left in names:
             raise ParameterError(f'{rule} is a remapping rule, but {left} is a parameter: '
                                  f'write --ros-args -p {rule}')
-    nodes = _node_names(given, node)
-    remarks = (_check_file(Path(value), executable, nodes)
-               for option, value in given if option == '--params-file')
-    return [remark for remark in remarks if remark]
+    nodes = _node_names(options, node)
+    mistakes = (_check_file(Path(value), executable, nodes)
+                for option, value in options if option == '--params-file')
+    return [mistake for mistake in mistakes if mistake]
 
 
 def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
@@ -75,13 +75,12 @@ def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
     :returns: values by name, not checked.
     :raises OSError: a file cannot be read, see ``load_parameters``.
     :raises ValueError: a file is not text, or is not a parameter file.
-    :raises TypeError: a file is not a parameter file.
     :raises yaml.YAMLError: a value or a file is not YAML.
     """
-    given = list(_split(args))
-    nodes = _node_names(given, node)
+    options = list(_split(args))
+    nodes = _node_names(options, node)
     values: dict[str, Any] = {}
-    for option, value in given:
+    for option, value in options:
         if option in ('-p', '--param'):
             name, _, text = value.partition(':=')
             owner, _, name = name.rpartition(':')
@@ -89,6 +88,8 @@ def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
                 values[name] = yaml.safe_load(text)
         elif option == '--params-file':
             for section, parameters in parameter_sections(load_parameters(Path(value))):
+                if not isinstance(parameters, dict):
+                    raise ValueError(f'{value} is not a parameter file')
                 if _is_section_of(section, nodes):
                     values.update(parameters)
     return values
@@ -151,17 +152,17 @@ def _split(args: Sequence[str]) -> Iterator[tuple[str, str]]:
             yield '', word
 
 
-def _remapping_rules(given: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str, str]]:
+def _remapping_rules(options: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str, str]]:
     """Yield each remapping rule with its left side, without a node name, and its right side."""
-    for option, rule in given:
+    for option, rule in options:
         left, _, right = rule.partition(':=')
         if option in ('', '-r', '--remap') and right:
             yield rule, left.rpartition(':')[2], right
 
 
-def _node_names(given: Sequence[tuple[str, str]], node: str) -> set[str]:
+def _node_names(options: Sequence[tuple[str, str]], node: str) -> set[str]:
     """Return the names that remapping rules give to a node, or its own name without any."""
-    renamed = {right for _, left, right in _remapping_rules(given) if left in _NAME_RULES}
+    renamed = {right for _, left, right in _remapping_rules(options) if left in _NAME_RULES}
     return renamed or {node}
 
 
@@ -183,16 +184,18 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     except _LOAD_ERRORS:
         return ''  # rcl reports the error, or reads the file anyway
     node = min(nodes)
-    mistaken = next((name for name in sections if name.rpartition('/')[2] == executable), '')
-    if mistaken and executable not in nodes:
-        right = mistaken.removesuffix(executable) + node
-        sentence = (f'{path} has parameters for {mistaken}, but {executable} is the executable '
-                    f'and {node} is the node: write {right}: instead of {mistaken}:')
-    else:
+    is_own = any(_is_section_of(name, nodes) for name in sections)
+    misnamed = next((name for name in sections if name.rpartition('/')[2] == executable), '')
+    if misnamed and executable not in nodes:
+        right = misnamed.removesuffix(executable) + node
+        sentence = (f'{path} has parameters for {misnamed}, but {executable} is the executable '
+                    f'and {node} is the node: write {right}: instead of {misnamed}:')
+    elif sections and not is_own:
         listed = ', '.join(sorted(set(sections))[:5])
         sentence = (f'{path} has parameters for {listed}, but none for this node: '
                     f'write {node}:, or /**: for every node')
-        mistaken = ''
-    if sections and not any(_is_section_of(name, nodes) for name in sections):
+    else:
+        return ''
+    if not is_own:
         raise ParameterError(sentence)
-    return sentence if mistaken else ''
+    return sentence

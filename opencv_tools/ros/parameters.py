@@ -90,7 +90,7 @@ class Parameter:
                 IntegerRange(from_value=low, to_value=high, step=self.step)]
         return descriptor
 
-    def accept(self, value: object) -> str | int | float:
+    def accept(self, value: Any) -> str | int | float:
         """
         Convert a value of the command line to the type of the parameter.
 
@@ -103,38 +103,38 @@ class Parameter:
         if isinstance(self.default, bool):
             if value in (False, True):  # or 0 or 1
                 return bool(value)
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give true or false '
-                                 f'({self.description})')
+            raise self._error(value, f'give true or false ({self.description})')
         if self.choices:
             return self._accept_choice(value)
-        kind = float if isinstance(self.default, float) else int
-        numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
+        number = float if isinstance(self.default, float) else int
+        is_number = isinstance(value, (int, number)) and not isinstance(value, bool)
         low, high = self.bounds or (-math.inf, math.inf)
-        if not numeric or not low <= value <= high:
-            noun = 'a number' if kind is float else 'a whole number'
+        if not is_number or not low <= value <= high:
+            noun = 'a number' if number is float else 'a whole number'
             span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun}{span} '
-                                 f'({self.description})')
-        return kind(value)
+            raise self._error(value, f'give {noun}{span} ({self.description})')
+        return number(value)
 
     def _accept_text(self, value: object) -> str:
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give a text '
-                                 f'({self.description})')
-        text = str(self._accept_choice(str(value)))
+            raise self._error(value, f'give a text ({self.description})')
+        text: str = self._accept_choice(str(value))
         if self.check:
             try:
                 self.check(text)
             except ValueError as err:
-                raise ParameterError(f'parameter {self.name} is {_quoted(text)}: {err}') from err
+                raise self._error(text, str(err)) from err
         return text
 
-    def _accept_choice(self, value: Any) -> str | int:
+    def _accept_choice(self, value: Any) -> Any:
         if self.choices and value not in self.choices:
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give one of '
-                                 f'{", ".join(repr(choice) for choice in self.choices)}')
-        chosen: str | int = value
-        return chosen
+            raise self._error(value, f'give one of {", ".join(map(repr, self.choices))}')
+        return value
+
+    def _error(self, value: object, remedy: str) -> ParameterError:
+        """Return an error that quotes a value without passwords."""
+        return ParameterError(
+            f'parameter {self.name} is {without_password(repr(value))}: {remedy}')
 
 
 def parameter(default: str | int | float, description: str, **options: Any) -> Any:
@@ -145,18 +145,13 @@ def parameter(default: str | int | float, description: str, **options: Any) -> A
     :param description: description, see ``Parameter``.
     :param options: further fields of ``Parameter``.
     """
-    return field(default=default, metadata={'description': description, **options})
+    options |= {'default': default, 'description': description}
+    return field(default=default, metadata=options)
 
 
 def parameter_table(settings: type) -> tuple[Parameter, ...]:
     """Return the parameters of a settings class, whose fields ``parameter`` has created."""
-    return tuple(Parameter(found.name, found.default, **found.metadata)
-                 for found in fields(settings))
-
-
-def _quoted(value: object) -> str:
-    """Return a value for a message; passwords in URLs are hidden."""
-    return without_password(repr(value))
+    return tuple(Parameter(found.name, **found.metadata) for found in fields(settings))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
@@ -171,10 +166,10 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
         node is misspelt.
     """
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
-    known = {parameter.name: parameter for parameter in table}
+    by_name = {parameter.name: parameter for parameter in table}
     for name in unknown_parameters(node, table):
-        similar = closest_name(name, known)
-        if similar and known[similar].ends:
+        similar = closest_name(name, by_name)
+        if similar and by_name[similar].ends:
             raise ParameterError(
                 f'there is no parameter {printable(name)}: did you mean {similar}?')
     return values
@@ -206,7 +201,7 @@ def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
 
 
 def closest_name(name: str, names: Iterable[str]) -> str:
-    """Return the name that a misspelt one resembles, or ''."""
+    """Return the name that a misspelt name resembles, or ''."""
     return next(iter(difflib.get_close_matches(name, names, 1)), '')
 
 
@@ -232,10 +227,10 @@ def watch_parameters(
     :param apply: called with the changed values by name.
     :param more: returns further parameters, which other callbacks apply.
     """
-    known = {parameter.name: parameter for parameter in table}
+    by_name = {parameter.name: parameter for parameter in table}
 
     def convert(changes: list[rclpy.Parameter]) -> list[rclpy.Parameter]:
-        parameters = {**known, **{parameter.name: parameter for parameter in more()}}
+        parameters = {**by_name, **{parameter.name: parameter for parameter in more()}}
         for change in changes:
             if not node.has_parameter(change.name):
                 raise UnknownParameterError(
@@ -245,14 +240,14 @@ def watch_parameters(
     def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
         try:
             for change in changes:
-                if change.name in known:
-                    known[change.name].accept(change.value)
+                if change.name in by_name:
+                    by_name[change.name].accept(change.value)
         except ParameterError as err:
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
     def apply_changes(changes: list[rclpy.Parameter]) -> None:
-        changed = {change.name: change.value for change in changes if change.name in known}
+        changed = {change.name: change.value for change in changes if change.name in by_name}
         if changed:
             apply(changed)
 

@@ -33,12 +33,6 @@ _DEPTH = 10
 _MAX_DEPTH = 10_000
 
 
-def reliable_qos() -> QoSProfile:
-    """Return the default profile of the publisher: reliable, keep last 10."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-
-
 def following_qos(offers: Sequence[QoSProfile], depth: int | None) -> QoSProfile:
     """
     Return the profile that requests as much as all publishers offer.
@@ -91,10 +85,10 @@ def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publish
     :returns: the publisher.
     :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
     """
+    qos = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
     options = QoSOverridingOptions.with_default_policies(callback=_check_depth)
     try:
-        return node.create_publisher(
-            message_type, topic, reliable_qos(), qos_overriding_options=options)
+        return node.create_publisher(message_type, topic, qos, qos_overriding_options=options)
     except (InvalidQosOverridesError, RuntimeError) as err:
         raise ParameterError(f'{topic} cannot be published: {err}') from err
 

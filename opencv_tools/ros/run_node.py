@@ -107,25 +107,10 @@ def run(
     """
     open_standard_streams()
     logger = get_logger(executable.name)
-    args = list(sys.argv if args is None else args)
+    args = sys.argv if args is None else args
     signals = _Signals()
     try:
-        remarks = check_ros_arguments(
-            args, executable.name, executable.node, executable.parameters)
-        _parse_arguments(remove_ros_args(args), executable)
-        remark = replace_log_folder()
-        if remark:
-            logger.warning(remark)
-        for remark in remarks:
-            logger.error(remark)
-        with configured_fastdds(executable.frame_bytes(args)) as fastdds:
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(fastdds.summary + (
-                f'; rclpy copies the messages: {zero_copy.reason_for_rclpy}'
-                if zero_copy.reason_for_rclpy else ''))
-            if fastdds.warning:
-                logger.warning(fastdds.warning)
-            node = create_node(fastdds)
+        node = _start(executable, create_node, args)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
@@ -189,6 +174,30 @@ class _Signals:
             raise KeyboardInterrupt
 
 
+def _start(
+    executable: Executable, create_node: Callable[[FastDdsSetup], ClosableNode],
+    args: Sequence[str],
+) -> ClosableNode:
+    """Check the arguments, initialise rclpy and create the node; parameters as for ``run``."""
+    logger = get_logger(executable.name)
+    args = list(args)
+    mistakes = check_ros_arguments(args, executable.name, executable.node, executable.parameters)
+    _parse_arguments(remove_ros_args(args), executable)
+    log_warning = replace_log_folder()
+    if log_warning:
+        logger.warning(log_warning)
+    for mistake in mistakes:
+        logger.error(mistake)
+    with configured_fastdds(executable.frame_bytes(args)) as fastdds:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        logger.debug(fastdds.summary + (
+            f'; rclpy copies the messages: {zero_copy.reason_for_rclpy}'
+            if zero_copy.reason_for_rclpy else ''))
+        if fastdds.warning:
+            logger.warning(fastdds.warning)
+        return create_node(fastdds)
+
+
 def _parse_arguments(args: list[str], executable: Executable) -> None:
     """Handle ``--help``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
@@ -198,9 +207,10 @@ def _parse_arguments(args: list[str], executable: Executable) -> None:
         epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
                f'parameters [default]:\n{describe_parameters(executable.parameters)}\n\n'
                f'{ENVIRONMENT_HELP}')
-    _, rest = parser.parse_known_args(args[1:])
-    if rest:
-        parser.error(f'unrecognized arguments: {" ".join(rest)}{_remedy(rest, executable)}')
+    _, unknown = parser.parse_known_args(args[1:])
+    if unknown:
+        parser.error(
+            f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, executable)}')
 
 
 def _remedy(words: Sequence[str], executable: Executable) -> str:

@@ -36,10 +36,11 @@ from opencv_tools.image.cdr import encode_text, image_to_cdr, WireImage
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from sensor_msgs.msg import Image
 
-_OK = 0
-_NOTHING_TAKEN = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
-_UNKNOWN_NUMBER = 2**64 - 1  # RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
-_GID_SIZE = 16
+# Constants of rcl/types.h and rmw/types.h.
+_RCL_RET_OK = 0
+_RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
+_RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED = 2**64 - 1
+_RMW_GID_STORAGE_SIZE = 16
 
 # Functions that are called, by library.
 _FUNCTIONS: dict[str, Sequence[str]] = {
@@ -100,14 +101,15 @@ class MessageInfo(ctypes.Structure):
         ('source_timestamp', ctypes.c_int64), ('received_timestamp', ctypes.c_int64),
         ('publication_sequence_number', ctypes.c_uint64),
         ('reception_sequence_number', ctypes.c_uint64),
-        ('implementation', ctypes.c_char_p), ('publisher', ctypes.c_uint8 * _GID_SIZE),
+        ('implementation', ctypes.c_char_p),
+        ('publisher', ctypes.c_uint8 * _RMW_GID_STORAGE_SIZE),
         ('from_intra_process', ctypes.c_bool))
 
     @property
     def number(self) -> int:
         """Return the sequence number of the publisher, from 1; 0 if unknown."""
         number = int(self.publication_sequence_number)
-        return 0 if number == _UNKNOWN_NUMBER else number
+        return 0 if number == _RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED else number
 
 
 #: The serialized message, (n,) uint8, and its metadata.
@@ -153,34 +155,34 @@ def use_rcl() -> str:
     rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
     rcutils.rcutils_get_default_allocator.restype = _Allocator
     rcutils.rcutils_get_error_string.restype = _ErrorText
-    if not _is_our_array(rcutils):
+    if not _array_layout_matches(rcutils):
         return 'rmw_serialized_message_t has another layout'
-    if not _is_our_image():
+    if not _image_layout_matches():
         return 'sensor_msgs__msg__Image has another layout'
     _rcl, _rcutils = rcl, rcutils
     return ''
 
 
-def _is_our_array(rcutils: Any) -> bool:
+def _array_layout_matches(rcutils: Any) -> bool:
     """Return whether rcl's serialized message, an array of bytes, has the expected fields."""
     allocator = rcutils.rcutils_get_default_allocator()
     # The buffer has twice the size, in case the structure of rcl is larger.
-    made = ctypes.create_string_buffer(2 * ctypes.sizeof(_RmwSerializedMessage))
+    buffer = ctypes.create_string_buffer(2 * ctypes.sizeof(_RmwSerializedMessage))
     if rcutils.rcutils_uint8_array_init(
-            made, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _OK:
+            buffer, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _RCL_RET_OK:
         return False
-    message = _RmwSerializedMessage.from_buffer(made)
+    message = _RmwSerializedMessage.from_buffer(buffer)
     found = (bool(message.buffer), message.length, message.capacity, bytes(message.allocator),
-             made.raw[ctypes.sizeof(_RmwSerializedMessage):].strip(b'\0'))
-    rcutils.rcutils_uint8_array_fini(made)
+             buffer.raw[ctypes.sizeof(_RmwSerializedMessage):].strip(b'\0'))
+    rcutils.rcutils_uint8_array_fini(buffer)
     return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
 
 
-def _is_our_image() -> bool:
+def _image_layout_matches() -> bool:
     """Return whether an image message of rclpy has the expected fields."""
-    given = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
-    given.header.stamp.sec, given.header.stamp.nanosec = -1, 2
-    given.header.frame_id = 'camera'
+    message = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
+    message.header.stamp.sec, message.header.stamp.nanosec = -1, 2
+    message.header.frame_id = 'camera'
     Image.__class__.__import_type_support__()  # type: ignore[attr-defined]
     create, convert, destroy = (
         prototype(_pointer(capsule, None)) for prototype, capsule in (
@@ -190,14 +192,14 @@ def _is_our_image() -> bool:
             (ctypes.PYFUNCTYPE(None, ctypes.c_void_p), Image._DESTROY_ROS_MESSAGE)))
     address = create()
     try:
-        if not (address and convert(given, address)):
+        if not (address and convert(message, address)):
             return False
-        made = _Image.from_address(address)
+        image = _Image.from_address(address)
         # The numbers are compared first, because pointers of another layout may be invalid.
-        return (made.sec, made.nanosec, made.height, made.width, made.is_bigendian, made.step,
-                made.frame_id.size, made.encoding.size, made.data.size) == (
+        return (image.sec, image.nanosec, image.height, image.width, image.is_bigendian,
+                image.step, image.frame_id.size, image.encoding.size, image.data.size) == (
                     -1, 2, 3, 4, 5, 6, 6, 5, 7) and (
-            made.frame_id.data, made.encoding.data) == (b'camera', b'mono8')
+            image.frame_id.data, image.encoding.data) == (b'camera', b'mono8')
     finally:
         destroy(address)
 
@@ -248,12 +250,12 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
     with subscription:
         result = _rcl.rcl_take_serialized_message(
             subscription.pointer, ctypes.byref(message), ctypes.byref(info), None)
-    taken = _Buffer(message.buffer, message.length) if message.buffer else None
-    if result == _NOTHING_TAKEN:
+    buffer = _Buffer(message.buffer, message.length) if message.buffer else None
+    if result == _RCL_RET_SUBSCRIPTION_TAKE_FAILED:
         _rcutils.rcutils_reset_error()
         return None
     _check(result)
-    return np.asarray(taken), info
+    return np.asarray(buffer), info
 
 
 def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
@@ -262,11 +264,11 @@ def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Serialize
         taken = subscription.take_message(Image, True)
     if taken is None:
         return None
-    data, known = taken
+    data, info = taken
     return np.frombuffer(data, np.uint8), MessageInfo(
-        source_timestamp=known['source_timestamp'],
-        received_timestamp=known['received_timestamp'],
-        publication_sequence_number=_UNKNOWN_NUMBER)
+        source_timestamp=info['source_timestamp'],
+        received_timestamp=info['received_timestamp'],
+        publication_sequence_number=_RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED)
 
 
 def _string(text: str) -> _String:
@@ -280,7 +282,7 @@ def _check(result: int) -> None:
 
     :raises RuntimeError: the function failed.
     """
-    if result != _OK:
+    if result != _RCL_RET_OK:
         text = _rcutils.rcutils_get_error_string().text.decode(errors='replace')
         _rcutils.rcutils_reset_error()
         raise RuntimeError(text)

@@ -187,8 +187,9 @@ def test_file_names_from_metadata(
     ({'max_bytes': 3500, 'ring': 'true'}, [57, 58, 59], False),
     ({'max_frames': 5, 'ring': 'true'}, [55, 56, 57, 58, 59], False),
 ])
-def test_selected_frames(start: Start, node: Node, publisher: Publisher, tmp_path: Path,
-                           parameters: dict[str, object], numbers: list[int], ends: bool) -> None:
+def test_selected_frames(
+        start: Start, node: Node, publisher: Publisher, tmp_path: Path,
+        parameters: dict[str, object], numbers: list[int], ends: bool) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.bmp',
                      on_overflow='block', **parameters)
     # A file has 54 + 16 * 64 bytes, so that three fit into 3500.
@@ -262,7 +263,7 @@ def test_video_times_of_a_minute_of_stamps(
         frames = list(video.decode(video=0))
     times = [frame.pts * frame.time_base for frame in frames]
     deviations = [abs(float(time - times[0]) - (stamp - stamps[0]) / NANO)
-            for time, stamp in zip(times, stamps)]
+                  for time, stamp in zip(times, stamps)]
     assert len(frames) == 601
     assert max(deviations) < 0.001
     assert float(times[-1] - times[0]) > 59.9

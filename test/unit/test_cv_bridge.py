@@ -30,6 +30,7 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, getCvType
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.layout import array_to_wire
 import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -39,7 +40,7 @@ SIZES = ((1, 1), (2, 3), (7, 5), (48, 64))
 
 @pytest.mark.parametrize('encoding', [*ENCODINGS, '8UC1', '8UC5', '8S', '16UC2', '16SC3', '32SC1',
                                       '32FC1', '32FC3', '64FC4'])
-def test_every_encoding_comes_back_as_it_was(encoding: str) -> None:
+def test_round_trip_of_every_encoding(encoding: str) -> None:
     bridge = CvBridge()
     found = find_encoding(encoding)
     for height, width in SIZES:
@@ -73,7 +74,7 @@ VARIANTS = {
        height=st.integers(0, 12), width=st.integers(0, 12),
        variants=st.lists(st.sampled_from(sorted(VARIANTS)), max_size=3),
        is_writeable=st.booleans(), padding=st.integers(0, 3))
-def test_any_array_comes_back_from_a_message_and_from_the_wire(
+def test_round_trip_of_any_array_by_message_and_wire(
         encoding: str, height: int, width: int, variants: list[str], is_writeable: bool,
         padding: int) -> None:
     bridge = CvBridge()
@@ -88,7 +89,7 @@ def test_any_array_comes_back_from_a_message_and_from_the_wire(
     copied = bridge.imgmsg_to_cv2(message, encoding)
     np.testing.assert_array_equal(copied, expected)
     assert copied.dtype == expected.dtype and copied.shape == expected.shape
-    wire = cdr_to_image(image_to_cdr(bridge.cv2_to_wire(image, encoding)))
+    wire = cdr_to_image(image_to_cdr(array_to_wire(image, find_encoding(encoding))))
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(wire), expected)
     rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
     extra = padding * find_encoding(encoding).pixel_bytes
@@ -108,7 +109,7 @@ def test_passthrough_is_a_view_that_keeps_the_data_alive() -> None:
     np.testing.assert_array_equal(view, image)
 
 
-def test_any_strides_and_byte_order() -> None:
+def test_any_strides_and_byte_order_are_accepted() -> None:
     bridge = CvBridge()
     image = random_image('mono16', 6, 8)
     for variant in (image[::-1], image[:, ::2], np.asfortranarray(image), image.astype('>u2'),
@@ -120,7 +121,7 @@ def test_any_strides_and_byte_order() -> None:
         assert bridge.imgmsg_to_cv2(message, 'mono8').dtype == np.uint8
 
 
-def test_padded_rows_are_honoured() -> None:
+def test_padding_of_rows_is_skipped() -> None:
     image = random_image('bgr8', 4, 5)
     padded = np.zeros((4, 21), np.uint8)
     padded[:, :15] = image.reshape(4, 15)
@@ -129,7 +130,7 @@ def test_padded_rows_are_honoured() -> None:
     np.testing.assert_array_equal(CvBridge().imgmsg_to_cv2(message), image)
 
 
-def test_float_to_integer_rounds_and_saturates_as_opencv_does() -> None:
+def test_float_to_integer_rounds_and_saturates_like_opencv() -> None:
     bridge = CvBridge()
     values = np.array([[-1e30, -1.5, -0.5, 0.5, 1.5, 2.5, 254.5, 300, 70000, np.nan, np.inf]])
     message = bridge.cv2_to_imgmsg(values.astype(np.float32), '32FC1')
@@ -139,7 +140,7 @@ def test_float_to_integer_rounds_and_saturates_as_opencv_does() -> None:
         [-32768, -2, 0, 0, 2, 2, 254, 300, 32767, -32768, -32768]]
 
 
-def test_a_signalling_nan_is_converted_without_a_warning() -> None:
+def test_signalling_nan_is_converted_without_a_warning() -> None:
     bridge = CvBridge()
     image = np.array([[0x7fa00000, 0x3f800000]], np.uint32).view(np.float32)
     message = bridge.cv2_to_imgmsg(image, '32FC1')
@@ -156,13 +157,13 @@ def test_a_signalling_nan_is_converted_without_a_warning() -> None:
     (np.zeros((2, 2), np.int64), 'passthrough', 'An image of dtype int64 has no encoding'),
     (np.zeros(2, np.uint8), 'passthrough', 'An image must have 2 or 3 dimensions'),
 ])
-def test_images_that_are_refused(image: np.ndarray, encoding: str, text: str) -> None:
+def test_invalid_images_are_refused(image: np.ndarray, encoding: str, text: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
         CvBridge().cv2_to_imgmsg(image, encoding)
     assert text in str(caught.value)
 
 
-def test_no_array_is_refused() -> None:
+def test_objects_other_than_arrays_are_refused() -> None:
     with pytest.raises(TypeError, match='Your input type is not a numpy array'):
         CvBridge().cv2_to_imgmsg([[0]])
 
@@ -181,7 +182,7 @@ def test_no_array_is_refused() -> None:
     ({'encoding': '8UC3'}, '8UC1', '[8UC3] and [8UC1] do not have the same number of channel'),
     ({}, 'yuv422', 'Unsupported conversion from [bgr8] to [yuv422]'),
 ])
-def test_messages_that_are_refused(fields: dict[str, object], desired: str, text: str) -> None:
+def test_invalid_messages_are_refused(fields: dict[str, object], desired: str, text: str) -> None:
     message = Image(**{'height': 2, 'width': 2, 'encoding': 'bgr8', 'step': 6, **fields})
     message.data.frombytes(bytes(12))
     with pytest.raises(CvBridgeError) as caught:
@@ -191,13 +192,13 @@ def test_messages_that_are_refused(fields: dict[str, object], desired: str, text
 
 # Defects of the original cv_bridge, with a test for each.
 
-def test_a_step_that_is_not_a_multiple_of_the_pixel_is_refused() -> None:
+def test_step_that_is_not_a_multiple_of_the_pixel_is_refused() -> None:
     message = Image(height=2, width=2, encoding='bgr8', step=7, data=bytes(14))
     with pytest.raises(CvBridgeError, match='the step is not a whole number of pixels of 3 bytes'):
         CvBridge().imgmsg_to_cv2(message)
 
 
-def test_a_step_that_is_too_small_is_refused() -> None:
+def test_step_that_is_too_small_is_refused() -> None:
     message = Image(height=2, width=3, encoding='mono8', step=2, data=bytes(6))
     with pytest.raises(CvBridgeError, match='a row needs 3 bytes, more than the step'):
         CvBridge().imgmsg_to_cv2(message)
@@ -221,7 +222,7 @@ def test_big_endian_messages_become_native_arrays(encoding: str, desired: str) -
     np.testing.assert_array_equal(converted, image)
 
 
-def test_a_view_outlives_the_message_and_keeps_its_buffer_in_place() -> None:
+def test_view_outlives_the_message() -> None:
     bridge = CvBridge()
     image = random_image('bgr8', 300, 400)
     message = bridge.cv2_to_imgmsg(image, 'bgr8')
@@ -234,7 +235,7 @@ def test_a_view_outlives_the_message_and_keeps_its_buffer_in_place() -> None:
 
 
 @pytest.mark.parametrize('dtype', ['int64', 'uint32', 'uint64', 'bool', 'float16', 'complex64'])
-def test_a_type_that_opencv_lacks_is_no_key_error(dtype: str) -> None:
+def test_unsupported_dtype_is_an_error_of_the_bridge(dtype: str) -> None:
     bridge = CvBridge()
     for use in (lambda: bridge.cv2_to_imgmsg(np.zeros((2, 2), dtype)),
                 lambda: bridge.dtype_with_channels_to_cvtype2(np.dtype(dtype), 3)):
@@ -242,7 +243,7 @@ def test_a_type_that_opencv_lacks_is_no_key_error(dtype: str) -> None:
             use()
 
 
-def test_an_image_that_cannot_be_encoded_is_no_cv2_error() -> None:
+def test_failed_encoding_is_an_error_of_the_bridge() -> None:
     for image in (np.zeros((2, 2, 2), np.uint8), np.zeros((0, 0), np.uint8)):
         with pytest.raises(CvBridgeError):
             CvBridge().cv2_to_compressed_imgmsg(image, 'png')
@@ -250,7 +251,7 @@ def test_an_image_that_cannot_be_encoded_is_no_cv2_error() -> None:
 
 @pytest.mark.parametrize(('height', 'width'), [(0, 0), (0, 5), (5, 0)])
 @pytest.mark.parametrize('encoding', ['bgr8', 'mono16', 'bayer_rggb8', 'uyvy', 'nv24', '32FC1'])
-def test_an_empty_image_is_no_division_by_zero(encoding: str, height: int, width: int) -> None:
+def test_empty_image_is_converted(encoding: str, height: int, width: int) -> None:
     bridge = CvBridge()
     width += encoding == 'uyvy' and width  # an even width
     message = bridge.cv2_to_imgmsg(random_image(encoding, height, width), encoding)
@@ -262,7 +263,7 @@ def test_an_empty_image_is_no_division_by_zero(encoding: str, height: int, width
 
 
 @pytest.mark.parametrize('encoding', ['yuv422', 'yuv422_yuy2', 'uyvy', 'yuyv'])
-def test_odd_width_yuv_422_has_gray_but_no_colours(encoding: str) -> None:
+def test_yuv_422_with_an_odd_width_has_gray_but_no_colours(encoding: str) -> None:
     bridge = CvBridge()
     image = random_image(encoding, 3, 5)
     message = bridge.cv2_to_imgmsg(image, encoding)
@@ -273,7 +274,7 @@ def test_odd_width_yuv_422_has_gray_but_no_colours(encoding: str) -> None:
 
 
 @pytest.mark.parametrize(('height', 'width'), [(2, 3), (3, 2)])
-def test_odd_sizes_of_yuv_420_are_refused(height: int, width: int) -> None:
+def test_yuv_420_with_an_odd_size_is_refused(height: int, width: int) -> None:
     message = Image(height=height, width=width, encoding='nv12', step=width, data=bytes(64))
     with pytest.raises(CvBridgeError, match='width and height must be even'):
         CvBridge().imgmsg_to_cv2(message)
@@ -281,7 +282,7 @@ def test_odd_sizes_of_yuv_420_are_refused(height: int, width: int) -> None:
         CvBridge().cv2_to_imgmsg(np.zeros((4, 2), np.uint8), 'nv21')
 
 
-def test_an_array_is_copied_once_and_a_message_not_at_all() -> None:
+def test_array_is_copied_once_and_a_message_never() -> None:
     bridge = CvBridge()
     image = random_image('bgr8', 1080, 1920)
     tracemalloc.start()
@@ -298,7 +299,7 @@ def test_an_array_is_copied_once_and_a_message_not_at_all() -> None:
     assert none - before < 10_000
 
 
-def test_the_header_is_kept_as_it_is() -> None:
+def test_header_is_kept() -> None:
     header = Header(frame_id='camera')
     header.stamp.sec, header.stamp.nanosec = 12, 34
     bridge = CvBridge()
@@ -309,7 +310,7 @@ def test_the_header_is_kept_as_it_is() -> None:
 
 # The rest of the interface.
 
-def test_types_have_the_numbers_of_the_opencv_in_use() -> None:
+def test_types_have_the_numbers_of_the_imported_opencv() -> None:
     bridge = CvBridge()
     for depth in ('8U', '8S', '16U', '16S', '32S', '32F', '64F'):
         assert getCvType(depth) == getattr(cv2, f'CV_{depth}')
@@ -349,7 +350,7 @@ def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
     'CvBridge().cv2_to_compressed_imgmsg(image)',
     'CvBridge().compressed_imgmsg_to_cv2(CompressedImage(data=b"x"))',
     'cvtColorForDisplay(image, "mono8", "bgr8", True, colormap=2)'])
-def test_what_needs_opencv_is_an_error_of_the_bridge_without_it(use: str) -> None:
+def test_missing_opencv_is_an_error_of_the_bridge(use: str) -> None:
     script = ('import sys; sys.modules["cv2"] = None\n'
               'import numpy as np\n'
               'from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay\n'
@@ -361,7 +362,7 @@ def test_what_needs_opencv_is_an_error_of_the_bridge_without_it(use: str) -> Non
     assert finished.stdout.startswith('compressed images and colormaps need OpenCV: ')
 
 
-def test_anything_with_the_fields_of_a_message_is_read() -> None:
+def test_any_object_with_the_fields_of_a_message_is_read() -> None:
     image = random_image('bgr8', 4, 5)
     for data in (image.tobytes(), bytearray(image.tobytes()), memoryview(image).cast('B'),
                  image.reshape(-1).tolist()):
@@ -370,7 +371,7 @@ def test_anything_with_the_fields_of_a_message_is_read() -> None:
         np.testing.assert_array_equal(CvBridge().imgmsg_to_cv2(message), image)
 
 
-def test_more_than_four_channels() -> None:
+def test_images_with_more_than_four_channels() -> None:
     bridge = CvBridge()
     image = random_image('8UC5', 3, 4)
     message = bridge.cv2_to_imgmsg(image)

@@ -12,19 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Compressed messages and images for display."""
+"""Image files in messages: lossless codecs, quality, orientation and format strings."""
 
 from __future__ import annotations
 
 import cv2
 from images import oriented_jpeg, random_image, UPRIGHT
 import numpy as np
-from opencv_tools.cv_bridge import CvBridge, CvBridgeError, cvtColorForDisplay
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.color import convert
-from opencv_tools.image.compressed import CompressedFormat, parse_format
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image_codecs import convert_picture, decode_picture
+from opencv_tools.image_codecs import convert_image, decode_image
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 from opencv_tools.recording.naming import FrameMetadata
@@ -33,7 +32,6 @@ from sensor_msgs.msg import CompressedImage
 
 LOSSLESS = ('png', 'bmp', 'dib', 'tif', 'tiff', 'sr', 'ras', 'ppm')
 LOSSY = ('jpg', 'jpeg', 'jpe')
-
 # OpenCV before 4.14 has errors of 1 in the conversion of Bayer mosaics to gray.
 OLD_BAYER = tuple(map(int, cv2.__version__.split('.')[:2])) < (4, 14)
 
@@ -62,7 +60,7 @@ def test_lossless_codecs_keep_every_pixel(codec: str) -> None:
 
 
 @pytest.mark.parametrize('codec', LOSSY)
-def test_jpeg_by_every_name_and_in_the_quality_asked_for(codec: str) -> None:
+def test_jpeg_extensions_and_quality(codec: str) -> None:
     bridge = CvBridge()
     image = smooth_image(120, 160)
     sizes = []
@@ -86,12 +84,12 @@ def test_16_bit_png_is_kept() -> None:
 
 
 @pytest.mark.parametrize('orientation', UPRIGHT)
-def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
+def test_exif_orientation_is_applied_only_on_request(orientation: int) -> None:
     jpeg = oriented_jpeg(random_image('bgr8', 16, 24), orientation)
     lying = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(decode_picture(jpeg), lying, strict=True)
+    np.testing.assert_array_equal(decode_image(jpeg), lying, strict=True)
     np.testing.assert_array_equal(
-        decode_picture(jpeg, upright=True), UPRIGHT[orientation](lying), strict=True)
+        decode_image(jpeg, upright=True), UPRIGHT[orientation](lying), strict=True)
     message = CompressedImage(format='jpeg')
     message.data.frombytes(jpeg)
     for desired in ('passthrough', '', 'bgr8'):
@@ -105,11 +103,11 @@ def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
 
 
 @pytest.mark.parametrize('upright', [False, True])
-def test_only_a_jpeg_is_turned_upright(upright: bool) -> None:
+def test_only_a_jpeg_is_rotated_upright(upright: bool) -> None:
     for encoding in ('mono16', 'bgra8', 'bgr8'):
         image = random_image(encoding, 6, 9)
         png = cv2.imencode('.png', image)[1]
-        np.testing.assert_array_equal(decode_picture(png, upright), image, strict=True)
+        np.testing.assert_array_equal(decode_image(png, upright), image, strict=True)
 
 
 @pytest.mark.parametrize(('picture', 'suffix', 'text', 'desired', 'expected'), [
@@ -125,7 +123,7 @@ def test_only_a_jpeg_is_turned_upright(upright: bool) -> None:
     ('mono8', '.png', 'foo; png compressed bar', 'rgb8', 'mono8'),
     ('bgr8', '.png', '32FC1; png compressed mono8', 'rgb8', 'bgr8'),
 ])
-def test_the_format_says_what_the_picture_holds(
+def test_encoding_in_the_format_string_is_used(
         picture: str, suffix: str, text: str, desired: str, expected: str) -> None:
     bridge = CvBridge()
     image = random_image(picture, 12, 14)
@@ -137,31 +135,19 @@ def test_the_format_says_what_the_picture_holds(
         bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, expected), desired))
 
 
-def test_a_depth_image_is_not_taken_for_gray() -> None:
+def test_depth_image_is_not_read_as_gray() -> None:
     message = compressed(random_image('mono16', 4, 5), '.png', '16UC1; png compressed ')
     with pytest.raises(CvBridgeError, match=r'\[16UC1\] is not a color format. but \[mono8\] is.'):
         CvBridge().compressed_imgmsg_to_cv2(message, 'mono8')
 
 
-def test_an_rgb_array_is_compressed_as_bgr_where_the_format_says_so() -> None:
+def test_rgb_array_is_stored_as_bgr_by_its_format_string() -> None:
     bridge = CvBridge()
     image = random_image('rgb8', 12, 14)
     message = bridge.cv2_to_compressed_imgmsg(image, 'rgb8; png compressed bgr8')
     assert message.format == 'rgb8; png compressed bgr8'
     np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message), image[..., ::-1])
     np.testing.assert_array_equal(bridge.compressed_imgmsg_to_cv2(message, 'rgb8'), image)
-
-
-@pytest.mark.parametrize(('text', 'expected'), [
-    ('jpeg', CompressedFormat('jpeg')),
-    ('', CompressedFormat('')),
-    ('bgr8; jpeg compressed bgr8', CompressedFormat('jpeg', 'bgr8', 'bgr8')),
-    ('16UC1; png compressed ', CompressedFormat('png', '16UC1', '')),
-    ('mono8;png compressed', CompressedFormat('png', 'mono8', '')),
-    ('rgb8; tiff compressed rgb8', CompressedFormat('tiff', 'rgb8', 'rgb8')),
-])
-def test_format_strings(text: str, expected: CompressedFormat) -> None:
-    assert parse_format(text) == expected
 
 
 @pytest.mark.parametrize(('image', 'text', 'quality', 'reason'), [
@@ -177,7 +163,7 @@ def test_format_strings(text: str, expected: CompressedFormat) -> None:
     (np.zeros((2, 3, 3), np.uint8), 'mono8; png compressed mono8', None,
      'encoding specified as mono8, but image has incompatible type 8UC3'),
 ])
-def test_what_cannot_be_compressed_is_refused(
+def test_images_that_cannot_be_compressed_are_refused(
         image: np.ndarray, text: str, quality: int | None, reason: str) -> None:
     with pytest.raises(CvBridgeError) as caught:
         CvBridge().cv2_to_compressed_imgmsg(image, text, quality=quality)
@@ -186,106 +172,16 @@ def test_what_cannot_be_compressed_is_refused(
         CvBridge().cv2_to_compressed_imgmsg([1, 2])
 
 
-def test_labels_are_shown_in_colours() -> None:
-    labels = np.arange(-3, 147, dtype=np.int32).reshape(10, 15)
-    shown = cvtColorForDisplay(labels, '32SC1', 'bgr8')
-    assert shown.dtype == np.uint8 and shown.shape == (10, 15, 3)
-    assert (shown.reshape(-1, 3)[:3] == 0).all()
-    aliceblue, antiquewhite, aqua = shown.reshape(-1, 3)[3:6].tolist()
-    assert (aliceblue, antiquewhite, aqua) == ([255, 248, 239], [214, 235, 249], [255, 255, 0])
-    assert shown.reshape(-1, 3)[149].tolist() == aliceblue  # the 146 colours repeat
-    np.testing.assert_array_equal(
-        cvtColorForDisplay(labels.astype(np.int64), '32SC1', 'bgr8'), shown)
-
-
-@pytest.mark.parametrize('options', [
-    {'do_dynamic_scaling': True}, {'min_image_value': 50.0, 'max_image_value': 150.0}, {}])
-def test_floats_are_shown_between_their_limits(options: dict[str, object]) -> None:
-    image = np.array([[50, 100, 150, -np.inf, np.inf, np.nan]], np.float32)
-    shown = cvtColorForDisplay(image, '32FC1', 'mono8', **options)
-    assert shown.tolist() == [[0, 128, 255, 0, 0, 0]]
-    in_color = cvtColorForDisplay(image.astype(np.float64), '64FC1', '', **options)
-    np.testing.assert_array_equal(in_color, np.repeat(shown[..., np.newaxis], 3, axis=2))
-
-
-@pytest.mark.parametrize(('image', 'shown'), [
-    (np.array([3e38, -3e38, 0.0], np.float32), [0, 0, 128]),  # a range that exceeds float32
-    (np.array([np.inf, -np.inf, np.nan, 0.0, 1.0], np.float32), [0, 0, 0, 0, 255]),
-    (np.array([0x7fa00000, 0, 0x3f800000], np.uint32).view(np.float32), [0, 0, 255])])
-def test_odd_numbers_are_shown_without_a_warning(image: np.ndarray, shown: list[int]) -> None:
-    with np.errstate(all='raise'):
-        assert cvtColorForDisplay(image[np.newaxis], '32FC1', 'mono8').tolist() == [shown]
-
-
-def test_float_colours_are_shown() -> None:
-    image = np.array([[[0, 0.5, 1], [1, 0.25, 0]]], np.float32)
-    assert cvtColorForDisplay(image, '32FC3', 'rgb8').tolist() == [
-        [[255, 128, 0], [0, 64, 255]]]
-
-
-def test_numbers_all_alike_are_shown_as_middle_gray() -> None:
-    image = np.full((2, 3), 7, np.uint16)
-    shown = cvtColorForDisplay(image, '16UC1', 'mono8', do_dynamic_scaling=True)
-    assert shown.tolist() == [[128] * 3] * 2
-    nothing = np.full((2, 3), np.nan, np.float32)
-    assert cvtColorForDisplay(nothing, '32FC1', 'bgr8').tolist() == [[[128] * 3] * 3] * 2
-
-
-def test_a_colormap_colours_what_is_scaled() -> None:
-    image = np.array([[0, 5, 10, np.nan]], np.float32)
-    shown = cvtColorForDisplay(
-        image, '32FC1', 'rgb8', do_dynamic_scaling=True, colormap=cv2.COLORMAP_JET)
-    expected = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_JET)
-    assert shown[0, :3].tolist() == expected[0, :, ::-1].tolist()
-    assert shown[0, 3].tolist() == [0, 0, 0]
-    with pytest.raises(CvBridgeError, match='unknown colormap 999; give one of'):
-        cvtColorForDisplay(image, '32FC1', 'rgb8', True, colormap=999)
-
-
-@pytest.mark.parametrize(('source', 'taken_for'), [
-    ('8UC1', 'mono8'), ('8UC3', 'bgr8'), ('8UC4', 'bgra8'), ('16UC1', 'mono16'),
-    ('16UC3', 'bgr16'), ('16UC4', 'bgra16'), ('bayer_grbg8', 'bayer_grbg8'), ('uyvy', 'uyvy'),
-    ('rgb16', 'rgb16'), ('mono8', 'mono8'),
-])
-def test_other_encodings_are_shown_as_what_they_are(source: str, taken_for: str) -> None:
-    bridge = CvBridge()
-    image = random_image(source, 6, 8)
-    message = bridge.cv2_to_imgmsg(image, taken_for)
-    for settings in ('bgr8', 'rgb8', 'mono8', 'rgba8'):
-        np.testing.assert_array_equal(
-            cvtColorForDisplay(image, source, settings), bridge.imgmsg_to_cv2(message, settings))
-    np.testing.assert_array_equal(
-        cvtColorForDisplay(image, source, ''), bridge.imgmsg_to_cv2(message, 'bgr8'))
-
-
-@pytest.mark.parametrize(('source', 'settings', 'options', 'reason'), [
-    ('bgr8', 'bgr16', {}, 'does not have an output encoding that is color or mono'),
-    ('bgr8', '8UC3', {}, 'does not have an output encoding that is color or mono'),
-    ('bgr8', 'foo', {}, 'does not have an output encoding that is color or mono'),
-    ('bgr8', 'mono8', {'do_dynamic_scaling': True}, 'scaling for images with more than one'),
-    ('16SC1', 'bgr8', {}, "cvtColorForDisplay() while trying to convert image from '16SC1' to "
-     "'bgr8' an exception was thrown ([16SC1] is not a color format."),
-    ('8UC2', 'bgr8', {}, 'The conversion does not make sense'),
-])
-def test_what_cannot_be_shown_is_refused(
-        source: str, settings: str, options: dict[str, object], reason: str) -> None:
-    with pytest.raises(CvBridgeError) as caught:
-        cvtColorForDisplay(random_image(source, 4, 4), source, settings, **options)
-    assert reason in str(caught.value)
-    with pytest.raises(CvBridgeError, match='encoding specified as mono16, but image has'):
-        cvtColorForDisplay(np.zeros((2, 2), np.uint8), 'mono16', 'bgr8')
-
-
 @pytest.mark.parametrize('desired', COLOR_ENCODINGS)
 @pytest.mark.parametrize('source', ENCODINGS)
-def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> None:
+def test_conversion_equals_that_without_opencv(source: str, desired: str) -> None:
     left, right = ENCODINGS[source], ENCODINGS[desired]
     for height, width in ((0, 4), (1, 2), (2, 2), (3, 4), (7, 5), (34, 30)):
         pair = 2 if left.kind == 'yuv' else 1
         image = random_image(source, height // pair * pair, width // pair * pair)
         for strided in (image, np.concatenate([image, image], 1)[:, :image.shape[1]]):
             expected = convert(strided, left, right)
-            converted = convert_picture(strided, left, right)
+            converted = convert_image(strided, left, right)
             assert converted.dtype == expected.dtype
             tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
             np.testing.assert_allclose(converted, expected, rtol=0, atol=tolerance)
@@ -295,7 +191,7 @@ def test_pictures_are_converted_as_without_opencv(source: str, desired: str) -> 
 @pytest.mark.parametrize('source', [
     name for name, encoding in ENCODINGS.items()
     if encoding.dtype == 'uint8' and encoding.order not in ('nv24', 'rgba', 'bgra')])
-def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
+def test_opencv_converts_supported_pairs(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 12, 14)
     targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
@@ -305,18 +201,18 @@ def test_opencv_converts_where_it_can(monkeypatch: pytest.MonkeyPatch, source: s
     for target, settings in zip(targets, expected, strict=True):
         tolerance = 1 if left.kind == 'bayer' and OLD_BAYER else 0
         np.testing.assert_allclose(
-            convert_picture(image, left, target), settings, rtol=0, atol=tolerance)
+            convert_image(image, left, target), settings, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])
-def test_half_a_pair_of_pixels_is_treated_as_without_opencv(source: str) -> None:
+def test_odd_width_equals_the_conversion_without_opencv(source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 4, 5)
-    gray = convert_picture(image, left, ENCODINGS['mono8'])
+    gray = convert_image(image, left, ENCODINGS['mono8'])
     np.testing.assert_array_equal(gray, convert(image, left, ENCODINGS['mono8']), strict=True)
     if source == 'nv24':  # nv24 has chroma for each pixel
-        colors = convert_picture(image, left, ENCODINGS['bgr8'])
+        colors = convert_image(image, left, ENCODINGS['bgr8'])
         np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
         return
     with pytest.raises(ImageError, match=r'must have an even width .* a row has 5 pixels'):
-        convert_picture(image, left, ENCODINGS['bgr8'])
+        convert_image(image, left, ENCODINGS['bgr8'])

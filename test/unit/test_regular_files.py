@@ -42,7 +42,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.mark.parametrize('flags', [os.O_RDONLY, os.O_RDWR | os.O_CREAT])
 @pytest.mark.parametrize('kind', KINDS)
-def test_what_is_no_file_is_refused_unopened(
+def test_non_regular_file_is_refused_before_opening(
         tmp_path: Path, opened: list[str], kind: str, flags: int) -> None:
     make, reason = KINDS[kind]
     make(tmp_path / 'x')
@@ -52,7 +52,7 @@ def test_what_is_no_file_is_refused_unopened(
     assert not opened
 
 
-def test_what_becomes_a_pipe_meanwhile_is_refused(
+def test_file_replaced_by_a_pipe_is_refused(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def _open(path: Path, flags: int, mode: int) -> int:
         path.unlink()
@@ -72,7 +72,7 @@ def test_what_becomes_a_pipe_meanwhile_is_refused(
 
 
 @pytest.mark.parametrize('target', ['whole', 'missing'])
-def test_links_are_followed_only_where_asked(tmp_path: Path, target: str) -> None:
+def test_links_are_followed_only_on_request(tmp_path: Path, target: str) -> None:
     (tmp_path / 'whole').write_bytes(b'content')
     link = tmp_path / 'link'
     link.symlink_to(target)
@@ -87,7 +87,7 @@ def test_links_are_followed_only_where_asked(tmp_path: Path, target: str) -> Non
         assert read_regular(link, LIMIT) == b'content'
 
 
-def test_a_file_of_the_largest_size_is_read_and_no_larger_one(tmp_path: Path) -> None:
+def test_file_up_to_the_limit_is_read(tmp_path: Path) -> None:
     path = tmp_path / 'x'
     for content in (b'', b'x' * (LIMIT - 1), b'x' * LIMIT):
         path.write_bytes(content)
@@ -98,15 +98,14 @@ def test_a_file_of_the_largest_size_is_read_and_no_larger_one(tmp_path: Path) ->
             read_regular(path, LIMIT)
 
 
-def test_a_file_without_a_size_is_read_as_far_as_the_limit() -> None:
+def test_file_without_a_size_is_read_up_to_the_limit() -> None:
     status = Path('/proc/self/status')  # a file whose reported size is 0
     assert read_regular(status, 1 << 20).startswith(b'Name:')
     with pytest.raises(RefusedFileError, match='status is larger than 100 bytes'):
         read_regular(status, 100)
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_is_replaced_atomically(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, old = tmp_path / 'x', tmp_path / 'old'
     for content in (b'first', b'second'):
         replace_file(path, content)

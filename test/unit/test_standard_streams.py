@@ -12,40 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Closed standard input, output and error: no other file gets their descriptors."""
+"""Closed and broken standard streams of a process."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import itertools
 import os
 from pathlib import Path
 import subprocess
 import sys
 
-from conftest import DEADLINE, executable, NodeProcess, read_manifest
+from closed_streams import CLOSED, closing
+from conftest import DEADLINE
 import pytest
-
-Start = Callable[..., NodeProcess]
-
-CLOSED = ('<&-', '>&-', '2>&-')
-URDF = '<robot name="a"><link name="b"/></robot>'
-
-
-def closing(*closed: str) -> tuple[str, ...]:
-    """Return a command that runs another one with closed streams."""
-    return 'bash', '-c', f'exec "$@" {" ".join(closed)}', 'bash'
-
-
-def numbers(*closed: str) -> list[int]:
-    return [CLOSED.index(stream) for stream in closed]
 
 
 @pytest.mark.process
 @pytest.mark.parametrize('closed', [
     chosen for count in range(1, 4) for chosen in itertools.combinations(CLOSED, count)])
-def test_a_stream_that_is_closed_is_that_of_dev_null(
-        closed: tuple[str, ...], tmp_path: Path) -> None:
+def test_closed_stream_is_opened_as_dev_null(closed: tuple[str, ...], tmp_path: Path) -> None:
     script = ('import os, sys\n'
               'links = [f"/proc/self/fd/{number}" for number in range(3)]\n'
               'before = {link for link in links if os.path.exists(link)}\n'
@@ -65,38 +50,9 @@ def test_a_stream_that_is_closed_is_that_of_dev_null(
     assert path.read_text() == 'done'
 
 
-@pytest.mark.parametrize('closed', [('2>&-',), CLOSED])
-def test_the_nodes_work_without_standard_streams(
-        closed: tuple[str, ...], start: Start, tmp_path: Path) -> None:
-    recorder = start('img_subscriber', within=closing(*closed), output_dir=tmp_path / 'out',
-                     file_name='f{seq}.npy', max_frames=3)
-    publisher = start('img_publisher', within=closing(*closed), source='pattern:64x48')
-    assert recorder.finish() == 0, recorder.output
-    assert len(read_manifest(tmp_path / 'out')) == 3
-    for number in numbers(*closed):
-        link = Path(f'/proc/{publisher.pid}/fd/{number}')
-        assert str(link.readlink()) == '/dev/null'
-    publisher.interrupt()
-    assert publisher.finish() == 0, publisher.output
-
-
-@pytest.mark.process
-@pytest.mark.parametrize('closed', [('>&-',), ('2>&-',), CLOSED])
-def test_the_robot_commands_work_without_standard_streams(
-        closed: tuple[str, ...], tmp_path: Path) -> None:
-    (tmp_path / 'a.urdf').write_text(URDF)
-    for name, *words in (('urdf_to_sdf', 'a.urdf', '-o', 'a.sdf'), ('robot_frames', 'a.urdf'),
-                         ('robot_compare', 'a.urdf', 'a.sdf'), ('sdf_to_urdf', 'a.sdf')):
-        finished = subprocess.run(
-            [*closing(*closed), executable(name), *words], cwd=tmp_path, input='',
-            capture_output=True, text=True, timeout=60, check=False)
-        assert finished.returncode == 0, (name, finished.stderr)
-    assert (tmp_path / 'a.sdf').read_text().startswith('<?xml')
-
-
 @pytest.mark.process
 @pytest.mark.parametrize('stream', ['stdout', 'stderr'])
-def test_text_that_a_lost_terminal_never_took_does_not_change_the_status(
+def test_lost_terminal_does_not_change_the_exit_status(
         stream: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('PYTHONUNBUFFERED', raising=False)
     code = ('import sys\n'

@@ -65,7 +65,8 @@ class VideoDevice:
     """
     A V4L2 capture device. All methods are thread-safe.
 
-    ``card`` is the name of the device, ``can_capture`` whether it can stream video.
+    ``card`` is the name of the device, ``can_capture`` whether it can stream video. The methods
+    raise an OSError when the device rejects a request, is disconnected or is closed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,26 +109,12 @@ class VideoDevice:
             self._fd = -1
 
     def modes(self, near: tuple[int, int]) -> list[Mode]:
-        """
-        Return the supported formats and sizes.
-
-        :param near: width and height in pixels; for a format with a range of sizes, only the
-            size nearest to ``near`` is returned.
-        :returns: one mode for each combination.
-        :raises OSError: the device is disconnected.
-        """
+        """Return the supported formats and sizes; parameter as for ``list_modes``."""
         with self._opened() as fd:
             return list(list_modes(fd, self._type, near))
 
     def rates(self, mode: Mode) -> list[float]:
-        """
-        Return the frame rates of a mode.
-
-        :param mode: format and size.
-        :returns: rates in Hz in ascending order; the two ends of a range; empty when the device
-            does not report rates.
-        :raises OSError: the device is disconnected.
-        """
+        """Return the frame rates of a mode in Hz, in ascending order; see ``list_rates``."""
         with self._opened() as fd:
             return sorted(list_rates(fd, mode))
 
@@ -137,7 +124,7 @@ class VideoDevice:
 
         :param mode: format and size.
         :returns: the format that the device has set, which may differ.
-        :raises OSError: the device rejects the request; EBUSY when another program streams.
+        :raises OSError: EBUSY when another program streams.
         """
         request = videodev2.v4l2_format(type=self._type)
         pix = request.fmt.pix_mp if self._is_multiplanar else request.fmt.pix
@@ -154,7 +141,6 @@ class VideoDevice:
 
         :param rate: frames per second.
         :returns: the rate in Hz that the device has set; 0.0 when the device does not report it.
-        :raises OSError: the device is disconnected.
         """
         parameters = videodev2.v4l2_streamparm(type=self._type)
         capture = parameters.parm.capture
@@ -168,40 +154,27 @@ class VideoDevice:
 
     def controls(self, changed: bool = False) -> list[Control]:
         """
-        Return the controls that can be read and written and have a single number.
+        Return the controls, as ``list_controls`` or ``changed_controls``.
 
         :param changed: whether to return only the controls that changed since the last call.
-        :raises OSError: the device is disconnected.
         """
         with self._opened() as fd:
             return list(changed_controls(fd) if changed else list_controls(fd))
 
     def control(self, control: Control) -> int:
-        """
-        Read the value of a control.
-
-        :raises OSError: the device rejects the request.
-        """
+        """Read the value of a control."""
         value = videodev2.v4l2_control(control.number)
         with self._opened() as fd:
             ioctl(fd, videodev2.VIDIOC_G_CTRL, value)
         return int(value.value)
 
     def set_control(self, control: Control, value: int) -> None:
-        """
-        Write the value of a control.
-
-        :raises OSError: the device rejects the value.
-        """
+        """Write the value of a control."""
         with self._opened() as fd:
             ioctl(fd, videodev2.VIDIOC_S_CTRL, videodev2.v4l2_control(control.number, value))
 
     def start(self) -> None:
-        """
-        Map the buffers, queue them and start streaming.
-
-        :raises OSError: the device rejects the request; EBUSY when another program streams.
-        """
+        """Map the buffers, queue them and start streaming; EBUSY when another program streams."""
         with self._opened() as fd:
             request = videodev2.v4l2_requestbuffers(
                 _BUFFERS, self._type, videodev2.V4L2_MEMORY_MMAP)
@@ -225,7 +198,7 @@ class VideoDevice:
 
         :param seconds: timeout in seconds.
         :returns: False when the timeout has passed.
-        :raises OSError: the device is disconnected or its stream has failed.
+        :raises OSError: the stream has failed.
         """
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
@@ -240,7 +213,7 @@ class VideoDevice:
         Dequeue the oldest filled buffer.
 
         :returns: the buffer, or None when no buffer is filled.
-        :raises OSError: the device is disconnected or its stream has failed.
+        :raises OSError: the stream has failed.
         """
         buffer, plane = self._make_buffer()
         with self._opened() as fd:
@@ -262,12 +235,7 @@ class VideoDevice:
         return self._maps[buffer.index][buffer.start:buffer.stop]
 
     def requeue(self, index: int) -> None:
-        """
-        Queue a buffer, so that the driver can fill it again.
-
-        :param index: index of the buffer.
-        :raises OSError: the device is disconnected.
-        """
+        """Queue the buffer with an index, so that the driver can fill it again."""
         with self._opened() as fd:
             ioctl(fd, videodev2.VIDIOC_QBUF, self._make_buffer(index)[0])
 

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import declared_encoding, find_encoding
-from opencv_tools.image_codecs import convert_picture
+from opencv_tools.image_codecs import convert_image
 from opencv_tools.recording.errors import VideoError
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
@@ -75,7 +75,7 @@ def to_video_frame(
         raise VideoError(f'an empty frame ({image.shape[1]}x{image.shape[0]}) cannot be stored '
                          f'as {suffix}')
     if is_converted:
-        image = convert_picture(image, encoding, find_encoding('bgr8'))
+        image = convert_image(image, encoding, find_encoding('bgr8'))
     height, width = image.shape[:2]
     is_even = not (height % 2 or width % 2)
     frame = av.VideoFrame(width, height, 'yuv420p' if is_even else 'yuv444p')

@@ -199,7 +199,7 @@ class VideoSink:
         if now < self._next_check_at:
             return True
         self._next_check_at = now + _CHECK_SECONDS
-        return video.writer.is_at_path()
+        return video.writer.file.is_at_path()
 
     def _begin(self, seq: int, name: str, frame: ReceivedFrame, video_frame: VideoFrame) -> _Video:
         self._folder.recreate()
@@ -230,7 +230,7 @@ class VideoSink:
         """
         self._video = None
         writer = video.writer
-        is_at_path = writer.is_at_path()
+        is_at_path = writer.file.is_at_path()
         try:
             writer.close()
         except (OSError, VideoError) as err:
@@ -276,7 +276,7 @@ def _image_type(frame: RawFrame) -> str:
     """Return the type of the image of a frame, for the list of formats that can hold it."""
     encoding = frame.metadata.encoding
     try:
-        is_picture = find_encoding(encoding).kind in ('generic', 'color')
-        return generic_encoding(frame.image).name if is_picture else encoding
+        has_channels = find_encoding(encoding).kind in ('generic', 'color')
+        return generic_encoding(frame.image).name if has_channels else encoding
     except EncodingError:
         return encoding

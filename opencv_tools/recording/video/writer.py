@@ -126,6 +126,7 @@ class VideoWriter:
         self.frames = 0  # frames that were accepted
         self.flushed = 0  # accepted frames that are complete in the file
         self.is_full = False  # the next frame would exceed max_bytes
+        self.bytes_waiting = 0  # upper bound for the frames that are not in the file yet
         self._path = path
         self._stream_format = video_frame.stream_format
         self._format = _CONTAINER_FORMATS[path.suffix.lower()]
@@ -135,10 +136,9 @@ class VideoWriter:
         self._last_packet = -1  # ticks
         self._max_bytes = max_bytes
         self._whole = 0
-        self._waiting = 0  # bytes of frames that are not flushed
         self._container: Any = None
         self._stream: Any = None
-        self._file = OutputFile(path)
+        self.file = OutputFile(path)
         try:
             self._call(self._open, crf)
         except BaseException:
@@ -146,23 +146,9 @@ class VideoWriter:
             raise
 
     @property
-    def bytes_written(self) -> int:
-        """Bytes in the file so far."""
-        return self._file.size
-
-    @property
     def skipped(self) -> int:
         """Count of accepted frames that exceed the maximum size."""
         return self.frames - self._packets if self.is_full else 0
-
-    @property
-    def bytes_waiting(self) -> int:
-        """Upper bound of the bytes of frames that are not in the file yet."""
-        return self._waiting
-
-    def is_at_path(self) -> bool:
-        """Return whether the file is still at its path."""
-        return self._file.is_at_path()
 
     def fits(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
@@ -188,7 +174,7 @@ class VideoWriter:
         :raises OSError: the file cannot be written; it can then only be closed.
         :raises VideoError: the encoder refused the frame.
         """
-        self._file.check(self._whole)
+        self.file.check(self._whole)
         ticks = self._format.ticks
         since = ((time_ns - self._start_ns) * ticks + NANO // 2) // NANO
         pts = max(since, self._last + 1)
@@ -221,10 +207,10 @@ class VideoWriter:
         if self._container is None:
             return
         try:
-            if self._file.error is None:
+            if self.file.error is None:
                 self._call(self._encode, None)
                 self._call(self._container.close)
-                self.flushed, self._waiting = self._packets, 0
+                self.flushed, self.bytes_waiting = self._packets, 0
         finally:
             self._release()
 
@@ -236,7 +222,7 @@ class VideoWriter:
     def _open(self, crf: int) -> None:
         import av
         self._container = av.open(
-            self._file, 'w', format=self._format.name, buffer_size=_BUFFER_SIZE,
+            self.file, 'w', format=self._format.name, buffer_size=_BUFFER_SIZE,
             container_options={**self._format.options, 'flush_packets': '1'})
         seconds, rest = divmod(self._start_ns, NANO)
         self._container.metadata['comment'] = f'begins at {seconds}.{rest:09d}'
@@ -255,19 +241,19 @@ class VideoWriter:
             self.is_full = self.is_full or not self._has_room(added, packet.pts)
             if self.is_full:
                 continue
-            size, self._last_packet = self._file.size, packet.pts
+            size, self._last_packet = self.file.size, packet.pts
             self._packets += 1
             self._keys += packet.is_keyframe
             self._container.mux(packet)
-            if self._file.size > size and self._file.error is None:
-                self.flushed, self._whole = self._packets - self._format.lag, self._file.size
-                self._waiting = 0
-            self._waiting += added * self._format.lag
+            if self.file.size > size and self.file.error is None:
+                self.flushed, self._whole = self._packets - self._format.lag, self.file.size
+                self.bytes_waiting = 0
+            self.bytes_waiting += added * self._format.lag
 
     def _has_room(self, size: int, pts: int) -> bool:
         form = self._format
         end = form.at_end + form.per_key * (self._keys + 1) + form.per_tick * pts
-        return not self._max_bytes or self._file.size + self._waiting + size + end <= (
+        return not self._max_bytes or self.file.size + self.bytes_waiting + size + end <= (
             self._max_bytes)
 
     def _call(self, step: Callable[..., None], *arguments: Any) -> None:
@@ -276,12 +262,12 @@ class VideoWriter:
         try:
             step(*arguments)
         except av.error.FFmpegError as err:
-            self._file.check(self._whole)
+            self.file.check(self._whole)
             width, height, _ = self._stream_format
             raise VideoError(f'a {width}x{height} frame cannot be encoded as '
                              f'{self._path.suffix}: {err}') from err
-        self._file.check(self._whole)
-        self._whole = self._file.size
+        self.file.check(self._whole)
+        self._whole = self.file.size
 
     def _release(self) -> None:
         import av
@@ -289,6 +275,6 @@ class VideoWriter:
         with suppress(av.error.FFmpegError):
             if container is not None:
                 container.close()  # it writes nothing after an error of the file
-        with self._file.raw:
-            if not self.flushed and self._file.is_at_path():
+        with self.file.raw:
+            if not self.flushed and self.file.is_at_path():
                 self._path.unlink(missing_ok=True)

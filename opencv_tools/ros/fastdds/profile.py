@@ -77,12 +77,7 @@ _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">{participant}
   <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
-    <times>
-      <heartbeatPeriod>
-        <sec>0</sec>
-        <nanosec>{heartbeat}</nanosec>
-      </heartbeatPeriod>
-    </times>
+    <times><heartbeatPeriod><sec>0</sec><nanosec>{heartbeat}</nanosec></heartbeatPeriod></times>
   </data_writer>
 </profiles>
 """
@@ -91,21 +86,12 @@ _PARTICIPANT = """
   </transport_descriptors>
   <participant profile_name="opencv_tools" is_default_profile="true">
     <rtps>
-      <userTransports>{names}
-      </userTransports>
+      <userTransports>{names}</userTransports>
       <useBuiltinTransports>false</useBuiltinTransports>
     </rtps>
   </participant>"""
-_NAME = """
-        <transport_id>{name}</transport_id>"""
 _DESCRIPTOR = """
-    <transport_descriptor>
-      <transport_id>{name}</transport_id>
-      <type>{name}</type>{options}
-    </transport_descriptor>"""
-_OPTION = """
-      <{name}>{value}</{name}>"""
-
+    <transport_descriptor>{}</transport_descriptor>"""
 
 # rmw_fastrtps adds a shared memory transport of its own, for which Fast DDS logs errors.
 _NO_SHARED_MEMORY = (
@@ -124,7 +110,7 @@ class FastDdsSetup:
     Result of the configuration of Fast DDS, for frames to subscribers on this machine.
 
     :param summary: summary of the configuration and its reason, as a sentence.
-    :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP; None if the
+    :param segment: bytes of shared memory for frames; 0 if frames are sent over UDP. None if the
         user configured Fast DDS, or another size would not help.
     :param free_bytes: free bytes of shared memory before the configuration.
     :param warning: problem that does not depend on the size of the frames; '' if there is none.
@@ -238,12 +224,16 @@ def _describe_profile(segment: int, fragments: int) -> str:
     if not _is_local():
         transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     participant = _PARTICIPANT.format(
-        descriptors=''.join(_DESCRIPTOR.format(name=name, options=''.join(
-            _OPTION.format(name=option, value=value) for option, value in options.items()))
+        descriptors=''.join(
+            _DESCRIPTOR.format(_elements(transport_id=name, type=name, **options))
             for name, options in transports.items()),
-        names=''.join(_NAME.format(name=name) for name in transports))
+        names=''.join(_elements(transport_id=name) for name in transports))
     return _PROFILE.format(
         participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS)
+
+
+def _elements(**values: object) -> str:
+    return ''.join(f'<{tag}>{value}</{tag}>' for tag, value in values.items())
 
 
 def _is_local() -> bool:

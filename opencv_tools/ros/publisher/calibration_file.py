@@ -53,7 +53,7 @@ _MATRICES = {
 
 
 class CameraInfoError(ValueError):
-    """A calibration cannot be used; the message includes the place, the problem and the remedy."""
+    """A calibration cannot be used; the message names the file, the problem and the remedy."""
 
 
 def check_camera_name(name: str) -> None:

@@ -59,9 +59,10 @@ class CameraControls:
         self._table = table
         self._camera = camera
         self._controls: dict[str, tuple[Parameter, Control]] = {}
-        self._given = unknown_parameters(node, table)
-        self.requested = tuple((name.removesuffix(_SUFFIX), int(value))
-                               for name, value in self._given.items() if isinstance(value, int))
+        self._unclaimed = unknown_parameters(node, table)
+        self.requested = tuple(
+            (name.removesuffix(_SUFFIX), int(value))
+            for name, value in self._unclaimed.items() if isinstance(value, int))
         self._is_updating = False
         self._opened = node.create_guard_condition(self.declare)
         self._timer: Timer | None = None
@@ -96,17 +97,17 @@ class CameraControls:
 
     def warn_unknown_parameters(self) -> None:
         """Log, once, the given parameters that neither the node nor the camera has."""
-        given, self._given = self._given, {}
-        for name in sorted(given.keys() - self._controls.keys()):
+        unused, self._unclaimed = self._unclaimed, {}
+        for name in sorted(unused.keys() - self._controls.keys()):
             self._node.get_logger().warning(
                 describe_unknown(name, [*self._table, *self.parameters]))
 
     def report_unused(self) -> None:
         """Log, once, the given parameters that have no effect without a camera; thread-safe."""
-        given, self._given = self._given, {}
-        for name in sorted(given):
-            meant = closest_name(name, [parameter.name for parameter in self._table])
-            hint = f' (did you mean {meant}?)' if meant else ''
+        unused, self._unclaimed = self._unclaimed, {}
+        for name in sorted(unused):
+            similar = closest_name(name, [parameter.name for parameter in self._table])
+            hint = f' (did you mean {similar}?)' if similar else ''
             self._node.get_logger().warning(
                 f'parameter {name} is not used yet{hint}; it is not a parameter of the node, and '
                 'no camera is open that may have it')
@@ -136,10 +137,10 @@ class CameraControls:
             if self._parameter_value(control) in (None, value):
                 continue
             name = self._name(control)
-            kind = type(self._controls[name][0].default)
+            value_type = type(self._controls[name][0].default)
             self._is_updating = True
             (result,) = self._node.set_parameters(
-                [rclpy.parameter.Parameter(name, value=kind(value))])
+                [rclpy.parameter.Parameter(name, value=value_type(value))])
             self._is_updating = False
             if not result.successful:
                 self._node.get_logger().warning(
@@ -157,8 +158,8 @@ class CameraControls:
 
     def _name(self, control: Control) -> str:
         """Return the name of the parameter of a control."""
-        taken = any(parameter.name == control.name for parameter in self._table)
-        return control.name + _SUFFIX if taken else control.name
+        is_used = any(parameter.name == control.name for parameter in self._table)
+        return control.name + _SUFFIX if is_used else control.name
 
     def _parameter(self, control: Control, value: int) -> Parameter:
         """Return the parameter of a control, given its present value."""
@@ -184,31 +185,24 @@ class CameraControls:
         if self._is_updating:
             return SetParametersResult(successful=True)
         camera = self._camera()
-        before: list[tuple[Control, int]] = []
+        previous: list[tuple[Control, int]] = []
         requested = dict(self.requested)
+        known = [(*self._controls[change.name], change.value) for change in changes
+                 if change.name in self._controls]
         try:
-            for parameter, control, value in self._accept(changes):
+            accepted = [(control, int(parameter.accept(value)))
+                        for parameter, control, value in known]
+            for control, value in accepted:
                 if camera:
                     camera.set_control(control, value)
-                    before.append((control, int(self._node.get_parameter(parameter.name).value)))
+                    name = self._name(control)
+                    previous.append((control, int(self._node.get_parameter(name).value)))
                 requested[control.name] = value
         except (CaptureError, ParameterError) as err:
-            for control, value in before:
-                with suppress(CaptureError):
-                    camera.set_control(control, value)
+            if camera:
+                for control, value in previous:
+                    with suppress(CaptureError):
+                        camera.set_control(control, value)
             return SetParametersResult(successful=False, reason=str(err))
         self.requested = tuple(requested.items())
         return SetParametersResult(successful=True)
-
-    def _accept(
-        self, changes: list[rclpy.parameter.Parameter],
-    ) -> list[tuple[Parameter, Control, int]]:
-        """
-        Return the changed controls with their accepted values.
-
-        :raises ParameterError: the camera does not accept a value.
-        """
-        known = [(*self._controls[change.name], change.value) for change in changes
-                 if change.name in self._controls]
-        return [(parameter, control, int(parameter.accept(value)))
-                for parameter, control, value in known]

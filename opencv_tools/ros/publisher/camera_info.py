@@ -74,24 +74,24 @@ def resolve_url(url: str, name: str) -> Path:
 
     try:
         resolved = re.sub(r'\$\{[^}]*\}?', _value, url)
-        scheme, separator, place = resolved.partition('://')
+        scheme, separator, location = resolved.partition('://')
         if not separator:
             return Path(resolved).expanduser()
     except RuntimeError as err:
         raise CameraInfoError(
             f'calibration URL {url!r} needs a home directory: give an absolute path') from err
-    if scheme.lower() == 'file' and place.startswith('/'):
-        return Path(place)
-    package, *inside = place.split('/')
-    if scheme.lower() != 'package' or not package or not inside:
+    if scheme.lower() == 'file' and location.startswith('/'):
+        return Path(location)
+    package, *parts = location.split('/')
+    if scheme.lower() != 'package' or not package or not parts:
         raise CameraInfoError(f'calibration URL {url!r} resolves to {resolved!r}: '
                               'give file:///PATH, package://PACKAGE/PATH or a path')
-    if {'', '.', '..'} & set(inside):
+    if {'', '.', '..'} & set(parts):
         raise CameraInfoError(f'calibration URL {url!r} resolves to {resolved!r}, which may be '
                               "outside the package: give package://PACKAGE/PATH without '..' "
                               "and '//'")
     try:
-        return Path(get_package_share_directory(package), *inside)
+        return Path(get_package_share_directory(package), *parts)
     except (LookupError, OSError, ValueError) as err:  # OSError: AMENT_PREFIX_PATH is unset
         raise CameraInfoError(f'calibration URL {url!r} names the unknown package {package}: '
                               'source the workspace of this package') from err
@@ -196,8 +196,8 @@ class Calibration:
         with self._saving:  # the file and the published calibration stay the same
             if self._path is None:
                 raise CameraInfoError(self._refusal)
-            own = turn_camera_info(info, turned_axes(flip, rotate).T)
-            write_camera_info(self._path, own, self._name, self._ros_home)
+            unturned = turn_camera_info(info, turned_axes(flip, rotate).T)
+            write_camera_info(self._path, unturned, self._name, self._ros_home)
             self._use(read_camera_info(self._path))
         return str(self._path)
 

@@ -22,6 +22,7 @@ process is created. The parameters of the node are not known by then.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.source import expected_size
@@ -47,13 +48,13 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
     """
     try:
         given = given_parameters(args, 'image_publisher')
-        settings = PublisherSettings(**{
+        values: dict[str, Any] = {
             parameter.name: parameter.accept(given[parameter.name])
-            for parameter in PARAMETERS if parameter.name in given})
+            for parameter in PARAMETERS if parameter.name in given}
+        settings = PublisherSettings(**values)
         size = expected_size(settings.source, settings.camera_request())
         return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
-    except (CaptureError, ImageError, OSError, OverflowError, RecursionError, TypeError,
-            ValueError, yaml.YAMLError):
+    except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
         return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
 
 

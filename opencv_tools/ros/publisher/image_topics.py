@@ -21,9 +21,10 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from opencv_tools.capture.output_image import OutputImage
-from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
+from opencv_tools.image.encodings import declared_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.layout import array_to_wire
 from opencv_tools.ros.fastdds.profile import FastDdsSetup
 from opencv_tools.ros.publisher.backlog import Backlog
 from opencv_tools.ros.publisher.camera_info import Calibration
@@ -63,7 +64,6 @@ class ImageTopics:
         self._fastdds = fastdds
         self._log = node.get_logger()
         self._largest = 0  # bytes of the largest frame so far
-        self._bridge = CvBridge()
         base = node.resolve_topic_name(topic)
         self.images = create_frame_publisher(node, Image, topic)
         self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
@@ -102,14 +102,16 @@ class ImageTopics:
         :raises ImageError: the frame cannot be decoded or converted.
         """
         header = Header(stamp=stamp, frame_id=frame_id)
+        wire_header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
         to_images, to_compressed, to_infos = (
             _count(publisher) > 0 for publisher in self._publishers())
         try:
             if to_images:
                 self._check_room(output.image.nbytes)
-                publish_image(self.images.handle, self._bridge.cv2_to_wire(
-                    output.image, output.encoding, header))
+                encoding = declared_encoding(output.image, output.encoding)
+                publish_image(
+                    self.images.handle, array_to_wire(output.image, encoding, wire_header))
                 self.backlog.add(self.images)
             if to_infos:
                 settings = output.settings
@@ -119,7 +121,7 @@ class ImageTopics:
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
         if to_compressed:
-            self._compressed.publish(_compressed_cdr(output, header))
+            self._compressed.publish(_compressed_cdr(output, wire_header))
             self.backlog.add(self._compressed)
         if failure:
             raise failure
@@ -141,8 +143,7 @@ def _count(publisher: Publisher) -> Any:
     return publisher.get_subscription_count()
 
 
-def _compressed_cdr(output: OutputImage, header: Header) -> bytes:
+def _compressed_cdr(output: OutputImage, header: WireHeader) -> bytes:
     data, format_text = output.jpeg
     return compressed_image_to_cdr(WireCompressedImage(
-        header=WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id),
-        format=format_text, data=data.data))
+        header=header, format=format_text, data=data.data))

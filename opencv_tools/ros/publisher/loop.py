@@ -29,17 +29,20 @@ from opencv_tools.capture.source import open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import without_password
+from opencv_tools.logs import Throttle
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.publisher.image_topics import ImageTopics
-from opencv_tools.ros.publisher.parameters import PublisherSettings, REOPEN_ON_CHANGE
+from opencv_tools.ros.publisher.parameters import PublisherSettings
 from opencv_tools.ros.publisher.stamps import Stamper
 from opencv_tools.ros.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.ros.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+# Parameters that apply when the camera is opened.
+_CAMERA_PARAMETERS = frozenset(('width', 'height', 'fps', 'fourcc'))
 _RELEASE_SECONDS = 5
 # Changes within this time, such as width and height, reopen the camera only once.
 _CHANGE_SECONDS = 0.2
@@ -73,6 +76,7 @@ class PublishLoop:
         self._controls = controls
         self._dropped = 0
         self._last_drop = ''
+        self._repeated_drops = Throttle()
         self._opened_encoding = ''  # the encoding that the source was opened for
         self._stamper = Stamper(node.get_clock())
         self._progress = Progress(self._log.info, 'Publishing video frame')
@@ -132,7 +136,7 @@ class PublishLoop:
         self._grabber.reconnect = self.settings.reconnect_policy()
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
-        elif REOPEN_ON_CHANGE & changes.keys():
+        elif _CAMERA_PARAMETERS & changes.keys():
             self._reopening.request()
 
     def set_capture(
@@ -175,9 +179,8 @@ class PublishLoop:
         """Count and log a frame that cannot be read or published."""
         self._dropped += 1
         text = f'frame dropped: {reason}'
-        if text == self._last_drop:  # a camera may send the same broken frame repeatedly
-            self._log.warning(text, throttle_duration_sec=1.0)
-        else:
+        # A camera may send the same broken frame repeatedly.
+        if text != self._last_drop or self._repeated_drops.passes():
             self._log.warning(text)
         self._last_drop = text
 

@@ -38,17 +38,17 @@ class Stamper:
         self._last_now = 0
         self._last = 0
 
-    def stamp(self, captured_ns: int, kind: str, offset: float) -> Time:
+    def stamp(self, captured_ns: int, event: str, offset: float) -> Time:
         """
         Return the stamp of a frame.
 
         :param captured_ns: time of capture in nanoseconds of CLOCK_MONOTONIC.
-        :param kind: one of ``STAMPS``: stamp the time of capture, or the present time.
+        :param event: one of ``STAMPS``: the capture of the frame, or its publication now.
         :param offset: seconds to add; negative to compensate the delay of a camera.
         :returns: the stamp, later than the previous one unless the clock was set back.
         """
         now, monotonic = self._read_clocks()
-        age = monotonic - captured_ns if kind == 'capture' else 0
+        age = monotonic - captured_ns if event == 'capture' else 0
         stamp = max(0, now - age + round(offset * 1e9))  # simulated time starts at 0
         if now >= self._last_now:
             stamp = max(stamp, self._last + 1)

@@ -84,8 +84,8 @@ def _turn_distortion(
     turned = np.array(coefficients, np.float64)
     if not turned.any() or model in _SYMMETRIC:
         return turned.tolist()
-    known = model in _POLYNOMIALS and len(turned) in _POLYNOMIAL_LENGTHS
-    if not known or turned[_TILT:].any():
+    is_supported = model in _POLYNOMIALS and len(turned) in _POLYNOMIAL_LENGTHS
+    if not is_supported or turned[_TILT:].any():
         raise CameraInfoError(
             f'a calibration with {len(turned)} coefficients of distortion model {model!r} can be '
             'neither flipped nor rotated: set flip to none and rotate to 0')

@@ -21,7 +21,7 @@ from typing import Any
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.errors import SizeError
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata, NANO
 
@@ -76,6 +76,6 @@ class FrameConverter:
 def _declared_size(data: Any) -> tuple[int, int]:
     """Read the size of a compressed image; 0 by 0 if it has none and will not be decoded."""
     try:
-        return picture_size(bytes(data))
+        return image_size(bytes(data))
     except SizeError:
         return 0, 0

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from opencv_tools.image.picture_size import MAX_PIXELS
+from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.open_sink import check_format
@@ -107,10 +107,10 @@ class RecorderSettings:
     @property
     def depth(self) -> int | None:
         """
-        Number of frames that the middleware keeps for the subscription; None to keep every frame.
+        Return the number of frames that the middleware keeps; None to keep every frame.
 
-        It is the size of the queue. With ``on_overflow:=block`` the middleware keeps every frame,
-        and a reliable publisher that can wait does so when its own queue is full.
+        The number is the size of the queue. With ``on_overflow:=block`` the middleware keeps every
+        frame, and a reliable publisher that can wait does so when its own queue is full.
         """
         if self.on_overflow == 'block':
             return None
@@ -119,7 +119,7 @@ class RecorderSettings:
     @property
     def limits(self) -> Limits:
         """
-        Limits of the recording.
+        Return the limits of the recording.
 
         :raises ParameterError: ``ring`` is set without a limit.
         """

@@ -63,10 +63,11 @@ class TopicDiscovery:
         """
         self._node = node
         self._topic = topic
-        self._known = _list_topics(topic, node.resolve_topic_name(topic))
+        self._possible = _possible_topics(topic, node.resolve_topic_name(topic))
         #: Topics that the transport allows, best first.
         self.allowed = [
-            known for known in self._known if known.type_name in TRANSPORTS[transport]]
+            possible for possible in self._possible
+            if possible.type_name in TRANSPORTS[transport]]
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
@@ -89,10 +90,10 @@ class TopicDiscovery:
         offers = [info for info in publishers if info.topic_type == image_topic.type_name]
         if offers:
             return _describe_silent(topic, offers, qos)
-        for other in self._known:
-            found = self.publishers(other)
-            if found:
-                return self._describe_other(image_topic, other, found[0])
+        for published in self._possible:
+            infos = self.publishers(published)
+            if infos:
+                return self._describe_other_type(image_topic, published, infos[0])
         if publishers:
             return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
                     f'({_describe_node(publishers[0])}), not {image_topic.type_name}; '
@@ -102,37 +103,35 @@ class TopicDiscovery:
     def _resolved_name(self, image_topic: ImageTopic) -> str:
         return self._node.resolve_topic_name(image_topic.name)
 
-    def _describe_other(
-        self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,
+    def _describe_other_type(
+        self, subscribed: ImageTopic, published: ImageTopic, info: TopicEndpointInfo,
     ) -> str:
         """Describe frames of the other message type."""
-        topic, name = self._resolved_name(image_topic), self._resolved_name(other)
-        given = 'raw' if other.type_name == IMAGE else 'compressed'
-        expected = image_topic.type_name
+        topic, name = self._resolved_name(subscribed), self._resolved_name(published)
+        transport = 'raw' if published.type_name == IMAGE else 'compressed'
         if name == topic:
-            fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
-                   f'not {expected}'
+            publisher = f'{name} has a publisher of type {published.type_name} ' \
+                        f'({_describe_node(info)}), not {subscribed.type_name}'
         else:
-            fact = f'no publisher of {expected} on {topic}, but one of ' \
-                   f'{other.type_name} on {name} ({_describe_node(info)})'
-        return f'{fact}; set transport:={given} or transport:=auto'
+            publisher = f'no publisher of {subscribed.type_name} on {topic}, but one of ' \
+                        f'{published.type_name} on {name} ({_describe_node(info)})'
+        return f'{publisher}; set transport:={transport} or transport:=auto'
 
-    def _find_images(self) -> dict[str, set[str]]:
+    def _image_topics(self) -> dict[str, set[str]]:
         """Return the topics on which images are published, sorted, with their types."""
-        found = {}
+        topics = {}
         for name, types in sorted(self._node.get_topic_names_and_types()):
-            if not _NAME.fullmatch(name):
-                continue  # not a topic of a ROS node
-            if not MESSAGE_TYPES.keys().isdisjoint(types):  # subscriptions have types as well
+            # Topics that are not of ROS have other names. Subscriptions have types as well.
+            if _NAME.fullmatch(name) and not MESSAGE_TYPES.keys().isdisjoint(types):
                 published = {
                     info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
                 if published & MESSAGE_TYPES.keys():
-                    found[name] = published
-        return found
+                    topics[name] = published
+        return topics
 
     def _describe_images(self) -> str:
         """Describe the topics that have images, and how to subscribe to one."""
-        topics = self._find_images()
+        topics = self._image_topics()
         domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
         if not topics:
             return f'no images are published in {domain}; ' \
@@ -147,14 +146,14 @@ class TopicDiscovery:
                f'receive one with {remedy}'
 
 
-def _list_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
+def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
     """Return the topics that may have the frames of an image topic, best first."""
-    image = ImageTopic(topic, IMAGE)
-    itself = ImageTopic(topic, COMPRESSED_IMAGE)
-    beside = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
+    raw = ImageTopic(topic, IMAGE)
+    compressed = ImageTopic(topic, COMPRESSED_IMAGE)
+    subtopic = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
     if resolved.endswith('/compressed'):
-        return itself, image, beside
-    return image, beside, itself
+        return compressed, raw, subtopic
+    return raw, subtopic, compressed
 
 
 def _describe_silent(

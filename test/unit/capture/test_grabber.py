@@ -148,7 +148,7 @@ def numbers_of(frames: list[Frame]) -> list[int]:
 
 @pytest.mark.parametrize(('rate', 'step'), [
     (0.0, 1), (1000.0, 1), (RATE, 1), (64.0, 2), (32.0, 4), (2.0, 64)])
-def test_a_camera_is_shown_as_often_as_asked(
+def test_camera_frames_have_the_requested_rate(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, rate: float,
         step: int) -> None:
     frames = take(grab(camera, rate=rate), clock, 1.0)
@@ -157,7 +157,7 @@ def test_a_camera_is_shown_as_often_as_asked(
 
 @pytest.mark.parametrize(('rate', 'first', 'count'), [
     (48.0, [1, 4, 6, 9, 12, 14, 17], 48), (51.2, [1, 3, 6, 8, 11, 13, 16], 52)])
-def test_a_rate_between_is_kept_on_the_average(
+def test_rate_that_does_not_divide_is_met_on_average(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, rate: float,
         first: list[int], count: int) -> None:
     frames = take(grab(camera, rate=rate), clock, 1.0)
@@ -165,7 +165,7 @@ def test_a_rate_between_is_kept_on_the_average(
     assert len(frames) == count
 
 
-def test_a_slow_reader_gets_the_newest_frame(
+def test_slow_reader_gets_the_newest_frame(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
     taken, ages = [], []
     for frame in itertools.islice(grab(camera).frames(), 5):
@@ -176,14 +176,14 @@ def test_a_slow_reader_gets_the_newest_frame(
     assert numbers_of(taken) == [1, 11, 22, 32, 43]
 
 
-def test_frames_that_are_not_due_are_not_decoded(
+def test_frames_before_their_due_time_are_not_decoded(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
     frames = take(grab(camera, rate=8.0), clock, 0.5)
     assert camera.decoded == numbers_of(frames) == [1, 17, 33, 49]
     assert camera.skipped == sorted({*range(1, 65)} - {*camera.decoded})
 
 
-def test_frames_that_nobody_sees_are_counted_but_not_decoded(
+def test_frames_without_subscribers_are_counted_not_decoded(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, log: Log) -> None:
     log.looking = False
     assert take(grab(camera), clock, 0.25) == [None] * (RATE // 4)
@@ -191,7 +191,7 @@ def test_frames_that_nobody_sees_are_counted_but_not_decoded(
     assert not camera.decoded
 
 
-def test_nothing_is_shown_before_the_audience_is_there(
+def test_no_frame_is_published_before_publishing_may_run(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, log: Log) -> None:
     log.there = False
     clock.plan(0.25, lambda: setattr(log, 'there', True))
@@ -199,7 +199,7 @@ def test_nothing_is_shown_before_the_audience_is_there(
     assert numbers_of([first]) == camera.decoded == [RATE // 4]
 
 
-def test_a_damaged_frame_is_left_out_and_said(
+def test_damaged_frame_is_skipped_and_reported(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, log: Log) -> None:
     camera.damaged = 5
     frames = take(grab(camera), clock, 8 / RATE)
@@ -208,7 +208,7 @@ def test_a_damaged_frame_is_left_out_and_said(
     assert log.lines == ['opened', 'broken: it is damaged']
 
 
-def test_a_camera_that_goes_is_closed_and_opened_again(
+def test_disconnected_camera_is_closed_and_reopened(
         grab: Callable[..., Grabber], clock: SteppedClock, log: Log) -> None:
     first, second = Camera(clock), Camera(clock)
     away = UnavailableError('not there')
@@ -226,14 +226,14 @@ def test_a_camera_that_goes_is_closed_and_opened_again(
     assert not grabber.unavailable_reason
 
 
-def test_a_camera_that_is_not_there_yet_is_the_same_case(
+def test_camera_missing_at_the_start_is_retried(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, log: Log) -> None:
     assert next(grab(UnavailableError('not there'), camera).frames()) is not None
     assert clock.waits == [0.0, 0.1]
     assert log.lines == ['lost: not there', 'opened', 'returned after 0.10 s']
 
 
-def test_retries_begin_anew_after_a_frame(
+def test_first_retry_delay_after_a_frame(
         grab: Callable[..., Grabber], clock: SteppedClock) -> None:
     cameras = [Camera(clock), Camera(clock), Camera(clock)]
     away = UnavailableError('not there')
@@ -245,7 +245,7 @@ def test_retries_begin_anew_after_a_frame(
     assert clock.waits == [0.0, 0.1, 0.2, 0.1, 0.2, 0.1]
 
 
-def test_a_camera_that_stalls_is_opened_anew_until_it_gives_frames(
+def test_stalled_camera_is_reopened_until_it_sends_frames(
         grab: Callable[..., Grabber], clock: SteppedClock, log: Log) -> None:
     cameras = [Camera(clock) for _ in range(3)]
     cameras[1].stalled = True
@@ -280,14 +280,14 @@ def test_reconnect_timeout(
     assert clock.now - began == pytest.approx(reconnect)
 
 
-def test_what_cannot_be_opened_at_all_is_not_waited_for(
+def test_permanent_failure_is_not_retried(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
     with pytest.raises(CaptureError, match='no camera'):
         next(grab(CaptureError('no camera'), camera).frames())
     assert clock.now == BEGAN
 
 
-def test_a_pause_lets_the_camera_go_and_an_end_of_it_takes_it_back(
+def test_pause_closes_the_camera_and_resume_reopens_it(
         grab: Callable[..., Grabber], clock: SteppedClock, log: Log) -> None:
     cameras = [Camera(clock), Camera(clock)]
     grabber = grab(*cameras)
@@ -309,7 +309,7 @@ def test_a_pause_lets_the_camera_go_and_an_end_of_it_takes_it_back(
     assert BEGAN + 1.0 <= clock.now < BEGAN + 1.0 + 2 * 0.1
 
 
-def test_a_pause_waits_until_the_camera_has_gone(
+def test_pause_waits_until_the_camera_is_closed(
         grab: Callable[..., Grabber], camera: Camera) -> None:
     grabber = grab(camera)
     frames = grabber.frames()
@@ -328,7 +328,7 @@ def test_a_pause_waits_until_the_camera_has_gone(
     assert gone and closed
 
 
-def test_a_camera_that_is_away_need_not_be_let_go(
+def test_pause_of_a_disconnected_camera_returns_at_once(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
     grabber = grab(UnavailableError('not there'), camera)
     gone = []
@@ -339,7 +339,7 @@ def test_a_camera_that_is_away_need_not_be_let_go(
     assert BEGAN + 10.0 < clock.now < BEGAN + 10.2
 
 
-def test_a_camera_is_opened_anew_when_something_else_is_wanted_of_it(
+def test_reopen_request_opens_the_camera_again(
         grab: Callable[..., Grabber], clock: SteppedClock, log: Log) -> None:
     cameras = [Camera(clock), Camera(clock)]
     grabber = grab(*cameras)
@@ -353,7 +353,7 @@ def test_a_camera_is_opened_anew_when_something_else_is_wanted_of_it(
     assert grabber.reconnects == 0
 
 
-def test_a_stop_ends_a_wait_for_a_camera(
+def test_stop_ends_the_wait_for_a_camera(
         grab: Callable[..., Grabber], clock: SteppedClock) -> None:
     grabber = grab(*itertools.repeat(UnavailableError('not there'), 50))
     clock.plan(0.8125, grabber.stop)

@@ -44,7 +44,7 @@ def frame_of(encoding: str) -> Frame:
     ('bgr8', ''), ('bgr8', 'bgr8'), ('yuv422_yuy2', ''), ('32FC1', ''), ('nv12', 'nv12'),
     ('yuv422_yuy2', 'yuv422_yuy2'), ('yuv422_yuy2', 'yuyv'), ('yuyv', 'yuv422_yuy2'),
     ('yuv422', 'uyvy')])
-def test_pixels_that_are_what_is_wanted_are_not_copied(captured: str, wanted: str) -> None:
+def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, wanted: str) -> None:
     frame = frame_of(captured)
     output = OutputImage(frame, OutputSettings(wanted))
     assert output.image is frame.image
@@ -60,7 +60,7 @@ def test_pixels_that_are_what_is_wanted_are_not_copied(captured: str, wanted: st
     ('yuv422', 'rgb8', 'rgb8', cv2.COLOR_YUV2RGB_UYVY),
     ('nv12', 'bgr8', 'bgr8', cv2.COLOR_YUV2BGR_NV12),
     ('bayer_rggb8', 'bgr8', 'bgr8', cv2.COLOR_BayerBG2BGR)])
-def test_pixels_are_what_is_wanted(
+def test_pixels_are_converted_flipped_and_rotated(
         captured: str, wanted: str, published: str, code: int | None) -> None:
     frame = frame_of(captured)
     output = OutputImage(frame, OutputSettings(wanted))
@@ -71,13 +71,13 @@ def test_pixels_are_what_is_wanted(
     np.testing.assert_array_equal(output.image, expected, strict=True)
 
 
-def test_colours_come_before_depth() -> None:
+def test_colours_are_converted_before_depth() -> None:
     output = OutputImage(frame_of(JPEG), OutputSettings('mono16'))
     gray = cv2.cvtColor(DECODED, cv2.COLOR_BGR2GRAY)
     np.testing.assert_array_equal(output.image, gray * np.uint16(257), strict=True)
 
 
-def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
+def test_camera_jpeg_is_published_unchanged() -> None:
     frame = frame_of(JPEG)
     for encoding in ('', 'bgr8', 'rgb8'):
         data, format_text = OutputImage(frame, OutputSettings(encoding)).jpeg
@@ -85,7 +85,7 @@ def test_the_jpeg_of_a_camera_is_passed_on_as_it_is() -> None:
         assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
 
 
-def test_the_gray_jpeg_of_a_camera_is_told_as_gray() -> None:
+def test_gray_camera_jpeg_is_declared_as_mono8() -> None:
     gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
     for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
         data, format_text = OutputImage(Frame(gray, JPEG), OutputSettings(encoding)).jpeg
@@ -97,8 +97,7 @@ def test_the_gray_jpeg_of_a_camera_is_told_as_gray() -> None:
 
 @pytest.mark.parametrize('settings', [
     OutputSettings(flip='vertical'), OutputSettings(rotate=180), OutputSettings('mono8')])
-def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(
-        settings: OutputSettings) -> None:
+def test_camera_jpeg_is_encoded_again_for_other_settings(settings: OutputSettings) -> None:
     output = OutputImage(frame_of(JPEG), settings)
     data, _ = output.jpeg
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
@@ -114,7 +113,7 @@ def test_the_jpeg_of_a_camera_is_made_anew_when_it_is_not_what_is_wanted(
     ('mono8', 'mono8; jpeg compressed mono8'), ('bgr16', 'bgr8; jpeg compressed bgr8'),
     ('yuv422_yuy2', 'bgr8; jpeg compressed bgr8'), ('nv12', 'bgr8; jpeg compressed bgr8'),
     ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
-def test_a_jpeg_is_told_as_compressed_image_transport_does(
+def test_format_string_is_that_of_compressed_image_transport(
         captured: str, format_text: str) -> None:
     data, told = OutputImage(frame_of(captured), OutputSettings()).jpeg
     assert told == format_text
@@ -124,7 +123,7 @@ def test_a_jpeg_is_told_as_compressed_image_transport_does(
         assert np.abs(shown.astype(int) - PICTURE).mean() < 8
 
 
-def test_quality_makes_jpegs_larger() -> None:
+def test_higher_quality_makes_larger_jpegs() -> None:
     sizes = [OutputImage(frame_of('bgr8'), OutputSettings(jpeg_quality=quality)).jpeg[0].size
              for quality in (1, 50, 100)]
     assert sizes == sorted(set(sizes))
@@ -133,21 +132,21 @@ def test_quality_makes_jpegs_larger() -> None:
 @pytest.mark.parametrize(('captured', 'settings'), [
     ('32FC1', OutputSettings('bgr8')), ('bgr8', OutputSettings('yuv422_yuy2')),
     ('yuv422_yuy2', OutputSettings('uyvy')), ('nv12', OutputSettings(rotate=90))])
-def test_what_cannot_be_is_refused(captured: str, settings: OutputSettings) -> None:
+def test_impossible_conversions_are_refused(captured: str, settings: OutputSettings) -> None:
     with pytest.raises(ImageError):
         _ = OutputImage(frame_of(captured), settings).image
 
 
 @pytest.mark.parametrize('data', [b'', b'no picture', JPEG_BYTES.tobytes()[:-300]])
-def test_a_jpeg_that_is_damaged_is_refused(data: bytes) -> None:
+def test_damaged_jpeg_is_refused(data: bytes) -> None:
     frame = Frame(np.frombuffer(data, np.uint8), JPEG)
     with pytest.raises(ImageError):
         _ = OutputImage(frame, OutputSettings()).size
 
 
-def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for name in ('decode_picture', 'encode_picture', 'convert_picture'):
+    for name in ('decode_image', 'encode_image', 'convert_image'):
         original = getattr(__import__('opencv_tools.capture.output_image', fromlist=['x']), name)
         monkeypatch.setattr(
             f'opencv_tools.capture.output_image.{name}',
@@ -157,4 +156,4 @@ def test_nothing_is_made_twice_or_unasked(monkeypatch: pytest.MonkeyPatch) -> No
     for _ in range(2):
         assert output.image.shape == (48, 64)
         assert output.jpeg[1] == 'mono8; jpeg compressed mono8'
-    assert calls == ['decode_picture', 'convert_picture', 'encode_picture']
+    assert calls == ['decode_image', 'convert_image', 'encode_image']

@@ -53,7 +53,7 @@ def server() -> Iterator[str]:
 
 
 @pytest.mark.parametrize('scheme', ['rtsp', 'http', 'https', 'rtmp', 'tcp'])
-def test_a_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
+def test_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     port = bound.getsockname()[1]
     url = f'{scheme}://user@127.0.0.1:{port}/x'
     expected = f'{url} is not reachable: 127.0.0.1 port {port}: Connection refused'
@@ -69,7 +69,7 @@ def test_a_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     (socket.gaierror(socket.EAI_NONAME, 'Name or service not known'), 'Name or service not known'),
     (OSError('of another kind'), 'of another kind')])
 @pytest.mark.parametrize(('scheme', 'port'), [('rtsp', 554), ('http', 80), ('https', 443)])
-def test_a_server_that_cannot_be_reached_is_named_with_its_usual_port(
+def test_unreachable_server_is_named_with_its_default_port(
         monkeypatch: pytest.MonkeyPatch, err: OSError, reason: str, scheme: str,
         port: int) -> None:
     def refuse(address: tuple[str, int], seconds: float) -> socket.socket:
@@ -83,7 +83,8 @@ def test_a_server_that_cannot_be_reached_is_named_with_its_usual_port(
 
 @pytest.mark.parametrize('url', [
     'udp://239.0.0.1:5000', 'rtp://127.0.0.1:5000', 'http:///x', 'tcp://127.0.0.1'])
-def test_who_cannot_be_called_is_not_called(monkeypatch: pytest.MonkeyPatch, url: str) -> None:
+def test_urls_without_a_tcp_server_are_not_contacted(
+        monkeypatch: pytest.MonkeyPatch, url: str) -> None:
     monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
     assert describe_failure(url) == (
         f'{url} cannot be opened as a video: it is unreachable or sends no video')
@@ -91,16 +92,16 @@ def test_who_cannot_be_called_is_not_called(monkeypatch: pytest.MonkeyPatch, url
 
 @pytest.mark.parametrize('url', [
     'rtsp://127.0.0.1:99999/x', 'rtsp://[::1/x', f'http://{"a" * 70}.example/x'])
-def test_a_url_that_cannot_be_is_said_to_be_none(url: str) -> None:
+def test_invalid_url_is_reported_as_such(url: str) -> None:
     assert describe_failure(url).startswith(f'{url} is not a URL: ')
 
 
-def test_a_closed_port_may_open_later(bound: socket.socket) -> None:
+def test_closed_port_is_a_temporary_failure(bound: socket.socket) -> None:
     url = f'rtsp://127.0.0.1:{bound.getsockname()[1]}/x'
     with pytest.raises(UnavailableError, match=r'is not reachable: .*: Connection refused'):
         open_source(url)
 
 
-def test_a_server_without_a_video_is_told_from_a_closed_port(server: str) -> None:
+def test_server_without_a_video_differs_from_a_closed_port(server: str) -> None:
     with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
         open_source(server)

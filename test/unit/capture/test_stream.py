@@ -100,7 +100,7 @@ def send(capture: Capture, *numbers: int | None) -> None:
         capture.reads.put(None)
 
 
-def test_the_newest_frame_is_read_and_the_others_are_missed(
+def test_newest_frame_is_read_and_older_ones_count_as_missed(
         capture: Capture, source: StreamSource) -> None:
     send(capture, *range(1, 11))
     assert source.wait(0.0)
@@ -113,13 +113,13 @@ def test_the_newest_frame_is_read_and_the_others_are_missed(
     assert (source.name, source.rate, source.live) == ('rtsp://camera', 25.0, True)
 
 
-def test_a_wait_ends_with_the_next_frame(capture: Capture, source: StreamSource) -> None:
+def test_wait_ends_with_the_next_frame(capture: Capture, source: StreamSource) -> None:
     Thread(target=lambda: send(capture, 1)).start()
     assert source.wait(DEADLINE)
     assert source.read().image.tolist() == [[1]]
 
 
-def test_a_frame_that_is_passed_over_is_not_read(capture: Capture, source: StreamSource) -> None:
+def test_skipped_frame_is_not_read(capture: Capture, source: StreamSource) -> None:
     send(capture, 1)
     source.skip()
     assert not source.wait(0.0)
@@ -129,7 +129,7 @@ def test_a_frame_that_is_passed_over_is_not_read(capture: Capture, source: Strea
     assert source.missed == 0
 
 
-def test_the_last_frame_is_read_before_the_end_is_told(
+def test_last_frame_is_read_before_the_end_is_reported(
         capture: Capture, source: StreamSource) -> None:
     send(capture, 1, None)
     assert source.wait(0.0)
@@ -140,7 +140,7 @@ def test_the_last_frame_is_read_before_the_end_is_told(
     assert capture.released
 
 
-def test_a_stream_that_goes_on_can_be_closed_twice(capture: Capture) -> None:
+def test_running_stream_can_be_closed_twice(capture: Capture) -> None:
     capture.endless = True
     source = CheckedSource('rtsp://camera', capture)
     assert source.wait(DEADLINE)

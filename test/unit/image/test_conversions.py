@@ -185,8 +185,7 @@ def test_every_refusal_has_the_text_of_cv_bridge(tell: Callable[[str], None]) ->
 
 
 @pytest.mark.process
-def test_everything_equals_the_cv_bridge_of_this_machine(
-        tell: Callable[[str], None]) -> None:
+def test_every_conversion_equals_the_installed_cv_bridge(tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
     # Debian's cv_bridge is of ROS 1, whose tables do not contain these.
     unknown = {'uyvy', 'yuyv', 'yuv422_yuy2', 'nv21', 'nv24', '64UC1', '64UC3', '8FC1', '16FC3'}
@@ -215,7 +214,7 @@ def test_everything_equals_the_cv_bridge_of_this_machine(
     assert not wrong
 
 
-def test_large_images_are_converted_in_blocks_without_a_seam() -> None:
+def test_blocks_of_large_images_have_no_seam() -> None:
     bridge = CvBridge()
     for source in ('bgr8', 'rgba8', 'mono8', 'mono16', 'bgr16', 'bayer_grbg8', 'bayer_bggr16',
                    'uyvy', 'yuyv', 'nv12', 'nv24'):
@@ -227,14 +226,14 @@ def test_large_images_are_converted_in_blocks_without_a_seam() -> None:
             assert same(converted, expected, tolerance(source, desired, cv2.__version__))
 
 
-def test_every_number_of_16_bits_becomes_the_nearest_of_8() -> None:
+def test_every_16_bit_number_becomes_the_nearest_8_bit_number() -> None:
     numbers = np.arange(2**16, dtype=np.uint16).reshape(256, 256)
     message = CvBridge().cv2_to_imgmsg(numbers, 'mono16')
     expected = np.round(numbers.astype(np.float64) / 257).astype(np.uint8)
     np.testing.assert_array_equal(CvBridge().imgmsg_to_cv2(message, 'mono8'), expected)
 
 
-def test_every_luma_with_every_chroma() -> None:
+def test_every_luma_with_every_chroma_equals_opencv() -> None:
     luma, u, v = (np.arange(256, dtype=np.uint8)[None],
                   *np.meshgrid(*[np.arange(0, 256, dtype=np.uint8)] * 2))
     for first in range(0, 256, 15):
@@ -249,7 +248,7 @@ def test_every_luma_with_every_chroma() -> None:
 
 @pytest.mark.parametrize('source', [name for name in ENCODINGS if name.startswith('bayer_')])
 @pytest.mark.parametrize(('height', 'width'), [(5, 1), (5, 2), (3, 2), (1, 5), (2, 5)])
-def test_a_mosaic_of_nothing_but_edges_is_black(source: str, height: int, width: int) -> None:
+def test_mosaic_without_inner_pixels_is_black(source: str, height: int, width: int) -> None:
     image = np.full((height, width), 200, find_encoding(source).dtype)
     message = CvBridge().cv2_to_imgmsg(image, source)
     for desired in COLOR_ENCODINGS:
@@ -259,7 +258,7 @@ def test_a_mosaic_of_nothing_but_edges_is_black(source: str, height: int, width:
 
 
 @pytest.mark.parametrize(('height', 'width'), [(1, 1), (3, 5), (2, 7)])
-def test_nv24_of_odd_width_has_colours(height: int, width: int) -> None:
+def test_nv24_with_an_odd_width_has_colours(height: int, width: int) -> None:
     image = random_image('nv24', height, width)
     message = CvBridge().cv2_to_imgmsg(image, 'nv24')
     for desired in COLOR_ENCODINGS:

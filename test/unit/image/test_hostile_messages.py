@@ -54,7 +54,7 @@ def answer(message: SimpleNamespace, desired: str) -> np.ndarray | None:
 @example('64FC1', 'passthrough', 2**32 - 1, 2**32 - 1, 2**32 - 1, 0, 1)
 @example('bgr8', 'mono8', 2**32 - 1, 1, 3, 0, 0)
 @example('bayer_rggb8', 'bgr8', 1, 2**32 - 1, 2**32 - 1, 0, 0)
-def test_any_message_is_answered_rightly_or_refused(
+def test_random_message_is_converted_correctly_or_refused(
         encoding: str, desired: str, height: int, width: int, step: int | None, missing: int,
         is_bigendian: int) -> None:
     try:
@@ -101,7 +101,7 @@ def test_any_message_is_answered_rightly_or_refused(
 @example(b'\xff\xd8\xff', 'jpeg', 'bgr8')
 @example(b'\x89PNG\r\n\x1a\n', '16UC1; png compressed ', '16UC1')
 @example(b'', '', 'passthrough')
-def test_any_compressed_message_is_refused_or_an_image(
+def test_random_compressed_message_is_an_image_or_refused(
         data: bytes, text: str, desired: str) -> None:
     try:
         image = CvBridge().compressed_imgmsg_to_cv2(
@@ -113,7 +113,7 @@ def test_any_compressed_message_is_refused_or_an_image(
 
 
 @pytest.mark.parametrize('suffix', ['jpg', 'png', 'bmp', 'tiff', 'webp'])
-def test_a_picture_cut_short_is_refused(suffix: str) -> None:
+def test_truncated_image_file_is_refused(suffix: str) -> None:
     bridge = CvBridge()
     image = np.random.default_rng(3).integers(0, 256, (40, 60, 3), np.uint8)
     whole = bridge.cv2_to_compressed_imgmsg(image, suffix).data.tobytes()

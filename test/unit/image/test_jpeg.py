@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size
-from opencv_tools.image_codecs import decode_picture
+from opencv_tools.image_codecs import decode_image
 import pytest
 
 ENDS = b'\xff\xd9'
@@ -60,12 +60,12 @@ OPTIONS = {
     photo(), photo(channels=1), photo(17, 9), photo(1, 1), np.full((64, 64, 3), FILLING, np.uint8),
     np.full((33, 65), FILLING, np.uint8), np.zeros((480, 640, 3), np.uint8)],
     ids=['photo', 'mono', 'odd', 'one', 'gray', 'gray mono', 'black'])
-def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
+def test_complete_jpeg_passes(image: np.ndarray, kind: str) -> None:
     jpeg = encoded(image, *OPTIONS[kind])
     assert jpeg_size(jpeg) == (image.shape[1], image.shape[0])
     assert jpeg_components(jpeg) == (1 if image.ndim == 2 else 3)
     assert jpeg[check_jpeg(jpeg):].startswith(ENDS)
-    assert np.array_equal(decode_picture(jpeg), cv2.imdecode(
+    assert np.array_equal(decode_image(jpeg), cv2.imdecode(
         np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED))
 
 
@@ -73,14 +73,13 @@ def test_a_whole_jpeg_passes(image: np.ndarray, kind: str) -> None:
 @pytest.mark.parametrize('kind', ['baseline', 'quality', 'optimized', 'restarts'])
 @pytest.mark.parametrize('part', [0.0, 0.01, 1 / 3, 0.5, 0.9, 0.97])
 @pytest.mark.parametrize('channels', [1, 3])
-def test_a_scan_that_breaks_off_is_no_picture(
-        kind: str, part: float, channels: int, upright: bool) -> None:
+def test_truncated_scan_is_refused(kind: str, part: float, channels: int, upright: bool) -> None:
     jpeg = encoded(photo(channels=channels), *OPTIONS[kind])
     with pytest.raises(CodecError, match=r'whose end is missing$'):
-        decode_picture(broken_off(jpeg, part), upright)
+        decode_image(broken_off(jpeg, part), upright)
 
 
-def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
+def test_scan_truncated_at_any_restart_interval_is_refused() -> None:
     jpeg = encoded(photo(), *OPTIONS['restarts'])
     begin = jpeg.rfind(b'\xff\xda')
     ends = [place for place in range(begin, len(jpeg) - 2)
@@ -89,18 +88,18 @@ def test_a_scan_that_ends_with_any_restart_interval_is_no_picture() -> None:
     for place in ends:
         for data in (jpeg[:place] + ENDS, jpeg[:place + 2] + ENDS):
             with pytest.raises(CodecError, match=r'whose end is missing$'):
-                decode_picture(data)
+                decode_image(data)
 
 
 @pytest.mark.parametrize('kind', ['baseline', 'optimized', 'restarts', 'progressive'])
-def test_a_scan_with_too_few_bits_is_refused_without_being_decoded(kind: str) -> None:
+def test_scan_with_too_few_bits_is_refused_before_decoding(kind: str) -> None:
     jpeg = encoded(photo(480, 640), *OPTIONS[kind])
     begin = jpeg.find(b'\xff\xda') + 14
     with pytest.raises(JpegError, match=r'whose end is missing$'):
         check_jpeg(jpeg[:begin] + bytes(20) + ENDS)
 
 
-def test_a_component_without_a_scan_is_missing() -> None:
+def test_component_without_a_scan_is_refused() -> None:
     jpeg = encoded(photo())
     first = jpeg.find(b'\xff\xda')
     one = jpeg[:first] + b'\xff\xda\0\x08\1\1\0\0\x3f\0' + jpeg[first + 14:]
@@ -112,7 +111,7 @@ def test_a_component_without_a_scan_is_missing() -> None:
     (b'\xff\xc0\0\x11', b'\xff\xc0\0\x10'), (b'\xff\xda\0\x0c', b'\xff\xda\0\x0e'),
     (b'\xff\xda\0\x0c\3', b'\xff\xda\0\x0c\2'), (b'\xff\xc4\0\x1f', b'\xff\xc4\0\x18'),
     (b'\xff\xda\0\x0c\3\1', b'\xff\xda\0\x0c\3\7'), (b'\xff\xda', b'\xff\xd8')])
-def test_rubbish_between_head_and_end_is_refused(old: bytes, new: bytes) -> None:
+def test_damaged_segments_are_refused(old: bytes, new: bytes) -> None:
     jpeg = encoded(photo())
     check_jpeg(jpeg)
     damaged = jpeg.replace(old, new, 1)
@@ -121,8 +120,8 @@ def test_rubbish_between_head_and_end_is_refused(old: bytes, new: bytes) -> None
         check_jpeg(damaged)
 
 
-def test_fill_bytes_and_stray_bytes_before_a_marker_are_passed_over_as_libjpeg_does() -> None:
+def test_bytes_before_a_marker_are_skipped_like_libjpeg() -> None:
     jpeg = encoded(photo())
     padded = jpeg[:2] + b'\xff\xff\xff' + jpeg[2:-2] + b'\xff\xff' + ENDS
     assert jpeg_size(padded) == (128, 96)
-    assert np.array_equal(decode_picture(padded), decode_picture(jpeg))
+    assert np.array_equal(decode_image(padded), decode_image(jpeg))

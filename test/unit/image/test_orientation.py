@@ -37,7 +37,7 @@ def turned_by_opencv(image: np.ndarray, flip: str, degrees: int) -> np.ndarray:
 
 @pytest.mark.parametrize(('flip', 'degrees'), WAYS)
 @pytest.mark.parametrize('name', ['mono8', 'bgr8', 'rgba16', '32FC1', '8UC2'])
-def test_images_are_turned_as_opencv_does(name: str, flip: str, degrees: int) -> None:
+def test_orientation_equals_opencv(name: str, flip: str, degrees: int) -> None:
     encoding = find_encoding(name)
     shape = (5, 8) if encoding.channels == 1 else (5, 8, encoding.channels)
     image = np.random.default_rng(7).integers(0, 255, shape).astype(encoding.dtype)
@@ -51,7 +51,7 @@ def test_images_are_turned_as_opencv_does(name: str, flip: str, degrees: int) ->
 @pytest.mark.parametrize(('flip', 'degrees'), WAYS)
 @pytest.mark.parametrize(('height', 'width'), [(6, 8), (5, 8), (6, 7), (5, 7)])
 @pytest.mark.parametrize('name', ['bayer_rggb8', 'bayer_gbrg16'])
-def test_the_colours_of_a_turned_bayer_image_are_those_of_the_image_turned(
+def test_turned_bayer_image_has_the_turned_colours(
         name: str, height: int, width: int, flip: str, degrees: int) -> None:
     encoding = find_encoding(name)
     full = np.random.default_rng(7).integers(0, 200, (1, 1, 3)).astype(encoding.dtype)
@@ -65,7 +65,7 @@ def test_the_colours_of_a_turned_bayer_image_are_those_of_the_image_turned(
 
 @pytest.mark.parametrize('name', [
     name for name, encoding in ENCODINGS.items() if encoding.kind == 'yuv'])
-def test_pixels_that_share_their_colour_are_not_turned(name: str) -> None:
+def test_encodings_with_shared_chroma_are_not_turned(name: str) -> None:
     image = np.zeros((6, 4, 2) if ENCODINGS[name].channels == 2 else (6, 4), np.uint8)
     assert orient(image, ENCODINGS[name], 'none', 0)[0] is image
     for flip, degrees in (('both', 0), ('none', 90)):

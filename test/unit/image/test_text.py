@@ -21,7 +21,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.image_files import PictureSequence
+from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
 from opencv_tools.cv_bridge import CvBridge
@@ -50,13 +50,13 @@ HOSTILE = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u20
     ('\u202e', r'\u202e'), ('\u2028', r'\u2028'), ('\udcff', r'\udcff'),
     ('\U000e0001', r'\U000e0001'),
     ('a' * 200, 'a' * 200), ('a' * 201, 'a' * 197 + '...'), ('\n' * 200, r'\n' * 98 + '\\...')])
-def test_a_text_is_printable_and_short(text: str, shown: str) -> None:
+def test_text_is_printable_and_short(text: str, shown: str) -> None:
     assert printable(text) == shown
     assert printable(text).isprintable()
 
 
 @pytest.mark.parametrize('longest', [1, 3, 4, 20])
-def test_a_text_is_as_long_as_asked(longest: int) -> None:
+def test_text_has_the_requested_length(longest: int) -> None:
     for text in ('a' * 10**6, '\n' * 10**6):
         assert len(printable(text, longest)) <= max(3, longest)
 
@@ -69,19 +69,19 @@ def test_a_text_is_as_long_as_asked(longest: int) -> None:
     ('http://host/a?user=me&password=secret&x=1', 'http://host/a?user=me&password=***&x=1'),
     ('http://host/a?PWD=secret', 'http://host/a?PWD=***'),
     ('http://host/\x1b[2J', r'http://host/\x1b[2J'), ('/a:b@c', '/a:b@c'), ('0', '0')])
-def test_a_url_is_shown_without_its_password(url: str, shown: str) -> None:
+def test_url_is_printed_without_its_password(url: str, shown: str) -> None:
     assert without_password(url) == shown
 
 
 @pytest.mark.parametrize('find', [find_encoding, find_desired])
-def test_an_encoding_that_is_not_known_is_shown_printable(find: object) -> None:
+def test_unknown_encoding_is_printed_safely(find: object) -> None:
     with pytest.raises(EncodingError) as raised:
         find(HOSTILE)
     assert str(raised.value).isprintable()
     assert 'owned' in str(raised.value)
 
 
-def test_a_format_that_is_not_known_is_shown_printable() -> None:
+def test_unknown_format_is_printed_safely() -> None:
     image = CvBridge().imgmsg_to_cv2(Image(encoding='mono8', height=1, width=1, step=1, data=[0]))
     with pytest.raises(TypeError) as raised:
         CvBridge().cv2_to_compressed_imgmsg(image, HOSTILE)
@@ -89,7 +89,7 @@ def test_a_format_that_is_not_known_is_shown_printable() -> None:
 
 
 @pytest.mark.parametrize('text', [HOSTILE, 'a' * 10**6], ids=['hostile', 'long'])
-def test_printable_description_of_a_message(text: str) -> None:
+def test_description_of_a_message_is_printable(text: str) -> None:
     header = WireHeader(0, 0, '')
     for message in (
             WireImage(header=header, height=1, width=1, encoding=text, is_bigendian=False, step=1,
@@ -99,7 +99,7 @@ def test_printable_description_of_a_message(text: str) -> None:
         assert len(message.description) < 80
 
 
-def test_the_graph_is_shown_printable() -> None:
+def test_names_of_the_ros_graph_are_printed_safely() -> None:
     node = SimpleNamespace(node_namespace=f'/{HOSTILE}', node_name=HOSTILE)
     for shown in (_describe_node(node), _enumerate([HOSTILE] * 9)):
         assert shown.isprintable()
@@ -109,11 +109,11 @@ def test_the_graph_is_shown_printable() -> None:
 @pytest.mark.parametrize(('topic', 'is_one'), [
     ('/video_frames', True), ('/a/b_1', True), ('/a b', False), ('/$(reboot)', False),
     ('/a\n', False), ('a', False), ('', False)])
-def test_only_topics_of_ros_are_offered(topic: str, is_one: bool) -> None:
+def test_only_valid_topic_names_are_offered(topic: str, is_one: bool) -> None:
     assert bool(_NAME.fullmatch(topic)) is is_one
 
 
-def test_names_of_parameters_are_shown_printable(tmp_path: Path) -> None:
+def test_names_of_parameters_are_printed_safely(tmp_path: Path) -> None:
     assert describe_unknown(HOSTILE, PARAMETERS).isprintable()
     path = tmp_path / 'params.yaml'
     path.write_text(json.dumps({HOSTILE: {'ros__parameters': {'a': 1}}}))
@@ -123,7 +123,7 @@ def test_names_of_parameters_are_shown_printable(tmp_path: Path) -> None:
     assert str(raised.value).isprintable()
 
 
-def test_a_source_is_shown_without_its_password() -> None:
+def test_source_is_printed_without_its_password() -> None:
     flip = next(parameter for parameter in PARAMETERS if parameter.name == 'flip')
     for message in (describe_failure('nonsense://me:secret@host'),
                     describe_failure('rtsp://me:secret@[host')):
@@ -135,14 +135,14 @@ def test_a_source_is_shown_without_its_password() -> None:
     assert len(str(raised.value)) < 5000
 
 
-def test_names_of_files_are_shown_printable(tmp_path: Path) -> None:
+def test_names_of_files_are_printed_safely(tmp_path: Path) -> None:
     picture = tmp_path / 'a\x1b[2J\n\udcff.png'
     with pytest.raises(CaptureError) as raised:
         open_source(str(picture))
     assert str(raised.value).isprintable()
     picture.write_bytes(b'nothing')
     with pytest.raises(BrokenFrameError) as raised:
-        PictureSequence([picture], str(picture)).read()
+        ImageFileSource([picture], str(picture)).read()
     assert str(raised.value).isprintable()
     (tmp_path / '\x1b[2J.png').touch()
     folder = Folder(tmp_path)
@@ -152,7 +152,7 @@ def test_names_of_files_are_shown_printable(tmp_path: Path) -> None:
     assert str(raised.value).isprintable()
 
 
-def test_an_image_error_has_a_sentence_of_bounded_length() -> None:
+def test_image_error_has_a_bounded_length() -> None:
     with pytest.raises(ImageError) as raised:
         find_encoding('x' * 10**7)
     assert len(str(raised.value)) < 200

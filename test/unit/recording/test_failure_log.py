@@ -57,7 +57,7 @@ def letters(number: int) -> str:
     return chr(ord('a') + number // 26) + chr(ord('a') + number % 26)
 
 
-def test_reasons_are_told_once_however_many_there_are(clock: Time) -> None:
+def test_each_reason_is_logged_once(clock: Time) -> None:
     console = Console()
     failure_log = FailureLog(console)
     for number in range(300):
@@ -69,7 +69,7 @@ def test_reasons_are_told_once_however_many_there_are(clock: Time) -> None:
     assert console.lines[-1] == 'reason aa'
 
 
-def test_other_numbers_are_no_other_reason(clock: Time) -> None:
+def test_reasons_that_differ_in_numbers_are_the_same(clock: Time) -> None:
     console = Console()
     failure_log = FailureLog(console)
     for number in range(30):
@@ -80,7 +80,7 @@ def test_other_numbers_are_no_other_reason(clock: Time) -> None:
 
 
 @pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
-def test_no_more_than_a_line_a_second_is_told_for_long(name: str, clock: Time) -> None:
+def test_rate_of_lines_is_limited_to_one_per_second(name: str, clock: Time) -> None:
     console = Console()
     failure_log = FailureLog(console)
     for number in range(600):
@@ -95,7 +95,7 @@ def test_no_more_than_a_line_a_second_is_told_for_long(name: str, clock: Time) -
     assert counted + int(last.split()[-2]) + len(console.lines) == 600 + 1
 
 
-def test_an_end_that_may_not_be_told_now_is_told_with_a_later_frame(clock: Time) -> None:
+def test_end_of_an_outage_is_logged_when_the_rate_allows(clock: Time) -> None:
     console = Console()
     failure_log = FailureLog(console)
     for _ in range(20):
@@ -110,7 +110,7 @@ def test_an_end_that_may_not_be_told_now_is_told_with_a_later_frame(clock: Time)
     assert len(console.lines) == 11
 
 
-def test_what_a_library_says_becomes_a_sentence_with_a_remedy() -> None:
+def test_library_error_becomes_a_sentence_with_a_remedy() -> None:
     console = Console()
     FailureLog(console).bad_frame(
         'a frame was not written: a 65535x1 frame cannot be encoded as .mp4: [Errno 542398533] '
@@ -121,7 +121,7 @@ def test_what_a_library_says_becomes_a_sentence_with_a_remedy() -> None:
         'external library; set the extension of file_name to .png or .npy, which hold any size']
 
 
-def test_what_is_told_is_printable_and_no_longer_than_needed() -> None:
+def test_lines_are_printable_and_short() -> None:
     console = Console()
     failure_log = FailureLog(console)
     failure_log.bad_frame('\x1b[2J' + 'a' * 10**6)
@@ -130,7 +130,7 @@ def test_what_is_told_is_printable_and_no_longer_than_needed() -> None:
     assert len(console.lines) == 2
 
 
-def test_an_outage_is_told_when_it_begins_changes_and_ends() -> None:
+def test_outage_is_logged_at_its_start_change_and_end() -> None:
     console = Console()
     failure_log = FailureLog(console)
     failure_log.write_succeeded()
@@ -145,7 +145,7 @@ def test_an_outage_is_told_when_it_begins_changes_and_ends() -> None:
 
 
 @pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
-def test_threads_with_one_trouble_tell_it_once(name: str) -> None:
+def test_threads_log_a_common_failure_once(name: str) -> None:
     console = Console()
     failure_log = FailureLog(console)
     together = Barrier(8)

@@ -44,7 +44,7 @@ IHDR = b'IHDR', b'\0\0\1\7\0\0\0\5\x08\0\0\0\0'
 
 
 @pytest.mark.parametrize('marker', [*range(0xc0, 0xd0)])
-def test_a_frame_of_any_kind_has_the_size(marker: int) -> None:
+def test_size_in_every_kind_of_jpeg_frame_header(marker: int) -> None:
     data = jpeg(COMMENT, bytes([0xff, marker]) + SIZE)
     if marker in (0xc4, 0xc8, 0xcc):
         with pytest.raises(CodecError, match=f'^{len(data)} bytes of a picture without a size'):
@@ -54,7 +54,7 @@ def test_a_frame_of_any_kind_has_the_size(marker: int) -> None:
 
 
 @pytest.mark.parametrize('marker', [0x01, *range(0xd0, 0xd8)])
-def test_markers_without_a_length_are_passed_over(marker: int) -> None:
+def test_markers_without_a_length_are_skipped(marker: int) -> None:
     data = jpeg(bytes([0xff, marker]), COMMENT, b'\xff\xc0' + SIZE)
     assert read_image_header(memoryview(data)) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
 
@@ -64,29 +64,29 @@ def test_markers_without_a_length_are_passed_over(marker: int) -> None:
     jpeg(BEGINS, b'\xff\xc0' + SIZE),
     jpeg(b'\xff\xc0\x00\x0b'), jpeg(), jpeg(*[COMMENT] * 1000, b'\xff\xc0' + SIZE)],
     ids=['zero', 'fill', 'long', 'again', 'short', 'nothing', 'many'])
-def test_a_size_that_is_not_there_is_not_read(data: bytes) -> None:
+def test_jpeg_without_a_size_is_refused(data: bytes) -> None:
     with pytest.raises(CodecError, match=f'^{len(data)} bytes of a picture without a size$'):
         read_image_header(data)
 
 
-def test_a_size_is_found_behind_many_segments() -> None:
+def test_size_is_found_after_many_segments() -> None:
     data = jpeg(*[COMMENT] * 999, b'\xff\xc0' + SIZE)
     assert read_image_header(data) == ImageHeader(('.jpg', '.jpeg'), 263, 5)
 
 
 @pytest.mark.parametrize('data', [
     b'\x89PNG\r\n\x1a\n' + bytes(100), BEGINS + b'\xff\xc0' + SIZE, BEGINS])
-def test_an_end_that_is_missing_is_told(data: bytes) -> None:
+def test_jpeg_without_an_end_is_refused(data: bytes) -> None:
     with pytest.raises(CodecError, match=f'^{len(data)} bytes of .* whose end is missing$'):
         read_image_header(data)
 
 
 @pytest.mark.parametrize('data', [b'', b'text', b'\xff', b'II*\0' + bytes(100)])
-def test_other_formats_are_not_looked_into(data: bytes) -> None:
+def test_other_formats_have_no_header(data: bytes) -> None:
     assert read_image_header(data) == ImageHeader((), 0, 0)
 
 
-def test_a_png_tells_its_size() -> None:
+def test_size_of_a_png() -> None:
     assert read_image_header(png(IHDR, (b'IDAT', b'x'))) == ImageHeader(('.png',), 263, 5)
 
 
@@ -96,6 +96,6 @@ def test_a_png_tells_its_size() -> None:
     png(IHDR)[:-12] + b'rubbish' + png()[-12:],
     png(IHDR)[:-12] + b'\xff\xff\xff\xffIDAT' + png()[-12:]],
     ids=['nothing', 'no pixels', 'no header', 'header later', 'sum', 'rubbish', 'long'])
-def test_a_png_with_rubbish_in_it_is_refused(data: bytes) -> None:
+def test_damaged_png_is_refused(data: bytes) -> None:
     with pytest.raises(CodecError, match=f'^{len(data)} bytes of a PNG picture .* damaged$'):
         read_image_header(data)

@@ -37,7 +37,7 @@ FRAME = FrameMetadata(
     ('{encoding}.{seq}.png', '16UC1__png_compressed_.42.png', '.png'),
     ('{{{seq}}}.png', '{42}.png', '.png'),
 ])
-def test_names(template: str, name: str, suffix: str) -> None:
+def test_file_names_of_templates(template: str, name: str, suffix: str) -> None:
     names = FileNames(template)
     assert names.name(42, FRAME) == name
     assert names.suffix == suffix
@@ -50,7 +50,7 @@ def test_names(template: str, name: str, suffix: str) -> None:
 @pytest.mark.parametrize(('template', 'name'), [
     ('x.png', 'x.png'), ('{stamp}.png', '1700000000.000000042.png'), ('{frame_id}.png',
                                                                       'camera_left.png')])
-def test_names_without_a_number(template: str, name: str) -> None:
+def test_file_names_without_a_number(template: str, name: str) -> None:
     names = FileNames(template)
     assert names.name(42, FRAME) == name
     assert names.matches(name) and names.matches(numbered_copy(name, 12))
@@ -63,7 +63,7 @@ def test_copies_are_numbered_before_the_extension() -> None:
     assert numbered_copy('clip.front.mp4', 2) == 'clip.front_2.mp4'
 
 
-def test_a_frame_without_a_stamp_has_one_of_zeros() -> None:
+def test_missing_stamp_is_written_as_zeros() -> None:
     unstamped = FrameMetadata(0, '', '', '')
     assert FileNames('{stamp}.png').name(0, unstamped) == '0.000000000.png'
     assert FileNames('{frame_id}.png').name(0, unstamped) == '_.png'
@@ -73,14 +73,15 @@ def test_a_frame_without_a_stamp_has_one_of_zeros() -> None:
     '{}.png', '{other}.png', '{seq', '{seq:x}.png', '{seq:q}.png', '{seq:+d}.png', 'a/{seq}.png',
     '../{seq}.png', '.{seq}.png', '{seq.real}.png', '{seq:,}.png', '{0}.png', '{seq!r}.png',
     '{frame_id:d}.png', '{stamp:{seq}}.png', 'a\0{seq}.png', '{frame_id.__class__}{seq}.png'])
-def test_templates_that_are_refused(template: str) -> None:
+def test_invalid_templates_are_refused(template: str) -> None:
     with pytest.raises(ValueError):
         FileNames(template)
 
 
 @settings(deadline=None)
 @given(st.text(), st.text(), st.text())
-def test_no_message_leaves_the_folder(frame_id: str, encoding: str, topic: str) -> None:
+def test_message_cannot_name_a_file_outside_the_folder(
+        frame_id: str, encoding: str, topic: str) -> None:
     metadata = FrameMetadata(0, frame_id, encoding, topic)
     name = FileNames('{frame_id}{encoding}{topic}.png').name(0, metadata)
     assert name.isascii() and name.isprintable()
@@ -91,7 +92,7 @@ def test_no_message_leaves_the_folder(frame_id: str, encoding: str, topic: str) 
 
 @pytest.mark.parametrize('frame_id', ['../../etc/passwd', '..', '/etc/cron.d/x', '.bashrc', '-rf',
                                       'a\0b', 'x' * 10_000])
-def test_hostile_frames_are_ordinary_files(frame_id: str) -> None:
+def test_hostile_frame_ids_become_ordinary_names(frame_id: str) -> None:
     name = FileNames('{frame_id}.png').name(0, FrameMetadata(0, frame_id, '', ''))
     assert '/' not in name and '\0' not in name
     assert name[0] not in '.-'

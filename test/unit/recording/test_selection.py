@@ -41,7 +41,7 @@ def stamps(count: int, rate: float, jitter_ms: float = 0.0, start: int = 100 * N
     return [start + int(number * NANO / rate + shift) for number, shift in enumerate(trembling)]
 
 
-def test_one_of_so_many_is_taken() -> None:
+def test_every_nth_frame_is_selected() -> None:
     assert wanted(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
     assert wanted(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
 
@@ -49,19 +49,18 @@ def test_one_of_so_many_is_taken() -> None:
 @pytest.mark.parametrize(('rate', 'max_rate', 'jitter_ms'), [
     (30, 10, 0), (30, 10, 5), (30, 10, 10), (30, 30, 5), (30, 100, 0), (25, 5, 8), (60, 7, 3),
     (29.97, 15, 2), (1000, 3, 0.4)])
-def test_a_rate_is_kept_though_stamps_tremble(
-        rate: float, max_rate: float, jitter_ms: float) -> None:
+def test_rate_is_independent_of_jitter(rate: float, max_rate: float, jitter_ms: float) -> None:
     seconds = 60
     taken = wanted(Selection(1, max_rate, Limits()), stamps(int(rate * seconds), rate, jitter_ms))
     expected = min(rate, max_rate) * seconds
     assert expected * 0.98 <= len(taken) <= expected + 1
 
 
-def test_a_third_of_the_rate_is_every_third_frame() -> None:
+def test_third_of_the_rate_is_every_third_frame() -> None:
     assert wanted(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
 
 
-def test_a_pause_and_a_clock_that_was_set_begin_anew() -> None:
+def test_pause_or_clock_change_restarts_the_grid() -> None:
     selection = Selection(1, 1.0, Limits())
     times = [100, 100.5, 101, 500, 500.5, 501, 20, 20.5, 21]
     assert wanted(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
@@ -74,19 +73,19 @@ def test_a_pause_and_a_clock_that_was_set_begin_anew() -> None:
     ([100, 100.74, 101.7, 102.7], [0, 2, 3]),
     ([100, 99, 100.75], [0, 2]),  # two periods early is early, ...
     ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # and more is a clock that was set
-def test_frames_beside_the_grid(times: list[float], expected: list[int]) -> None:
+def test_frames_off_the_grid(times: list[float], expected: list[int]) -> None:
     selection = Selection(1, 1.0, Limits())
     assert wanted(selection, [round(time * NANO) for time in times]) == expected
 
 
-def test_frames_without_a_stamp_have_the_time_at_which_they_came() -> None:
+def test_frames_without_a_stamp_use_the_receive_time() -> None:
     selection = Selection(1, 10.0, Limits())
     taken = [number for number, time_ns in enumerate(stamps(31, 30))
              if selection.selects(frame(0, time_ns))]
     assert taken == list(range(0, 31, 3))
 
 
-def test_it_is_over_when_so_many_were_taken_and_none_came_back() -> None:
+def test_selection_ends_at_max_frames() -> None:
     selection = Selection(1, 0.0, Limits(max_frames=2))
     assert not selection.is_over
     selection.count()
@@ -99,7 +98,7 @@ def test_it_is_over_when_so_many_were_taken_and_none_came_back() -> None:
     assert not ring.is_over
 
 
-def test_a_duration_begins_with_the_first_frame() -> None:
+def test_duration_begins_with_the_first_frame() -> None:
     times = iter([0.0, 1.0, 1.9, 2.0])
     selection = Selection(1, 0.0, Limits(max_seconds=2.0), lambda: next(times))
     assert not selection.has_begun
@@ -125,7 +124,7 @@ def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> lis
     return gone
 
 
-def test_a_ring_lets_as_many_go_as_it_must() -> None:
+def test_ring_deletes_as_many_files_as_necessary() -> None:
     budget = Retention(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
     assert fill(budget, entry('c')) == []
     assert fill(budget, entry('d')) == ['a']
@@ -140,7 +139,7 @@ WALL = 500_000 * HOUR
 
 
 @pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
-def test_the_age_of_a_file_does_not_change_when_the_clock_is_set(jump: int) -> None:
+def test_age_of_a_file_is_independent_of_clock_changes(jump: int) -> None:
     budget = Retention(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
                        lambda: HOUR, lambda: WALL)
     gone = [fill(budget, entry(str(number), 10, WALL + number * NANO + (number > 3) * jump),
@@ -148,7 +147,7 @@ def test_the_age_of_a_file_does_not_change_when_the_clock_is_set(jump: int) -> N
     assert gone == [[], [], ['earlier'], ['0'], ['1'], ['2'], ['3']]
 
 
-def test_a_file_from_the_future_is_the_oldest() -> None:
+def test_file_with_a_future_time_is_the_oldest() -> None:
     earlier = [entry('old', 10, WALL - 3 * NANO), entry('new', 10, WALL - NANO),
                entry('future', 10, WALL + HOUR), entry('older', 10, WALL - 4 * NANO)]
     by_age = Retention(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
@@ -158,7 +157,7 @@ def test_a_file_from_the_future_is_the_oldest() -> None:
 
 
 @pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
-def test_arrivals_go_on_when_the_clock_is_set(jump: int) -> None:
+def test_arrival_times_are_independent_of_clock_changes(jump: int) -> None:
     monotonic, wall = [HOUR], [WALL]
     arrivals = ArrivalClock(lambda: monotonic[0], lambda: wall[0])
     found = []
@@ -171,13 +170,13 @@ def test_arrivals_go_on_when_the_clock_is_set(jump: int) -> None:
     assert 28 <= found[3] <= 40
 
 
-def test_a_file_that_is_replaced_takes_no_room_twice() -> None:
+def test_replaced_file_is_counted_once() -> None:
     budget = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
     assert fill(budget, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
     assert fill(budget, entry('d')) == ['c']
 
 
-def test_without_a_ring_nothing_goes_and_frames_are_not_counted_here() -> None:
+def test_no_file_is_deleted_without_a_ring() -> None:
     budget = Retention(Limits(max_frames=1, max_bytes=25), [])
     assert fill(budget, entry('a'), entry('b')) == []
     with pytest.raises(LimitReached):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos of a recording: which frames go into which file, and the line that each file has."""
+"""Recording of videos: new files, limits, full disks and removed files."""
 
 from __future__ import annotations
 
@@ -32,30 +32,17 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, VideoError
+from opencv_tools.recording.errors import LimitReached, UnwritableError, VideoError
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
-from opencv_tools.recording.naming import FileNames, FrameMetadata
-from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 import pytest
+from recordings import Console, NANO, open_videos
 from stepped_clock import SteppedClock
-from test_recorder import Console
 
-NANO = 10**9
-NO_LIMITS = Limits()
 SMALL, WIDE = (16, 16), (16, 32)
-
-
-def open_videos(
-    folder: Path, name: str = 'clip.mkv', on_exists: str = 'continue', limits: Limits = NO_LIMITS,
-    monotonic: Callable[[], float] = time.monotonic,
-) -> Sink[Any]:
-    names = FileNames(name)
-    return open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False,
-                     monotonic=monotonic)
 
 
 def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
@@ -95,7 +82,7 @@ def play(path: Path) -> int:
 
 
 @pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])
-def test_another_size_is_another_file(tmp_path: Path, on_exists: str) -> None:
+def test_frame_of_another_size_begins_a_file(tmp_path: Path, on_exists: str) -> None:
     videos = open_videos(tmp_path, on_exists=on_exists)
     sizes = [SMALL] * 3 + [WIDE] * 2 + [SMALL]
     names = [put(videos, noise(number, size)) for number, size in enumerate(sizes)]
@@ -110,7 +97,7 @@ def test_another_size_is_another_file(tmp_path: Path, on_exists: str) -> None:
 
 @pytest.mark.parametrize(('on_exists', 'expected'), [
     ('continue', [('clip.mkv', 0, 2), ('clip_1.mkv', 1, 1)]), ('overwrite', [('clip.mkv', 0, 1)])])
-def test_a_second_recording(
+def test_second_recording_in_the_same_folder(
         tmp_path: Path, on_exists: str, expected: list[tuple[str, int, int]]) -> None:
     for count in (2, 1):
         videos = open_videos(tmp_path, on_exists=on_exists)
@@ -123,7 +110,7 @@ def test_a_second_recording(
 
 
 @pytest.mark.parametrize('name', ['clip.mp4', 'clip.mkv'])
-def test_videos_take_no_more_bytes_than_they_may(tmp_path: Path, name: str) -> None:
+def test_videos_stay_below_max_bytes(tmp_path: Path, name: str) -> None:
     videos = open_videos(tmp_path, name, limits=Limits(max_bytes=30_000))
     taken = 0
     with pytest.raises(LimitReached, match=r'^max_bytes is 30000$'):
@@ -141,7 +128,7 @@ def test_videos_take_no_more_bytes_than_they_may(tmp_path: Path, name: str) -> N
 
 
 @pytest.mark.parametrize(('more', 'count'), [(1, 1), (2200, 2)])
-def test_no_video_is_begun_that_has_no_room(tmp_path: Path, more: int, count: int) -> None:
+def test_no_video_begins_without_room_for_a_frame(tmp_path: Path, more: int, count: int) -> None:
     put(videos := open_videos(tmp_path / 'one'), noise(0))
     videos.close()
     size = (tmp_path / 'one' / 'clip.mkv').stat().st_size
@@ -155,12 +142,12 @@ def test_no_video_is_begun_that_has_no_room(tmp_path: Path, more: int, count: in
     assert total <= size + 200 + more
 
 
-def test_a_recording_without_frames_leaves_nothing(tmp_path: Path) -> None:
+def test_recording_without_frames_leaves_no_file(tmp_path: Path) -> None:
     open_videos(tmp_path).close()
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
+def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     videos = open_videos(tmp_path / 'out')
     (tmp_path / 'out').rename(tmp_path / 'away')
     put(videos, noise(0))
@@ -191,7 +178,7 @@ os._exit(0)
 @pytest.mark.process
 @pytest.mark.parametrize(('name', 'count', 'least'), [
     ('clip.mkv', 50, 50 - 22), ('clip.mp4', 3, 1), ('clip.mp4', 2, 0), ('clip.mkv', 2, 0)])
-def test_a_killed_recording_plays_and_has_its_line_or_leaves_nothing(
+def test_killed_recording_plays_and_has_a_line_or_no_file(
         tmp_path: Path, name: str, count: int, least: int) -> None:
     subprocess.run(
         [sys.executable, '-c', RECORD_AND_DIE, str(tmp_path), name, str(count)], check=True)
@@ -206,8 +193,7 @@ def test_a_killed_recording_plays_and_has_its_line_or_leaves_nothing(
 
 
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
-def test_a_full_disk_ends_the_file_and_another_begins_when_there_is_room(
-        tmp_path: Path, suffix: str) -> None:
+def test_new_video_begins_when_a_full_disk_has_room_again(tmp_path: Path, suffix: str) -> None:
     clock = SteppedClock()
     videos = open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic)
     first, second = tmp_path / f'clip{suffix}', tmp_path / f'clip_1{suffix}'
@@ -232,7 +218,7 @@ def test_a_full_disk_ends_the_file_and_another_begins_when_there_is_room(
     assert not list(tmp_path.glob('.*'))
 
 
-def test_a_full_disk_is_asked_for_room_before_another_file_begins(
+def test_free_space_is_checked_before_a_new_video(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SteppedClock()
     videos = open_videos(tmp_path, monotonic=clock.monotonic)
@@ -251,7 +237,7 @@ def test_a_full_disk_is_asked_for_room_before_another_file_begins(
 
 
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
-def test_every_frame_is_accounted_for_on_a_full_disk(tmp_path: Path, suffix: str) -> None:
+def test_every_frame_is_counted_on_a_full_disk(tmp_path: Path, suffix: str) -> None:
     clock, console = SteppedClock(), Console()
     recorder = Recorder(open_videos(tmp_path, f'clip{suffix}', monotonic=clock.monotonic), console,
                         block=True)
@@ -269,7 +255,7 @@ def test_every_frame_is_accounted_for_on_a_full_disk(tmp_path: Path, suffix: str
 
 
 @pytest.mark.parametrize('when', ['next line', 'end', 'next recording'])
-def test_a_line_that_has_no_room_is_added_later(
+def test_manifest_line_without_room_is_added_later(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str) -> None:
     def fail(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -313,7 +299,7 @@ def replace_file(folder: Path) -> None:
 
 
 @pytest.mark.parametrize('action', [remove, move, remove_file])
-def test_a_video_that_is_gone_is_noticed_and_another_begins(
+def test_removed_video_is_noticed_and_a_new_one_begins(
         tmp_path: Path, action: Callable[[Path], None]) -> None:
     clock, console, folder = SteppedClock(), Console(), tmp_path / 'out'
     recorder = Recorder(open_videos(folder, monotonic=clock.monotonic), console, block=True)
@@ -339,7 +325,7 @@ def test_a_video_that_is_gone_is_noticed_and_another_begins(
 
 
 @pytest.mark.parametrize('action', [remove, remove_file, replace_file])
-def test_a_video_that_is_gone_at_the_end_has_no_line(
+def test_video_removed_before_the_end_has_no_line(
         tmp_path: Path, action: Callable[[Path], None]) -> None:
     console, folder = Console(), tmp_path / 'out'
     videos = open_videos(folder, monotonic=SteppedClock().monotonic)
@@ -356,7 +342,7 @@ def test_a_video_that_is_gone_at_the_end_has_no_line(
     assert action is not replace_file or (folder / 'clip.mkv').read_text() == 'mine'
 
 
-def test_two_that_overwrite_one_another_say_what_is_there(tmp_path: Path) -> None:
+def test_two_overwriting_recordings_have_correct_lines(tmp_path: Path) -> None:
     first, second = (open_videos(tmp_path, on_exists='overwrite') for _ in range(2))
     put_all(first, range(30))
     put_all(second, range(20))
@@ -369,7 +355,7 @@ def test_two_that_overwrite_one_another_say_what_is_there(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize('jump', [-3600, -0.5, 0.5, 3600])
 @pytest.mark.parametrize('name', ['clip.mp4', 'clip.mkv'])
-def test_a_clock_that_is_set_makes_no_hole_between_frames_without_stamps(
+def test_clock_change_makes_no_gap_between_unstamped_frames(
         tmp_path: Path, name: str, jump: float) -> None:
     videos = open_videos(tmp_path, name)
     for number in range(20):
@@ -389,7 +375,7 @@ def test_a_clock_that_is_set_makes_no_hole_between_frames_without_stamps(
     assert comment == 'begins at 1700000000.000000000'
 
 
-def test_the_first_of_two_errors_is_told(tmp_path: Path) -> None:
+def test_first_of_two_errors_is_reported(tmp_path: Path) -> None:
     videos = open_videos(tmp_path, monotonic=SteppedClock().monotonic)
     put_all(videos, range(2))
     (tmp_path / 'clip.mkv').unlink()
@@ -400,7 +386,7 @@ def test_the_first_of_two_errors_is_told(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path: Path) -> None:
+def test_frame_that_fails_to_encode_uses_no_number(tmp_path: Path) -> None:
     videos = open_videos(tmp_path)
     with pytest.raises(VideoError, match='a 40000x2 frame cannot be encoded'):
         put(videos, noise(0, (2, 40000)))
@@ -414,7 +400,7 @@ def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path
     ('mono16', 'uint16', '.png or .tif or .tiff or .npy'),
     ('32FC1', 'float32', '.tif or .tiff or .npy'), ('bayer_rggb16', 'uint16', '.npy'),
     ('16SC1', 'int16', '.npy')])
-def test_a_frame_that_is_refused_is_told_where_it_fits(
+def test_error_of_a_refused_frame_names_other_formats(
         tmp_path: Path, encoding: str, dtype: str, suffixes: str) -> None:
     videos = open_videos(tmp_path)
     frame = RawFrame(metadata=FrameMetadata(1, '', encoding, ''), receive_ns=1,
@@ -424,26 +410,3 @@ def test_a_frame_that_is_refused_is_told_where_it_fits(
     assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
                                  f'set the extension of file_name to {suffixes}')
     videos.close()
-
-
-def test_a_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
-        open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
-    assert not (tmp_path / 'out').exists()
-
-
-def test_without_pyav_videos_alone_are_refused(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def find_nothing() -> None:
-        raise VideoError('install it')
-
-    monkeypatch.setattr('opencv_tools.recording.open_sink.check_video', find_nothing)
-    with pytest.raises(VideoError, match=r'^install it$'):
-        check_format('.mkv')
-    with pytest.raises(RecordingError, match=r'^install it$'):
-        open_videos(tmp_path / 'out')
-    assert not (tmp_path / 'out').exists()
-    check_format('.png')
-    open_videos(tmp_path / 'out', 'x.png').close()
-    with pytest.raises(ValueError, match=r"^the extension '\.gif' .* \.png, .*\.npy, \.mp4, "):
-        check_format('.gif')

@@ -16,18 +16,23 @@
 
 from __future__ import annotations
 
-from opencv_tools.image.cdr import CdrError, WireCompressedImage
-from opencv_tools.ros.subscriber.messages import read_compressed_image
+from opencv_tools.image.errors import CdrError
+from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, read_message
+import pytest
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 
-def test_compressed_image_in_another_encapsulation() -> None:
-    serialized = serialize_message(CompressedImage(
-        header=Header(frame_id='eye'), format='png', data=b'123'))
-    assert isinstance(read_compressed_image(serialized), WireCompressedImage)
+@pytest.mark.parametrize(('message', 'type_name'), [
+    (Image(header=Header(frame_id='eye'), encoding='mono8', data=b'123'), IMAGE),
+    (CompressedImage(header=Header(frame_id='eye'), format='png', data=b'123'), COMPRESSED_IMAGE),
+], ids=['raw', 'compressed'])
+def test_message_in_another_encapsulation(message: object, type_name: str) -> None:
+    serialized = serialize_message(message)
+    plain = read_message(serialized, type_name)
+    assert (plain.header.frame_id, bytes(plain.data)) == ('eye', b'123')
     try:
-        assert read_compressed_image(b'\0\3' + serialized[2:]) == read_compressed_image(serialized)
+        assert read_message(b'\0\3' + serialized[2:], type_name) == plain
     except CdrError as err:
         assert 'the middleware cannot read the message' in str(err)

@@ -26,9 +26,10 @@ from typing import Any
 from conftest import DEADLINE, spin_until
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import cdr_to_image, WireHeader, WireImage
+from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CdrError
+from opencv_tools.image.layout import array_to_wire
 from opencv_tools.ros import zero_copy
 from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
 import pytest
@@ -39,7 +40,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
-from std_msgs.msg import Header
 
 MB = 1 << 20
 PIXEL = WireImage(header=WireHeader(1, 2, 'camera'), height=1, width=1, encoding='mono8',
@@ -106,7 +106,7 @@ def test_array_that_is_not_contiguous(
         publisher: Publisher, subscription: Subscription) -> None:
     whole = np.arange(60 * 40 * 3, dtype=np.uint8).reshape(60, 40, 3)
     array = whole[::2, 5:25, ::-1]
-    publish_image(publisher.handle, CvBridge().cv2_to_wire(array, 'bgr8', Header()))
+    publish_image(publisher.handle, array_to_wire(array, find_encoding('bgr8')))
     message = cdr_to_image(take(subscription)[0])
     assert (message.height, message.width, message.step) == (30, 20, 60)
     assert bytes(message.data) == array.tobytes()

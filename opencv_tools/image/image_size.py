@@ -40,8 +40,11 @@ _TIFF_NUMBERS = {1: 'B', 3: 'H', 4: 'I', 16: 'Q'}
 # Tags of the image size and of the tile size. Tiles can be larger than the image.
 _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
+# Function that reads the width and height from the content of a file.
+_Reader = Callable[[bytes], tuple[int, int]]
 
-def picture_size(content: bytes) -> tuple[int, int]:
+
+def image_size(content: bytes) -> tuple[int, int]:
     """
     Read the size of an image file.
 
@@ -74,9 +77,13 @@ def check_size(width: int, height: int, max_pixels: int) -> None:
         raise SizeError(f'{width}x{height} pixels are more than max_pixels={max_pixels}')
 
 
-def _png(content: bytes) -> tuple[int, int]:
-    width, height = struct.unpack_from('>II', content, 16)
-    return width, height
+def _fixed_reader(layout: str, offset: int) -> _Reader:
+    """Create a reader for formats that have the width and height at a fixed offset."""
+    def read(content: bytes) -> tuple[int, int]:
+        width, height = struct.unpack_from(layout, content, offset)
+        return width, height
+
+    return read
 
 
 def _bmp(content: bytes) -> tuple[int, int]:
@@ -131,24 +138,12 @@ def _pam(content: bytes) -> tuple[int, int]:
     return width, height
 
 
-def _sun(content: bytes) -> tuple[int, int]:
-    width, height = struct.unpack_from('>II', content, 4)
-    return width, height
-
-
-def _gif(content: bytes) -> tuple[int, int]:
-    width, height = struct.unpack_from('<HH', content, 6)
-    return width, height
-
-
 def _radiance(content: bytes) -> tuple[int, int]:
     sides = _RADIANCE.findall(content[:_HEADER_BYTES])
     return max(int(width) for _, width in sides), max(int(height) for height, _ in sides)
 
 
-def _box_reader(
-    mark: re.Pattern[bytes], layout: str, skip: int,
-) -> Callable[[bytes], tuple[int, int]]:
+def _box_reader(mark: re.Pattern[bytes], layout: str, skip: int) -> _Reader:
     """
     Create a reader for formats of nested boxes, in which the size can be at any offset.
 
@@ -172,16 +167,16 @@ def _box_reader(
     return read
 
 
-_READERS: tuple[tuple[re.Pattern[bytes], Callable[[bytes], tuple[int, int]]], ...] = (
+_READERS: tuple[tuple[re.Pattern[bytes], _Reader], ...] = (
     (re.compile(re.escape(JPEG_SOI)), jpeg_size),
-    (re.compile(re.escape(PNG_SIGNATURE)), _png),
+    (re.compile(re.escape(PNG_SIGNATURE)), _fixed_reader('>II', 16)),
     (re.compile(rb'RIFF....WEBP', re.DOTALL), _webp),
     (re.compile(rb'BM'), _bmp),
     (re.compile(rb'II[*+]\0|MM\0[*+]'), _tiff),
     (re.compile(rb'P[1-6Ff]\s'), _pnm),
     (re.compile(rb'P7\s'), _pam),
-    (re.compile(rb'\x59\xa6\x6a\x95'), _sun),
-    (re.compile(rb'GIF8[79]a'), _gif),
+    (re.compile(rb'\x59\xa6\x6a\x95'), _fixed_reader('>II', 4)),
+    (re.compile(rb'GIF8[79]a'), _fixed_reader('<HH', 6)),
     (re.compile(rb'#\?(RADIANCE|RGBE)'), _radiance),
     (re.compile(rb'\0\0\0\x0cjP  \r\n\x87\n|\xff\x4f\xff\x51'),
      _box_reader(_JPEG_2000, '>II', 4)),

@@ -27,14 +27,11 @@ from conftest import PRINT_PEAK_MEMORY
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import CodecError, SizeError
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
-from opencv_tools.image_codecs import decode_picture
-from opencv_tools.ros.subscriber.conversion import FrameConverter
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image_codecs import decode_image
 import pytest
 
-HEADER = WireHeader(0, 0, '')
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
 FORMATS = {
     **dict.fromkeys(('.jpg', '.png', '.bmp', '.tif', '.webp', '.ppm', '.sr', '.gif', '.jp2',
@@ -70,18 +67,18 @@ def huge_png() -> bytes:
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
-def test_the_size_is_that_of_the_picture_that_opencv_reads(suffix: str) -> None:
+def test_size_equals_that_of_the_decoded_image(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
-    assert picture_size(data) == (53, 37)
-    assert decode_picture(data).shape[:2] == (37, 53)
+    assert image_size(data) == (53, 37)
+    assert decode_image(data).shape[:2] == (37, 53)
 
 
 @pytest.mark.parametrize('suffix', FORMATS)
-def test_a_picture_that_is_too_large_is_refused(suffix: str) -> None:
+def test_image_with_too_many_pixels_is_refused(suffix: str) -> None:
     data = encoded(FORMATS[suffix], suffix)
-    assert decode_picture(data, max_pixels=53 * 37).shape[:2] == (37, 53)
+    assert decode_image(data, max_pixels=53 * 37).shape[:2] == (37, 53)
     with pytest.raises(CodecError, match=r'^53x37 pixels are more than max_pixels=1960$'):
-        decode_picture(data, max_pixels=53 * 37 - 1)
+        decode_image(data, max_pixels=53 * 37 - 1)
 
 
 @pytest.mark.parametrize(('data', 'size'), [
@@ -102,8 +99,8 @@ def test_a_picture_that_is_too_large_is_refused(suffix: str) -> None:
     (b'\x76\x2f\x31\x01' + b'dataWindow\0box2i\0\0\0\0\x10' + struct.pack('<4i', -5, 0, 4, 6),
      (10, 7)),
 ], ids=['webp', 'lossless', 'bmp', 'os2', 'tiff', 'bigtiff', 'pnm', 'pam', 'hdr', 'jp2', 'exr'])
-def test_the_size_is_the_largest_that_is_told(data: bytes, size: tuple[int, int]) -> None:
-    assert picture_size(data) == size
+def test_largest_declared_size_is_read(data: bytes, size: tuple[int, int]) -> None:
+    assert image_size(data) == size
 
 
 @pytest.mark.parametrize('data', [
@@ -111,67 +108,48 @@ def test_the_size_is_the_largest_that_is_told(data: bytes, size: tuple[int, int]
     b'II*\0\x08\0\0\0\xff\xff', b'II*\0\xff\xff\xff\xff', b'P6\n5', b'P6\n' + b'#' * 10**6,
     b'P7\nENDHDR', b'\x59\xa6\x6a\x95', b'GIF89a', b'#?RGBE\n', b'\xff\x4f\xff\x51',
     b'\xff\x4f\xff\x51' * 1000, b'....ftypavif', b'\x76\x2f\x31\x01', bytes(1000)])
-def test_what_tells_no_size_is_not_decoded(data: bytes) -> None:
+def test_header_without_a_size_is_refused(data: bytes) -> None:
     with pytest.raises(SizeError, match=f'^{len(data)} bytes '):
-        picture_size(data)
+        image_size(data)
     with pytest.raises(CodecError):
-        decode_picture(data)
+        decode_image(data)
 
 
-def test_a_header_that_is_cut_off_anywhere_is_an_error_with_a_sentence() -> None:
+def test_header_truncated_anywhere_is_a_clear_error() -> None:
     for suffix, image in FORMATS.items():
         data = encoded(image, suffix)
         for length in range(min(200, len(data))):
             try:
-                assert picture_size(data[:length]) == (53, 37)
+                assert image_size(data[:length]) == (53, 37)
             except SizeError as err:
                 assert str(err).startswith(f'{length} bytes ')
 
 
-def test_as_many_pixels_as_allowed_are_allowed() -> None:
+def test_largest_allowed_size_passes() -> None:
     check_size(2**20, 2**7, MAX_PIXELS)
     with pytest.raises(SizeError):
         check_size(2**20 + 1, 2**7, MAX_PIXELS)
 
 
-@pytest.mark.parametrize('message', [
-    WireImage(header=HEADER, encoding='mono8', width=20000, height=20000, is_bigendian=False,
-              step=20000, data=b''),
-    WireCompressedImage(header=HEADER, format='jpeg', data=huge_jpeg())],
-    ids=['raw', 'compressed'])
-def test_a_message_that_is_too_large_names_the_parameter(message: WireMessage) -> None:
-    with pytest.raises(SizeError, match=r'^\d+x\d+ pixels are more than max_pixels=134217728; '
-                                        'raise the parameter max_pixels to receive it$'):
-        FrameConverter(CvBridge()).convert(message, '', 1)
-
-
-def test_a_limit_goes_with_the_frame() -> None:
-    message = WireCompressedImage(header=HEADER, format='png', data=encoded(COLOR, '.png'))
-    frame = FrameConverter(CvBridge(), 53 * 37).convert(message, '', 1)
-    assert np.array_equal(frame.decode().image, COLOR)
-    with pytest.raises(SizeError):
-        FrameConverter(CvBridge(), 53 * 37 - 1).convert(message, '', 1)
-
-
-def test_the_bridge_refuses_what_is_too_large() -> None:
+def test_bridge_refuses_images_with_too_many_pixels() -> None:
     with pytest.raises(CvBridgeError, match=r'^32767x32767 pixels are more than max_pixels'):
         CvBridge().compressed_imgmsg_to_cv2(SimpleNamespace(format='jpeg', data=huge_jpeg()))
 
 
 @pytest.mark.process
 @pytest.mark.parametrize('make', [huge_jpeg, huge_png])
-def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None:
+def test_refused_image_takes_no_memory(make: object, tmp_path: Path) -> None:
     path = tmp_path / 'picture.png'
     path.write_bytes(make())
     script = ('import pathlib, sys\n'
               'from opencv_tools.capture.errors import BrokenFrameError\n'
-              'from opencv_tools.capture.image_files import PictureSequence\n'
+              'from opencv_tools.capture.image_files import ImageFileSource\n'
               'from opencv_tools.image.errors import CodecError\n'
-              'from opencv_tools.image_codecs import decode_picture\n'
+              'from opencv_tools.image_codecs import decode_image\n'
               'path = pathlib.Path(sys.argv[1])\n'
-              'try: decode_picture(path.read_bytes())\n'
+              'try: decode_image(path.read_bytes())\n'
               'except CodecError as err: print(err)\n'
-              'try: PictureSequence([path], "").read()\n'
+              'try: ImageFileSource([path], "").read()\n'
               'except BrokenFrameError as err: print(err)\n'
               f'{PRINT_PEAK_MEMORY}')
     finished = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,

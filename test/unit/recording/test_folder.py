@@ -1,0 +1,411 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Output folder of a recording: atomic files, journals, and leftovers of killed recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import errno
+import fcntl
+import json
+import os
+from pathlib import Path
+import random
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from conftest import DEADLINE, read_manifest, recorded_files
+import cv2
+import numpy as np
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.manifest import FILE_NAME, Manifest
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits
+import pytest
+from recordings import (
+    Console, failing, gray_frame, gray_numbers, manifest_line, picture_files, record, record_ring)
+from special_files import KINDS
+
+
+def test_removed_folder_is_created_again(tmp_path: Path) -> None:
+    folder, console = tmp_path / 'mount' / 'out', Console()
+    sink = open_sink(folder, FileNames('{seq}.png'), EncoderSettings('.png'), 'continue', Limits(),
+                     False)
+    recorder = Recorder(sink, console, writers=1)
+
+    def put_and_wait(number: int) -> None:
+        done = threading.Event()
+        recorder.put(gray_frame(number), lambda _: done.set())
+        assert done.wait(DEADLINE)
+
+    put_and_wait(0)
+    (tmp_path / 'mount').rename(tmp_path / 'away')
+    put_and_wait(1)
+    put_and_wait(2)
+    assert console.lines == ['error: a frame was not written: No such file or directory']
+    assert not (tmp_path / 'mount').exists()  # it may be where a disk was
+    (tmp_path / 'mount').mkdir()
+    put_and_wait(3)
+    put_and_wait(4)
+    recorder.close()
+    assert gray_numbers(folder) == [3, 4]
+    assert len(read_manifest(folder)) == 2
+    assert console.lines[1:] == ['info: Writing again; 2 frames were not written']
+    assert (recorder.counts.written, recorder.counts.failed) == (3, 2)
+
+
+def test_file_without_its_manifest_line_is_removed(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill_the_disk(file: int, data: Any) -> int:
+        return write(file, data[:10] if data[:1] == b'{' else data)
+
+    record(tmp_path, 1)
+    write = os.write
+    monkeypatch.setattr(os, 'write', fill_the_disk)
+    recorder = record(tmp_path, 3, first=1)
+    assert recorder.counts.failed == 3
+    assert gray_numbers(tmp_path) == [0]
+    assert len(read_manifest(tmp_path)) == 1
+
+
+DIE_WITHIN = """
+import os, pathlib, sys
+from opencv_tools.recording.manifest import Manifest
+from recordings import gray_frame, picture_files
+owner, name = {'link': (os, 'link'), 'unlink': (pathlib.Path, 'unlink'),
+               'append': (Manifest, 'append')}[sys.argv[2]]
+setattr(owner, name, lambda *_: os._exit(9))
+files = picture_files(pathlib.Path(sys.argv[1]), '{seq}.png')
+frame = gray_frame(5)
+files.commit(frame, files.prepare(frame))
+"""
+
+
+def leave_behind(folder: Path, kill_in: str) -> None:
+    """Record a frame, and stop as a killed process does: at once, in the middle of a call."""
+    died = subprocess.run([sys.executable, '-c', DIE_WITHIN, str(folder), kill_in], check=False,
+                          env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+                          timeout=DEADLINE)
+    assert died.returncode == 9
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('kill_in', 'is_there'), [
+    ('link', False), ('unlink', True), ('append', True)])
+def test_leftovers_of_a_killed_recording_are_completed(
+        tmp_path: Path, kill_in: str, is_there: bool) -> None:
+    record(tmp_path, 1, '{seq}.png')
+    leave_behind(tmp_path, kill_in)
+    assert list(tmp_path.glob('.recording-*'))
+    assert gray_numbers(tmp_path) == ([0, 5] if is_there else [0])
+    record(tmp_path, 1, '{seq}.png', first=9)
+    assert gray_numbers(tmp_path) == ([0, 5, 9] if is_there else [0, 9])
+    read_manifest(tmp_path)
+    assert not list(tmp_path.glob('.*'))
+
+
+RECORD_UNTIL_KILLED = """
+import itertools, logging, pathlib, sys
+import numpy as np
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.naming import FileNames, FrameMetadata
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.image_encoder import EncoderSettings
+files = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
+                  'continue', Limits(), False)
+recorder = Recorder(files, logging, writers=2, block=True)
+for number in itertools.count():
+    image = np.full((20, 20), number % 256, np.uint8)
+    recorder.put(RawFrame(
+        metadata=FrameMetadata(1, '', 'mono8', ''), receive_ns=1, image=image))
+"""
+
+
+@pytest.mark.process
+def test_recording_killed_at_any_moment_leaves_whole_files(tmp_path: Path) -> None:
+    moments = random.Random(5)
+    checked: set[Path] = set()
+    for _ in range(12):
+        with subprocess.Popen(
+                [sys.executable, '-c', RECORD_UNTIL_KILLED, str(tmp_path)]) as process:
+            try:
+                deadline = time.monotonic() + DEADLINE
+                while len(recorded_files(tmp_path)) <= len(checked):
+                    assert time.monotonic() < deadline
+                    assert process.poll() is None
+                time.sleep(moments.uniform(0, 0.02))
+            finally:
+                process.kill()
+        for path in set(recorded_files(tmp_path)) - checked:
+            picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            assert picture is not None and picture.shape == (20, 20) and np.ptp(picture) == 0, path
+            checked.add(path)
+    record(tmp_path, 1, '{seq:05d}.png')
+    assert [line['seq'] for line in sorted(read_manifest(tmp_path), key=lambda line: line['seq'])
+            ] == list(range(len(checked) + 1))
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_temporary_files_of_other_recordings_stay(tmp_path: Path) -> None:
+    other = Folder(tmp_path)
+    temporary = other.write((b'content',))
+    record(tmp_path, 1)
+    assert temporary.exists()
+    other.close()
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.npy'])
+def test_file_is_flushed_to_disk_before_it_is_renamed(
+        suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def note(name: str, call: Callable[..., object]) -> Callable[..., object]:
+        return lambda *args: (done.append(name), call(*args))[1]
+
+    monkeypatch.setattr(os, 'fsync', note('fsync', os.fsync))
+    monkeypatch.setattr(os, 'link', note('link', os.link))
+    Folder(tmp_path).write((b'content',))
+    for sync in (True, False):
+        files = open_sink(
+            tmp_path, FileNames(f'{{seq}}{suffix}'), EncoderSettings(suffix), 'continue', Limits(),
+            sync)
+        recorder = Recorder(files, Console(), writers=1)
+        recorder.put(gray_frame(0))
+        recorder.close()
+    assert done == ['fsync', 'link', 'link']
+
+
+@pytest.mark.parametrize('number', [
+    errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK])
+def test_nothing_is_overwritten_without_hard_links(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    monkeypatch.setattr(os, 'link', failing(number))
+    record(tmp_path, 2)
+    (tmp_path / '002.png').write_text('mine')
+    files = picture_files(tmp_path, '{seq:03d}.png')
+    (tmp_path / '003.png').write_text('mine too')
+    frame = gray_frame(4)
+    assert files.commit(frame, files.prepare(frame)).name == '004.png'
+    files.close()
+    assert (tmp_path / '003.png').read_text() == 'mine too'
+    lines = (tmp_path / 'manifest.jsonl').read_text().splitlines()
+    assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]
+
+
+def test_other_errors_of_links_are_reported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'link', failing(errno.EIO))
+    assert record(tmp_path, 2).counts.failed == 2
+    assert not list(tmp_path.glob('*.png')) and not list(tmp_path.glob('.*'))
+
+
+def test_file_system_without_locks_is_supported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fcntl, 'flock', failing(errno.ENOLCK))
+    record(tmp_path, 2)
+    record(tmp_path, 1, first=2)
+    assert gray_numbers(tmp_path) == [0, 1, 2]
+    assert len(read_manifest(tmp_path)) == 3
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_next_recording_adds_the_deferred_lines(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    entries = Manifest(tmp_path).entries()
+    (tmp_path / 'manifest.jsonl').unlink()
+    folder = Folder(tmp_path)
+    for entry in entries[:2]:
+        folder.defer_line(entry)
+    folder.write_journal(entries[2])
+    folder.write_journal(replace(entries[2], frame_id=''))  # shorter than what stands there
+    os.close(folder._journal)  # as a process that ends
+    Folder(tmp_path).close()
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1, 2]
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_rest_of_a_longer_journal_is_ignored(tmp_path: Path) -> None:
+    record(tmp_path, 3)
+    entries = Manifest(tmp_path).entries()
+    (tmp_path / 'manifest.jsonl').unlink()
+    folder = Folder(tmp_path)
+    folder.defer_line(entries[0])
+    folder.write_journal(entries[1])
+    folder.write_deferred()
+    folder.write_journal(entries[0])
+    os.close(folder._journal)
+    Folder(tmp_path).close()
+    assert [entry.seq for entry in Manifest(tmp_path).entries()] == [0]
+
+
+def test_line_of_a_removed_file_is_not_added(tmp_path: Path) -> None:
+    record(tmp_path, 2)
+    entries = Manifest(tmp_path).entries()
+    folder = Folder(tmp_path)
+    for name in ('manifest.jsonl', '000.png'):
+        (tmp_path / name).unlink()
+    for entry in entries:
+        folder.defer_line(entry)
+    folder.write_deferred()
+    folder.close()
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [1]
+
+
+def test_no_file_descriptor_stays_open(tmp_path: Path) -> None:
+    before = len(list(Path('/proc/self/fd').iterdir()))
+    (tmp_path / '.recording-abandoned-.journal').touch()
+    (tmp_path / '.recording-abandoned-0.part').touch()
+    record(tmp_path, 3)
+    assert not list(tmp_path.glob('.*'))
+    assert len(list(Path('/proc/self/fd').iterdir())) == before
+
+
+def test_files_have_the_mode_of_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0o026)
+    try:
+        files = picture_files(tmp_path, '{seq}.png')
+        frame = gray_frame(0)
+        files.commit(frame, files.prepare(frame))
+        modes = {path.suffix: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+        files.close()
+    finally:
+        os.umask(before)
+    assert modes == {'.png': 0o640, '.jsonl': 0o640, '.journal': 0o640}
+
+
+def test_folder_that_cannot_be_cleaned_up_is_left_unchanged(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_some(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            raise PermissionError(errno.EACCES, 'Permission denied')
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_some)
+    with pytest.raises(PermissionError):
+        Folder(tmp_path)
+    assert list(tmp_path.iterdir()) == [abandoned]
+
+
+def test_leftovers_removed_by_another_recording_are_skipped(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def clean_up_and_lock(file: int, how: int) -> None:
+        locked.append(file)
+        for path in listed[2 * (len(locked) < 2):]:  # the first lock is that of its own journal
+            path.unlink()
+        lock(file, how)
+
+    lock, locked = fcntl.flock, []
+    for name in ('.journal', '0.part'):
+        (tmp_path / f'.recording-abandoned-{name}').touch()
+    real_glob = Path.glob
+    listed = [*tmp_path.glob('.recording-abandoned*')]
+    monkeypatch.setattr(Path, 'glob', lambda path, pattern: iter(
+        listed if pattern == '.recording-*' else real_glob(path, pattern)))
+    monkeypatch.setattr(fcntl, 'flock', clean_up_and_lock)
+    Folder(tmp_path).close()
+    assert not list(real_glob(tmp_path, '.recording-*'))
+
+
+def test_two_recordings_that_begin_at_once_clean_up(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_after_another(path: Path, *args: Any) -> int:
+        if 'abandoned' in path.name:
+            path.unlink()
+        return open_file(path, *args)
+
+    open_file = os.open
+    abandoned = tmp_path / '.recording-abandoned-.journal'
+    abandoned.touch()
+    monkeypatch.setattr(os, 'open', open_after_another)
+    record(tmp_path, 1)
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('name', ['.journal', 'manifest.jsonl'])
+def test_file_removed_after_its_creation_is_created_again(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    def open_and_remove(path: Path, *args: Any) -> int:
+        file = open_file(path, *args)
+        if path.name.endswith(name) and not removed:
+            removed.append(path)
+            path.unlink()
+        return file
+
+    open_file, removed = os.open, []
+    monkeypatch.setattr(os, 'open', open_and_remove)
+    files = picture_files(tmp_path, '{seq}.png')
+    assert len(list(tmp_path.glob('.*.journal'))) == 1
+    frame = gray_frame(0)
+    files.commit(frame, files.prepare(frame))
+    files.close()
+    assert removed
+    assert len(read_manifest(tmp_path)) == 1
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.mkv'])
+@pytest.mark.parametrize('kind', ['link', *KINDS])
+@pytest.mark.parametrize('name', [FILE_NAME, '.recording-0a1b2c3d-.journal'])
+def test_non_regular_manifest_or_journal_is_refused(
+        tmp_path: Path, name: str, kind: str, suffix: str) -> None:
+    folder, victim = tmp_path / 'out', tmp_path / 'victim'
+    folder.mkdir()
+    victim.write_bytes(manifest_line())
+    if kind == 'link':
+        (folder / name).symlink_to(victim)
+    else:
+        KINDS[kind][0](folder / name)
+    with pytest.raises(RecordingError, match=r'^output_dir .*/out cannot be used') as caught:
+        record_ring(folder, suffix)
+    links = ('link', 'device')  # in a folder of ours a link to a device is a link
+    reason = 'is a symbolic link, not a regular file' if kind in links else KINDS[kind][1]
+    reason = reason if kind == 'folder' else f'{name} {reason}'
+    assert str(caught.value).endswith(f'cannot be used: {reason}')
+    assert [path.name for path in folder.iterdir()] == [name]
+    assert victim.read_bytes() == manifest_line()
+
+
+@pytest.mark.parametrize('name', ['../victim', 'link', 'pipe'])
+def test_journal_entry_outside_the_folder_is_ignored(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / 'out'
+    folder.mkdir()
+    (tmp_path / 'victim').write_text('precious')
+    (folder / 'link').symlink_to('../victim')
+    os.mkfifo(folder / 'pipe')
+    (folder / '.recording-0a1b2c3d-.journal').write_bytes(manifest_line(file=name, sha256=''))
+    Folder(folder).close()
+    assert {path.name for path in folder.iterdir()} == {'link', 'pipe'}
+
+
+def test_journal_without_a_number_removes_nothing(tmp_path: Path) -> None:
+    other = Folder(tmp_path)
+    temporary = other.write((b'content',))
+    (tmp_path / '.recording-.journal').touch()
+    Folder(tmp_path).close()
+    assert temporary.exists()
+    other.close()

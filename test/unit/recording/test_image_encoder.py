@@ -1,0 +1,164 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Frames as image files: formats, lossless content and compressed frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image_codecs import encode_image
+from opencv_tools.recording.errors import UnwritableError
+from opencv_tools.recording.frames import CompressedFrame
+from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, IMAGE_FORMATS
+from opencv_tools.recording.naming import FrameMetadata
+import pytest
+from recordings import frame_of, NANO, random_image
+
+ENCODINGS = ('mono8', 'mono16', 'bgr8', 'rgb8', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16',
+             '8UC1', '8UC2', '8UC3', '8UC4', '16UC1', '16UC3', '16SC1', '32SC1', '32FC1', '32FC3',
+             '64FC1')
+
+
+@pytest.mark.parametrize('suffix', IMAGE_FORMATS)
+@pytest.mark.parametrize('encoding', ENCODINGS)
+def test_format_stores_a_frame_exactly_or_refuses_it(
+        tmp_path: Path, encoding: str, suffix: str) -> None:
+    image = random_image(encoding)
+    path = tmp_path / f'file{suffix}'
+    try:
+        content = encode_frame(frame_of(image, encoding), EncoderSettings(suffix))
+    except UnwritableError as err:
+        assert f'a {encoding} frame cannot be stored as {suffix}' in str(err)
+        assert str(err).endswith('.npy')
+        assert suffix != '.npy'
+        return
+    assert (content.encoding, content.width, content.height) == (encoding, 8, 10)
+    path.write_bytes(b''.join(content.parts()))
+    if suffix == '.npy':
+        np.testing.assert_array_equal(np.load(path), image)
+        return
+    kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    expected = image[..., [2, 1, 0, 3][:image.shape[2]]] if encoding.startswith('rgb') else image
+    assert kept.dtype == image.dtype and kept.shape == image.shape
+    if suffix in ('.jpg', '.jpeg'):
+        assert np.abs(kept.astype(int) - cv2.imdecode(cv2.imencode(suffix, expected)[1], -1)
+                      ).max() == 0
+    else:
+        np.testing.assert_array_equal(kept, expected)
+
+
+@pytest.mark.parametrize(('encoding', 'color'), [
+    ('bayer_rggb8', cv2.COLOR_BayerRGGB2BGR), ('bayer_gbrg16', cv2.COLOR_BayerGBRG2BGR),
+    ('uyvy', cv2.COLOR_YUV2BGR_UYVY), ('yuv422_yuy2', cv2.COLOR_YUV2BGR_YUYV),
+    ('nv12', cv2.COLOR_YUV2BGR_NV12), ('nv21', cv2.COLOR_YUV2BGR_NV21)])
+def test_bayer_and_yuv_become_colours_or_stay_arrays(encoding: str, color: int) -> None:
+    image = random_image(encoding)
+    picture = encode_frame(frame_of(image, encoding), EncoderSettings('.png'))
+    assert picture.encoding == ('bgr16' if encoding.endswith('16') else 'bgr8')
+    assert (picture.width, picture.height) == (8, 10)
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED),
+        cv2.cvtColor(image, color))
+    array = encode_frame(frame_of(image, encoding), EncoderSettings('.npy'))
+    assert (array.encoding, array.width, array.height) == (encoding, 8, 10)
+    assert b''.join(array.parts())[-image.nbytes:] == image.tobytes()
+
+
+@pytest.mark.parametrize(('encoding', 'is_kept'), [
+    ('bayer_rggb8', True), ('bayer_rggb16', True), ('uyvy', False), ('nv12', False)])
+def test_conversion_to_colours_can_be_disabled(encoding: str, is_kept: bool) -> None:
+    image = random_image(encoding)
+    settings = EncoderSettings('.png', to_color=False)
+    if not is_kept:
+        with pytest.raises(UnwritableError, match=f'a {encoding} frame cannot .* to .npy$'):
+            encode_frame(frame_of(image, encoding), settings)
+        return
+    content = encode_frame(frame_of(image, encoding), settings)
+    assert content.encoding == encoding
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED), image)
+
+
+def test_big_endian_frames_keep_their_values() -> None:
+    image = random_image('mono16') + 1000
+    content = encode_frame(frame_of(image.astype('>u2'), 'mono16'), EncoderSettings('.png'))
+    kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(kept, image)
+
+
+def test_frame_that_opencv_cannot_encode_is_refused() -> None:
+    with pytest.raises(UnwritableError, match=r'^the mono8 frame was not encoded: '):
+        encode_frame(frame_of(np.zeros((1, 70_000), np.uint8), 'mono8'), EncoderSettings('.jpg'))
+
+
+def test_default_encoder_settings() -> None:
+    assert EncoderSettings('.png') == EncoderSettings(
+        '.png', to_color=True, jpeg_quality=95, png_compression=1, crf=23)
+
+
+def test_empty_frame_is_refused_with_its_size() -> None:
+    with pytest.raises(UnwritableError, match=r'an empty frame \(0x5\) cannot be stored as \.png'):
+        encode_frame(frame_of(np.zeros((5, 0, 3), np.uint8), 'bgr8'), EncoderSettings('.png'))
+
+
+def test_quality_and_compression_change_the_file_size() -> None:
+    image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, (200, 300, 3), np.uint8),
+                             (9, 9), 0)
+    frame = frame_of(image, 'bgr8')
+    jpegs = [len(encode_frame(frame, EncoderSettings('.jpg', jpeg_quality=quality)).data)
+             for quality in (100, 95, 50, 1)]
+    pngs = [len(encode_frame(frame, EncoderSettings('.png', png_compression=level)).data)
+            for level in (0, 1, 9)]
+    assert jpegs == sorted(jpegs, reverse=True) and len(set(jpegs)) == 4
+    assert pngs == sorted(pngs, reverse=True) and len(set(pngs)) == 3
+
+
+def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
+    data = memoryview(encode_image(image, suffix))
+    return CompressedFrame(
+        metadata=FrameMetadata(NANO, 'camera', told, '/video_frames/compressed'),
+        receive_ns=NANO, data=data)
+
+
+@pytest.mark.parametrize(('suffix', 'told'), [
+    ('.jpg', 'rgb8; jpeg compressed bgr8'), ('.jpeg', 'jpeg'), ('.png', '; png compressed ')])
+def test_compressed_frame_is_stored_unchanged(suffix: str, told: str) -> None:
+    frame = compressed(suffix, told, random_image('bgr8'))
+    content = encode_frame(frame, EncoderSettings(suffix))
+    assert content.data is frame.data
+    assert (content.encoding, content.width, content.height) == (told, 8, 10)
+
+
+def test_compressed_frame_is_decoded_for_another_format() -> None:
+    image = random_image('bgr8')
+    content = encode_frame(compressed('.png', 'png', image), EncoderSettings('.npy'))
+    assert content.encoding == 'bgr8'
+    assert b''.join(content.parts())[-image.nbytes:] == image.tobytes()
+    jpeg = encode_frame(compressed('.png', 'png', image), EncoderSettings('.jpg', jpeg_quality=30))
+    assert jpeg.data.tobytes() == encode_image(image, '.jpg', 30).tobytes()
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.png'])
+def test_truncated_compressed_frame_is_refused(suffix: str) -> None:
+    whole = compressed(suffix, suffix[1:], np.zeros((300, 300, 3), np.uint8))
+    for data in (whole.data[:-20], whole.data[:9], b'', b'text', bytes(whole.data[:2]) * 1000,
+                 bytes(whole.data[:2]) + b'\xff' * 1000 + b'\xff\xd9'):
+        broken = replace(whole, data=data)
+        with pytest.raises(ImageError):
+            encode_frame(broken, EncoderSettings(suffix))
