@@ -34,7 +34,7 @@ def resolve_chain(start: _Node, step: Callable[[_Node], _Node | None]) -> list[_
     Return a node and all nodes that follow it.
 
     :param step: returns the next node, or None at the end of the chain.
-    :raises CycleError: the chain returns to one of its nodes; ``args`` as those of `graphlib`.
+    :raises graphlib.CycleError: the chain returns to one of its nodes; ``args[1]`` is the cycle.
     """
     chain, node = {start: None}, step(start)
     while node is not None:
