@@ -44,7 +44,7 @@ nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
 nitpick_ignore = [('py:class', name) for name in (
     'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
     'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
-    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
+    'opencv_tools.robot.xml.document.ElementT', 'opencv_tools.robot.xml.tracked.TrackedElement',
     'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
 nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
 
