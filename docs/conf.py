@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Configuration of Sphinx for ``make docs``."""
+"""Configuration of Sphinx for ``make docs`` and rosdoc2."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
 
+import opencv_tools
 from sphinx.application import Sphinx
 
-ROOT = Path(__file__).parent.parent
+# rosdoc2 copies this file to another folder.
+ROOT = Path(opencv_tools.__file__).parents[1]
 _PACKAGE = ElementTree.parse(ROOT / 'package.xml')
 
 project = _PACKAGE.findtext('name', '')
