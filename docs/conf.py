@@ -20,21 +20,18 @@ from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
 
-import opencv_tools
 from sphinx.application import Sphinx
 
-# rosdoc2 copies this file to another folder.
-ROOT = Path(opencv_tools.__file__).parents[1]
-_PACKAGE = ElementTree.parse(ROOT / 'package.xml')
+ROOT = Path(__file__).parent.parent
 
-project = _PACKAGE.findtext('name', '')
-author = _PACKAGE.findtext('maintainer', '')
+project = 'opencv_tools'
+author = 'opencv_tools maintainers'
 copyright = f'2026, {author}'  # noqa: A001
-release = version = _PACKAGE.findtext('version', '')
+if (ROOT / 'package.xml').is_file():  # rosdoc2 copies the pages elsewhere and sets the version
+    release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version', '')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc']
 html_theme = 'furo'
-html_title = f'{project} {release}'
 
 myst_heading_anchors = 4
 
@@ -57,7 +54,7 @@ PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
 
 def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
-    if docname == 'contributing':
+    if docname == 'contributing' and (ROOT / 'CONTRIBUTING.md').is_file():
         text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
         source[0] = re.sub(
             r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
