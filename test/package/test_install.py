@@ -79,7 +79,7 @@ def test_executables_of_the_nodes_run(prefix: Path, tmp_path: Path) -> None:
 
 
 def test_executables_for_robots_run(prefix: Path, share: Path,
-                                                         tmp_path: Path) -> None:
+                                    tmp_path: Path) -> None:
     urdf, sdf = share / 'urdf' / 'my_robot.urdf', share / 'sdf' / 'my_robot' / 'model.sdf'
     for command, *arguments in (
             ('urdf_to_sdf', urdf, '-o', tmp_path / 'my_robot.sdf'),
