@@ -203,7 +203,6 @@ def test_pages_are_in_the_contents() -> None:
     assert sorted(named) == sorted(pages - {'index'})
 
 
-@pytest.mark.process
 def test_parameter_page_is_up_to_date() -> None:
     spec = importlib.util.spec_from_file_location(
         'write_parameters', ROOT / 'docs' / 'write_parameters.py')
