@@ -37,15 +37,16 @@ from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NodeProcess, START_SECONDS
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.image.cdr import (
+    compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader)
 from opencv_tools.image_codecs import encode_picture
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.ros.subscriber.conversion import message_to_frame
+from opencv_tools.ros.subscriber.conversion import FrameConverter
 from opencv_tools.ros.subscriber.messages import read_compressed_image, read_image
-from opencv_tools.ros.subscriber.parameters import limits, open_recorder, PARAMETERS
 from std_msgs.msg import Header
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
@@ -217,13 +218,13 @@ def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> f
 
 def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
     """Write as the subscriber does, until all are on the disk and in the manifest."""
-    settings = {parameter.name: parameter.default for parameter in PARAMETERS}
-    settings.update(output_dir=str(folder), file_name=f'{{seq:06d}}{suffix}', on_overflow='block')
-    bridge = CvBridge()
-    _, recorder = open_recorder(settings, limits(settings), logging.getLogger(), lambda: None)
+    sink = open_sink(folder, FileNames(f'{{seq:06d}}{suffix}'), EncoderSettings(suffix),
+                     'continue', Limits(), sync=False)
+    converter = FrameConverter(CvBridge())
+    recorder = Recorder(sink, logging.getLogger(), block=True)
     began = time.perf_counter()
     for serialized in messages:
-        recorder.put(message_to_frame(bridge, read_image(serialized), TOPIC, time.time_ns()))
+        recorder.put(converter.convert(read_image(serialized), TOPIC, time.time_ns()))
     recorder.close()
     seconds = time.perf_counter() - began
     if recorder.counts.written != len(messages):
@@ -327,14 +328,14 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
 
 def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, float]:
     """Write JPEG messages on this thread; CPU and wall milliseconds per frame."""
-    bridge = CvBridge()
+    converter = FrameConverter(CvBridge())
     with folder_here() as folder:
         files = open_sink(Path(folder), FileNames('{seq:06d}.jpg'), EncoderSettings('.jpg'),
                           'continue', Limits(), sync=False)
         began, cpu = time.perf_counter(), time.process_time()
         for serialized in messages:
-            frame = message_to_frame(
-                bridge, read_compressed_image(serialized), TOPIC, time.time_ns())
+            frame = converter.convert(
+                read_compressed_image(serialized), TOPIC, time.time_ns())
             frame = frame.decode() if encode else frame
             files.commit(frame, files.prepare(frame))
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began
@@ -345,7 +346,8 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
 def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     """Compare writing JPEG messages as they came with decoding and encoding them."""
     messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
-        0, 0, 'camera', 'bgr8; jpeg compressed bgr8', encode_picture(picture, '.jpg')))
+        header=WireHeader(0, 0, 'camera'), format='bgr8; jpeg compressed bgr8',
+        data=encode_picture(picture, '.jpg')))
         for picture in pictures]
     write_compressed(messages, False)
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))
@@ -410,7 +412,7 @@ def measure(seconds: float) -> list[Figure]:
     """Measure and print section after section; the figures."""
     pictures = clip_pictures()
     bridge = CvBridge()
-    messages = [bridge.cv2_to_cdr(picture, 'bgr8', Header(frame_id='camera'))
+    messages = [image_to_cdr(bridge.cv2_to_wire(picture, 'bgr8', Header(frame_id='camera')))
                 for picture in pictures]
     print(f'{len(os.sched_getaffinity(0))} cores, OpenCV {cv2.__version__} with '
           f'{cv2.getNumThreads()} threads, PyAV {av.__version__}, medians of {ROUNDS}\n')

@@ -41,10 +41,10 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.frame import Frame
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
-from opencv_tools.ros.publisher import parameters as publisher_parameters
+from opencv_tools.ros.publisher import loop, parameters as publisher_parameters
 from opencv_tools.ros.run_node import Executable, run
 from opencv_tools.ros.subscriber import parameters as subscriber_parameters, raw_subscription
 import rclpy
@@ -204,25 +204,21 @@ class Stages:
         return taken
 
 
-class OurPublisher(ImagePublisher):
-    """The package's publisher, with a camera that costs nothing."""
-
-    camera: Camera
-
-    def _open_source(self) -> Source:
-        return self.camera
-
-
 class OurSubscriber(ImageSubscriber):
     """The package's subscriber, which notes the age of frames instead of writing them."""
 
     ages: Ages
     stages: Stages
 
-    def _record(self, frame: ReceivedFrame) -> None:
+    def __init__(self) -> None:
+        """Replace the recording of frames."""
+        super().__init__()
+        self._session.record = self._note
+
+    def _note(self, frame: ReceivedFrame) -> None:
         assert isinstance(frame, RawFrame)
-        self.ages.note(frame.image, frame.stamp_ns)
-        self.stages.note(frame.stamp_ns)
+        self.ages.note(frame.image, frame.metadata.stamp_ns)
+        self.stages.note(frame.metadata.stamp_ns)
 
 
 class TutorialPublisher(Node):
@@ -276,12 +272,14 @@ class TutorialSubscriber(Node):
 
 
 def publish_ours(load: Load) -> int:
-    """Run the package's publisher."""
-    camera = OurPublisher.camera = Camera(load)
-    executable = Executable('img_publisher', 'image_publisher', '',
-                            publisher_parameters.PARAMETERS, '', lambda _: load.frame_bytes)
+    """Run the package's publisher, with a camera that costs nothing."""
+    camera = Camera(load)
+    loop.open_source = lambda *_: camera
+    executable = Executable(
+        name='img_publisher', node='image_publisher', description='', example='',
+        parameters=publisher_parameters.PARAMETERS, frame_bytes=lambda _: load.frame_bytes)
     topic = f'{load.namespace}/{TOPIC}'
-    status = run(executable, OurPublisher, [
+    status = run(executable, ImagePublisher, [
         'img_publisher', *load.arguments, '-p', 'publish_rate:=0.0',
         '-p', f'max_frames:={load.frames}', '-p', 'wait_for_subscribers:=1',
         '-p', f'qos_overrides.{topic}.publisher.reliability:={load.qos}'], failures=())
@@ -292,8 +290,9 @@ def publish_ours(load: Load) -> int:
 def subscribe_ours(load: Load) -> int:
     """Run the package's subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
-    executable = Executable('img_subscriber', 'image_subscriber', '',
-                            subscriber_parameters.PARAMETERS, '')
+    executable = Executable(
+        name='img_subscriber', node='image_subscriber', description='', example='',
+        parameters=subscriber_parameters.PARAMETERS)
     when_input_ends(lambda: signal.raise_signal(signal.SIGINT))
     with tempfile.TemporaryDirectory() as folder:
         status = run(executable, lambda _: OurSubscriber(), [

@@ -16,37 +16,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Sequence
 import sys
 import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.picture_size import SizeError
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
-from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
-from opencv_tools.recording.selection import Selection
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.subscriber.conversion import describe_message, message_to_frame
-from opencv_tools.ros.subscriber.messages import FrameMessage
-from opencv_tools.ros.subscriber.parameters import (
-    limits, open_recorder, PARAMETERS, subscription_depth)
-from opencv_tools.ros.subscriber.save_service import SaveRequests
+from opencv_tools.ros.subscriber.conversion import FrameConverter
+from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings
+from opencv_tools.ros.subscriber.session import RecordingSession
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.timers import create_steady_timer
 from rclpy.node import Node
 from rclpy.task import Future
-from rclpy.timer import Timer
 
-# Maximum time to record received frames at the end, and the period of checks for room in the
-# queue meanwhile.
+# Maximum time to record received frames at the end.
 _END_SECONDS = 60.0
-_POLL_SECONDS = 0.001
 
 
 class ImageSubscriber(Node):
@@ -60,30 +51,27 @@ class ImageSubscriber(Node):
         :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
-        settings = declare_parameters(self, PARAMETERS)
+        settings = RecorderSettings(**declare_parameters(self, PARAMETERS))
         self.done = Future()
         self.br = CvBridge()
-        self._skipped = self._unreadable = self._put_count = 0
         self._log, self._progress = open_progress(
-            self.get_logger(), 'Receiving video frame', settings['max_frames'])
+            self.get_logger(), 'Receiving video frame', settings.max_frames)
         self._failure_log = FailureLog(self._log)
-        self._arrivals = ArrivalClock()
-        bounds = limits(settings)
-        self._selection = Selection(settings['every_n'], settings['max_rate'], bounds)
-        self._folder, self._recorder = open_recorder(
-            settings, bounds, self._log, lambda: self._end(EXIT_OK))
-        self._requests = SaveRequests(self) if settings['mode'] == 'on_request' else None
+        self._unreadable = 0
+        self._converter = FrameConverter(self.br, settings.max_pixels)
+        self._session = RecordingSession(self, settings, self._log, lambda: self._end(EXIT_OK))
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings['transport'], subscription_depth(settings), self._log,
+            self, 'video_frames', settings.transport, settings.depth, self._log,
             self.listener_callback, self._count_unreadable)
-        self._queue_size = settings['queue_size']
-        self._timeout, self._max_pixels = settings['timeout'], settings['max_pixels']
-        self._timeout_timer = self._start_timer(self._timeout, self._end_on_timeout)
+        self._timeout = settings.timeout
+        self._timeout_timer = create_steady_timer(
+            self, self._timeout, self._end_on_timeout) if self._timeout else None
         for name in unknown_parameters(self, PARAMETERS):
             self._log.warning(describe_unknown(name, PARAMETERS))
-        self._log.info(f'Waiting for {self.subscription.topic_name}, writing to {self._folder}')
+        self._log.info(
+            f'Waiting for {self.subscription.topic_name}, writing to {self._session.folder}')
 
-    def listener_callback(self, message: FrameMessage, receive_ns: int) -> None:
+    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
         Convert a message to a frame and record it.
 
@@ -95,13 +83,12 @@ class ImageSubscriber(Node):
         if self._timeout_timer:
             self._timeout_timer.reset()
         try:
-            frame = message_to_frame(
-                self.br, message, self.subscription.topic_name, receive_ns, self._max_pixels)
+            frame = self._converter.convert(message, self.subscription.topic_name, receive_ns)
         except (CvBridgeError, SizeError) as err:
             self._count_unreadable(err)
         else:
-            self._record(replace(frame, arrival_ns=self._arrivals.arrival_ns(receive_ns)))
-            self._progress.tick(describe_message(message), self._dropped())
+            self._session.record(frame)
+            self._progress.tick(message.description, self._dropped())
 
     def close(self) -> int:
         """
@@ -110,21 +97,20 @@ class ImageSubscriber(Node):
         :returns: the exit status.
         """
         unprocessed = self._record_remaining()
-        self._recorder.close()
-        if self._requests:
-            self._requests.close()
+        self._session.close()
         self._progress.close()
-        counts = self._recorder.counts
+        recorder, losses = self._session.recorder, self.subscription.losses
+        counts = recorder.counts
         failed = counts.failed + self._unreadable
-        skipped = counts.skipped + self._skipped
+        skipped = counts.skipped + self._session.skipped
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{counts.written} written to {self._folder}, {counts.dropped} dropped, '
-            f'{failed} failed, {self.subscription.lost} lost in transit'
-            + ('' if self.subscription.losses.is_complete else ' since the first received frame')
+            f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
+            f'{failed} failed, {losses.count} lost in transit'
+            + ('' if losses.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
-        if failed or unprocessed or self._recorder.is_unfinished:
+        if failed or unprocessed or recorder.is_unfinished:
             return EXIT_FAILURE
         return self.done.result() if self.done.done() else EXIT_OK
 
@@ -138,38 +124,8 @@ class ImageSubscriber(Node):
             self.subscription.destroy()
             return 0
         deadline = time.monotonic() + _END_SECONDS
-
-        def has_room() -> bool:
-            while time.monotonic() < deadline and not self.done.done():
-                counts = self._recorder.counts
-                if self._put_count - counts.written - counts.dropped - counts.failed \
-                        - counts.skipped < self._queue_size:
-                    return True
-                time.sleep(_POLL_SECONDS)
-            return False
-
-        unprocessed = self.subscription.close(has_room)
+        unprocessed = self.subscription.close(lambda: self._session.wait_for_room(deadline))
         return 0 if self.done.done() else unprocessed
-
-    def _record(self, frame: ReceivedFrame) -> None:
-        """Record a frame if it is selected."""
-        if not self._selection.has_begun:
-            self._start_timer(self._selection.max_seconds, lambda: self._end(EXIT_OK))
-        if self._selection.is_late():
-            self._skipped += 1
-            self._end(EXIT_OK)
-            return
-        requests = self._requests.pop_all() if self._requests else []
-        if not (requests if self._requests else self._selection.selects(frame)):
-            self._skipped += 1
-            return
-        self._selection.count()
-        on_done = partial(self._requests.complete, requests) if self._requests else None
-        self._put_count += 1
-        if not self._recorder.put(frame, on_done):
-            self._selection.uncount()
-        if self._selection.is_over:
-            self._end(EXIT_OK)
 
     def _count_unreadable(self, err: ImageError | CvBridgeError) -> None:
         """Count and log a message that cannot be recorded."""
@@ -178,11 +134,7 @@ class ImageSubscriber(Node):
         self._progress.tick('unreadable message', self._dropped())
 
     def _dropped(self) -> int:
-        return self.subscription.lost + self._recorder.counts.dropped
-
-    def _start_timer(self, seconds: float, call: Callable[[], None]) -> Timer | None:
-        """Create a timer; None for 0 seconds."""
-        return create_steady_timer(self, seconds, call) if seconds else None
+        return self.subscription.losses.count + self._session.recorder.counts.dropped
 
     def _end_on_timeout(self) -> None:
         """End with an error, because no frame arrived in time."""
@@ -203,8 +155,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        'img_subscriber', 'image_subscriber', 'Record the images on video_frames as files.',
-        PARAMETERS, '-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
+        name='img_subscriber', node='image_subscriber', parameters=PARAMETERS,
+        description='Record the images on video_frames as files.',
+        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status

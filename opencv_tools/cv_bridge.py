@@ -30,9 +30,9 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import image_to_cdr, WireImage
+from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.color import convert_to
-from opencv_tools.image.compressed import parse_format, stored_encoding
+from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
@@ -186,24 +186,6 @@ class CvBridge:
         return message
 
     @_raises_bridge_errors
-    def cv2_to_cdr(
-        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
-    ) -> bytes:
-        """
-        Convert an array to a serialised image message, copying its data once.
-
-        The original cv_bridge has no such method.
-
-        :param cvim: as for ``cv2_to_imgmsg``.
-        :param encoding: encoding of the array; ``'passthrough'`` for its generic type (``8UC3``).
-        :param header: header of the message; None for an empty one.
-        :returns: CDR, which a publisher accepts instead of the message.
-        :raises TypeError: ``cvim`` is not an array.
-        :raises CvBridgeError: the encoding is unknown or does not fit the array.
-        """
-        return image_to_cdr(self.cv2_to_wire(cvim, encoding, header))
-
-    @_raises_bridge_errors
     def cv2_to_wire(
         self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
     ) -> WireImage:
@@ -223,9 +205,10 @@ class CvBridge:
         rows, width = cvim.shape[:2]
         header = header or Header()
         return WireImage(
-            header.stamp.sec, header.stamp.nanosec, header.frame_id, declared.height(rows),
-            width, declared.name, is_bigendian(cvim.dtype), width * declared.pixel_bytes,
-            pack_pixels(cvim))
+            header=WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id),
+            height=declared.height(rows), width=width, encoding=declared.name,
+            is_bigendian=is_bigendian(cvim.dtype), step=width * declared.pixel_bytes,
+            data=pack_pixels(cvim))
 
     @_raises_bridge_errors
     def compressed_imgmsg_to_cv2(
@@ -242,10 +225,10 @@ class CvBridge:
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        picture: NDArray[Any] = _pictures().decode_picture(cmprs_img_msg.data)
+        picture = _pictures().decode_picture(cmprs_img_msg.data)
         if desired_encoding == 'passthrough':
             return picture
-        source = stored_encoding(picture, cmprs_img_msg.format)
+        source = decoded_encoding(picture, cmprs_img_msg.format)
         return convert_to(picture, source, desired_encoding)
 
     @_raises_bridge_errors
@@ -368,5 +351,4 @@ def _declared(image: NDArray[Any], encoding: str) -> Encoding:
 
 def _channel_step() -> int:
     """Return by how much the number of an OpenCV type increases with each channel."""
-    step: int = getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)
-    return step
+    return getattr(sys.modules.get('cv2'), 'CV_8UC2', 8)

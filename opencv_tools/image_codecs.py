@@ -25,16 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.jpeg import (
-    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, JpegError, with_extra_data,
-)
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
+    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
 from opencv_tools.image.text import printable
-
-
-class CodecError(ImageError):
-    """An image file cannot be encoded or decoded. The message contains the reason."""
 
 
 def _types(depths: str, channels: str) -> frozenset[str]:
@@ -123,8 +118,7 @@ def encode_picture(
         raise CodecError(f'{described} cannot be stored as {suffix[1:]}: {err.err}') from err
     if not encoded:
         raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
-    data: NDArray[np.uint8] = content.reshape(-1)
-    return data
+    return content.reshape(-1)
 
 
 def decode_picture(
@@ -141,10 +135,7 @@ def decode_picture(
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
-    try:
-        check_size(*picture_size(content), max_pixels)
-    except SizeError as err:
-        raise CodecError(str(err)) from err
+    check_size(*picture_size(content), max_pixels)
     is_jpeg = content.startswith(JPEG_SOI)
     scan_end = check_complete(content) if is_jpeg else 0
     # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
@@ -183,8 +174,7 @@ def check_complete(jpeg: bytes) -> int:
 
 
 def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
-    image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    return image
+    return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
 
 
 def _has_fill_gray(image: NDArray[Any]) -> bool:
@@ -207,8 +197,7 @@ def convert_picture(image: NDArray[Any], source: Encoding, target: Encoding) -> 
     has_odd_width = source.kind == 'yuv' and image.shape[1] % 2
     if code is None or has_odd_width or not image.size:
         return convert(image, source, target)
-    converted: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
-    return converted
+    return cv2.cvtColor(np.ascontiguousarray(image), code)
 
 
 @lru_cache  # called for each frame
@@ -233,7 +222,6 @@ def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
     :raises CodecError: the colormap is unknown.
     """
     try:
-        colored: NDArray[Any] = cv2.applyColorMap(gray, colormap)
+        return cv2.applyColorMap(gray, colormap)
     except cv2.error as err:
         raise CodecError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err
-    return colored

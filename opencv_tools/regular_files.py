@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 import errno
 import os
 from pathlib import Path
 import stat
+from typing import Any, BinaryIO
 
 _CHUNK = 1 << 20
 
@@ -116,16 +118,60 @@ def replace_file(path: Path, content: bytes) -> None:
     """
     with suppress(FileNotFoundError):
         _check_kind(path, path.lstat().st_mode)
-    temporary = path.with_name(f'.{os.urandom(8).hex()}.part')
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    file = os.open(temporary, flags, 0o666)
+    temporary = write_beside(path, content)
     try:
-        with os.fdopen(file, 'wb') as writing:
-            writing.write(content)
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def write_beside(path: Path, content: bytes) -> Path:
+    """
+    Write a temporary file that can replace another file of the same folder.
+
+    :param path: path of the other file.
+    :param content: content of the file.
+    :returns: path of the temporary file.
+    :raises OSError: the file cannot be written; it is removed.
+    """
+    temporary = path.with_name(f'.{os.urandom(8).hex()}.part')
+    write_new(temporary, (content,))
+    return temporary
+
+
+def write_new(path: Path, parts: Iterable[Any], sync: bool = False) -> None:
+    """
+    Write a new file.
+
+    :param path: path of the file.
+    :param parts: buffers with the content, in order.
+    :param sync: whether the file is flushed to disk.
+    :raises FileExistsError: the path exists; it is not changed.
+    :raises OSError: the file cannot be written; it is removed.
+    """
+    with path.open('xb', buffering=0) as file:
+        try:
+            for part in parts:
+                write_buffer(file, part)
+            if sync:
+                os.fsync(file.fileno())
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+
+def write_buffer(file: BinaryIO, data: Any) -> None:
+    """
+    Write a buffer to an unbuffered file, which may accept only a part of it at once.
+
+    :param file: file that is open for writing.
+    :param data: buffer.
+    :raises OSError: not all data can be written.
+    """
+    rest = memoryview(data).cast('B')
+    while rest:
+        rest = rest[file.write(rest):]
 
 
 def _check_kind(path: Path, mode: int) -> None:

@@ -291,6 +291,17 @@ def node(domain: int) -> Iterator[Node]:
 
 
 @pytest.fixture
+def camera(domain: int) -> Iterator[Node]:
+    """Create a second node, ``/front/camera``, which other nodes have to discover."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    publishing = Node('camera', context=context, namespace='/front')
+    yield publishing
+    publishing.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
 def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
     """Return a function that prints a figure of a passing test."""
     def _tell(text: str) -> None:

@@ -18,14 +18,14 @@ from __future__ import annotations
 
 from threading import Event
 import time
-from typing import Protocol
 
 
-class Clock(Protocol):
-    """A monotonic clock, and waits that time out by this clock."""
+class Clock:
+    """The monotonic clock of the machine, and waits that time out by this clock."""
 
     def monotonic(self) -> float:
         """Return the seconds of CLOCK_MONOTONIC."""
+        return time.monotonic()
 
     def wait(self, event: Event, seconds: float) -> bool:
         """
@@ -35,19 +35,8 @@ class Clock(Protocol):
         :param seconds: timeout in seconds.
         :returns: whether the event is set.
         """
-
-
-class SystemClock:
-    """The monotonic clock of the machine."""
-
-    def monotonic(self) -> float:
-        """Return the seconds of CLOCK_MONOTONIC."""
-        return time.monotonic()
-
-    def wait(self, event: Event, seconds: float) -> bool:
-        """Wait until an event is set or the timeout has passed; return whether it is set."""
         return event.wait(seconds)
 
 
 #: The default clock of all classes of this package.
-SYSTEM_CLOCK = SystemClock()
+SYSTEM_CLOCK = Clock()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The frame, the interface of every source, and the errors of sources."""
+"""The frame, and the interface of every source."""
 
 from __future__ import annotations
 
@@ -25,22 +25,6 @@ MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
 #: Encoding of a frame that the camera has compressed; its image is the bytes of the JPEG.
 JPEG = 'jpeg'
-
-#  CaptureError          the source cannot be opened, or has failed permanently
-#  ├─ UnavailableError   the camera or stream is unavailable now, but may come back
-#  └─ BrokenFrameError   one frame is unreadable; the next one may be readable
-
-
-class CaptureError(Exception):
-    """A source cannot be used. The message names the source and the remedy."""
-
-
-class UnavailableError(CaptureError):
-    """A camera or stream is disconnected, busy or not permitted now, and may come back."""
-
-
-class BrokenFrameError(CaptureError):
-    """One frame, or the rest of a file, cannot be read. The source can still be used."""
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,8 @@ from threading import Event
 from typing import Protocol
 
 from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
-from opencv_tools.capture.frame import (
-    BrokenFrameError, CaptureError, Frame, LiveSource, Source, UnavailableError,
-)
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame, LiveSource, Source
 from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.

@@ -21,7 +21,8 @@ from pathlib import Path
 import re
 from typing import Literal
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import Frame
 from opencv_tools.image.encodings import picture_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import MAX_PATH, printable

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.image.encodings import Encoding, find_encoding, picture_encoding
-from opencv_tools.image.jpeg import jpeg_components, JpegError
+from opencv_tools.image.errors import JpegError
+from opencv_tools.image.jpeg import jpeg_components
 from opencv_tools.image.orientation import orient
 from opencv_tools.image_codecs import convert_picture, decode_picture, encode_picture
 

@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 from threading import Event
 
 from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, FileSource, Frame
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import FileSource, Frame
 
 ON_END = ('stop', 'loop', 'hold')
 PICTURE_RATE = 10.0  # frames per second of image files, which have no native rate

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import closing, suppress
 import difflib
 import glob
 import os
@@ -25,7 +25,8 @@ from pathlib import Path
 import stat
 
 import cv2
-from opencv_tools.capture.frame import CaptureError, Source, UnavailableError
+from opencv_tools.capture.errors import CaptureError, UnavailableError
+from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import natural_order, PICTURE_SUFFIXES, PictureSequence
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import StreamSource
@@ -111,11 +112,8 @@ def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[
         return request.width or DEFAULT_SIZE[0], request.height or DEFAULT_SIZE[1]
     if _is_url(text) or _path(text).is_fifo():
         return None
-    source = open_source(text)
-    try:
+    with closing(open_source(text)) as source:
         frame = None if source.live else source.read()
-    finally:
-        source.close()
     return (frame.image.shape[1], frame.image.shape[0]) if frame else None
 
 

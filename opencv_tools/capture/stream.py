@@ -21,7 +21,8 @@ import time
 from typing import Literal
 
 import cv2
-from opencv_tools.capture.frame import BrokenFrameError, Frame, UnavailableError
+from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
+from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.video import describe_video, video_rate
 from opencv_tools.image.text import without_password
 

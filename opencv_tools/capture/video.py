@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Literal
 
 import cv2
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, MAX_RATE
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import Frame, MAX_RATE
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.image.text import MAX_PATH, printable, without_password
 
@@ -110,7 +111,7 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
 
 def video_rate(capture: cv2.VideoCapture) -> float:
     """Return the frames per second in the header of a video; 0.0 if the value is implausible."""
-    rate: float = capture.get(cv2.CAP_PROP_FPS)
+    rate = capture.get(cv2.CAP_PROP_FPS)
     return rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
 
 

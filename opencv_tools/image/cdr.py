@@ -31,22 +31,16 @@ from dataclasses import dataclass
 import struct
 from typing import Any
 
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import CdrError, EncapsulationError
+from opencv_tools.image.text import printable
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _HEAD_SIZE = len(_LITTLE_ENDIAN)
 _STAMP = struct.Struct('<iI')
 _SIZE = struct.Struct('<I')
 _SIZES = struct.Struct('<II')
+_MAX_TEXT = 40  # characters of a text in a description
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
-
-
-class CdrError(ImageError):
-    """Bytes that are not a message, or a message that cannot be serialised."""
-
-
-class EncapsulationError(CdrError):
-    """A message with another encapsulation than plain CDR. The middleware must read it."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +58,12 @@ class WireHeader:
     frame_id: str
 
 
-@dataclass(frozen=True)
-class WireImage(WireHeader):
+@dataclass(frozen=True, kw_only=True)
+class WireImage:
     """
     A sensor_msgs/Image as plain values, which CvBridge accepts instead of the message.
 
+    :param header: stamp and coordinate frame.
     :param height: height in pixels.
     :param width: width in pixels.
     :param encoding: name of the encoding of the pixels.
@@ -77,6 +72,7 @@ class WireImage(WireHeader):
     :param data: buffer of bytes.
     """
 
+    header: WireHeader
     height: int
     width: int
     encoding: str
@@ -84,18 +80,34 @@ class WireImage(WireHeader):
     step: int
     data: Any
 
+    @property
+    def description(self) -> str:
+        """Size in pixels and encoding, in printable characters."""
+        return f'{self.width}x{self.height} {printable(self.encoding, _MAX_TEXT)}'
 
-@dataclass(frozen=True)
-class WireCompressedImage(WireHeader):
+
+@dataclass(frozen=True, kw_only=True)
+class WireCompressedImage:
     """
     A sensor_msgs/CompressedImage as plain values, which CvBridge accepts instead of the message.
 
+    :param header: stamp and coordinate frame.
     :param format: format string, such as ``'jpeg'``.
     :param data: buffer of bytes.
     """
 
+    header: WireHeader
     format: str  # noqa: A003
     data: Any
+
+    @property
+    def description(self) -> str:
+        """Size in bytes and format string, in printable characters."""
+        return f'{len(self.data)} bytes {printable(self.format, _MAX_TEXT)}'
+
+
+#: An image message of either type.
+WireMessage = WireImage | WireCompressedImage
 
 
 def image_to_cdr(image: WireImage) -> bytes:
@@ -107,7 +119,7 @@ def image_to_cdr(image: WireImage) -> bytes:
     :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
-    head = _header(image) + _pack(_SIZES, image.height, image.width)
+    head = _header(image.header) + _pack(_SIZES, image.height, image.width)
     head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
     return b''.join((head, _pack(_SIZES, image.step, data.nbytes), data))
 
@@ -121,7 +133,7 @@ def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
-    head = _padded(_header(image) + _string(image.format))
+    head = _padded(_header(image.header) + _string(image.format))
     return b''.join((head, _pack(_SIZE, data.nbytes), data))
 
 
@@ -135,10 +147,11 @@ def cdr_to_image(serialized: Any) -> WireImage:
     :raises CdrError: the buffer is too short.
     """
     reader = _Reader(serialized)
+    header = reader.header()
+    height, width = reader.numbers('II')
     return WireImage(
-        reader.number('i'), reader.number('I'), reader.string(), reader.number('I'),
-        reader.number('I'), reader.string(), bool(reader.number('B')), reader.number('I'),
-        reader.rest())
+        header=header, height=height, width=width, encoding=reader.string(),
+        is_bigendian=bool(reader.byte()), step=reader.numbers('I')[0], data=reader.data())
 
 
 def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
@@ -152,7 +165,7 @@ def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
     """
     reader = _Reader(serialized)
     return WireCompressedImage(
-        reader.number('i'), reader.number('I'), reader.string(), reader.string(), reader.rest())
+        header=reader.header(), format=reader.string(), data=reader.data())
 
 
 def encode_text(text: str) -> bytes:
@@ -214,18 +227,32 @@ class _Reader:
         self._order = _ORDERS[encapsulation]
         self._position = _HEAD_SIZE
 
-    def number(self, code: str) -> int:
+    def header(self) -> WireHeader:
         """
-        Read a number.
+        Read a std_msgs/Header.
 
-        :param code: format character of ``struct``, such as ``'I'``.
         :raises CdrError: the message is too short.
         """
-        size = struct.calcsize(f'{self._order}{code}')
-        self._position += -self._position % size
-        field = self._take(size)
-        value: int = struct.unpack(f'{self._order}{code}', field)[0]
-        return value
+        sec, nanosec = self.numbers('iI')
+        return WireHeader(sec, nanosec, self.string())
+
+    def numbers(self, codes: str) -> tuple[int, ...]:
+        """
+        Read numbers of four bytes.
+
+        :param codes: format characters of ``struct``, such as ``'iI'``.
+        :raises CdrError: the message is too short.
+        """
+        self._position += -self._position % 4
+        return struct.unpack(self._order + codes, self._take(4 * len(codes)))
+
+    def byte(self) -> int:
+        """
+        Read a number of one byte.
+
+        :raises CdrError: the message is too short.
+        """
+        return self._take(1)[0]
 
     def string(self) -> str:
         """
@@ -233,17 +260,17 @@ class _Reader:
 
         :raises CdrError: the message is too short.
         """
-        text = bytes(self._take(self.number('I')))
+        text = bytes(self.data())
         return text.removesuffix(b'\0').decode(errors='replace')
 
-    def rest(self) -> memoryview:
+    def data(self) -> memoryview:
         """
         Read a sequence of bytes.
 
         :returns: a view of the bytes.
         :raises CdrError: the message is too short.
         """
-        return self._take(self.number('I'))
+        return self._take(self.numbers('I')[0])
 
     def _take(self, size: int) -> memoryview:
         end = self._position + size

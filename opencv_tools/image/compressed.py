@@ -59,7 +59,7 @@ def parse_format(text: str) -> CompressedFormat:
     return CompressedFormat(parts[2], parts[1].strip(), parts[3])
 
 
-def stored_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
+def decoded_encoding(picture: NDArray[Any], format_text: str) -> Encoding:
     """
     Return the encoding of a decoded image.
 

@@ -117,7 +117,7 @@ def _find_target(target_name: str) -> Encoding:
 
 def _color_labels(labels: NDArray[Any]) -> NDArray[Any]:
     """Return a BGR image with a colour for each label; negative labels, as -1, are black."""
-    colors: NDArray[Any] = _LABEL_COLORS[labels % len(_LABEL_COLORS)][..., ::-1].copy()
+    colors = _LABEL_COLORS[labels % len(_LABEL_COLORS)][..., ::-1].copy()
     colors[labels < 0] = 0
     return colors
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, KW_ONLY, replace
 from functools import lru_cache
 import re
 from typing import Any
@@ -52,6 +52,7 @@ class Encoding:
     name: str
     dtype: str
     channels: int
+    _: KW_ONLY
     kind: str = 'generic'
     order: str = ''
     row_factor: float = 1
@@ -84,30 +85,30 @@ class Encoding:
 
 
 _BAYER = tuple(
-    Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, 'bayer', pattern)
+    Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, kind='bayer', order=pattern)
     for bits in (8, 16) for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')
 )
 
 #: All named encodings; ``find_encoding`` also reads generic names (``8UC3``, ``32FC1``).
 ENCODINGS = {encoding.name: encoding for encoding in (
-    Encoding('rgb8', 'uint8', 3, 'color', 'rgb'),
-    Encoding('rgba8', 'uint8', 4, 'color', 'rgba'),
-    Encoding('rgb16', 'uint16', 3, 'color', 'rgb'),
-    Encoding('rgba16', 'uint16', 4, 'color', 'rgba'),
-    Encoding('bgr8', 'uint8', 3, 'color', 'bgr'),
-    Encoding('bgra8', 'uint8', 4, 'color', 'bgra'),
-    Encoding('bgr16', 'uint16', 3, 'color', 'bgr'),
-    Encoding('bgra16', 'uint16', 4, 'color', 'bgra'),
-    Encoding('mono8', 'uint8', 1, 'color', 'y'),
-    Encoding('mono16', 'uint16', 1, 'color', 'y'),
+    Encoding('rgb8', 'uint8', 3, kind='color', order='rgb'),
+    Encoding('rgba8', 'uint8', 4, kind='color', order='rgba'),
+    Encoding('rgb16', 'uint16', 3, kind='color', order='rgb'),
+    Encoding('rgba16', 'uint16', 4, kind='color', order='rgba'),
+    Encoding('bgr8', 'uint8', 3, kind='color', order='bgr'),
+    Encoding('bgra8', 'uint8', 4, kind='color', order='bgra'),
+    Encoding('bgr16', 'uint16', 3, kind='color', order='bgr'),
+    Encoding('bgra16', 'uint16', 4, kind='color', order='bgra'),
+    Encoding('mono8', 'uint8', 1, kind='color', order='y'),
+    Encoding('mono16', 'uint16', 1, kind='color', order='y'),
     *_BAYER,
-    Encoding('yuv422', 'uint8', 2, 'yuv', 'uyvy'),
-    Encoding('uyvy', 'uint8', 2, 'yuv', 'uyvy'),
-    Encoding('yuv422_yuy2', 'uint8', 2, 'yuv', 'yuyv'),
-    Encoding('yuyv', 'uint8', 2, 'yuv', 'yuyv'),
-    Encoding('nv12', 'uint8', 1, 'yuv', 'nv12', 1.5),
-    Encoding('nv21', 'uint8', 1, 'yuv', 'nv21', 1.5),
-    Encoding('nv24', 'uint8', 1, 'yuv', 'nv24', 3),
+    Encoding('yuv422', 'uint8', 2, kind='yuv', order='uyvy'),
+    Encoding('uyvy', 'uint8', 2, kind='yuv', order='uyvy'),
+    Encoding('yuv422_yuy2', 'uint8', 2, kind='yuv', order='yuyv'),
+    Encoding('yuyv', 'uint8', 2, kind='yuv', order='yuyv'),
+    Encoding('nv12', 'uint8', 1, kind='yuv', order='nv12', row_factor=1.5),
+    Encoding('nv21', 'uint8', 1, kind='yuv', order='nv21', row_factor=1.5),
+    Encoding('nv24', 'uint8', 1, kind='yuv', order='nv24', row_factor=3),
 )}
 
 #: Names of the encodings with colour channels. All named encodings can be converted to them.

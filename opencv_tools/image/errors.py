@@ -12,7 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The errors of this package; all have the base class ``ImageError``."""
+"""
+The errors of images.
+
+ImageError
+├─ EncodingError            an encoding is unknown, or does not fit an array
+├─ LayoutError              the size, step and data of an image contradict each other
+├─ ConversionError          a conversion between two encodings is not supported
+├─ CdrError                 bytes are not a message, or a message cannot be serialised
+│  └─ EncapsulationError    a message has another encapsulation than plain CDR
+└─ CodecError               an image file cannot be encoded or decoded
+   ├─ SizeError             the size of an image file is unknown or too large
+   └─ JpegError             a JPEG is incomplete or damaged
+"""
 
 from __future__ import annotations
 
@@ -22,7 +34,7 @@ class ImageError(ValueError):
 
 
 class EncodingError(ImageError):
-    """An encoding is unknown."""
+    """An encoding is unknown, or does not fit an array."""
 
 
 class LayoutError(ImageError):
@@ -31,3 +43,23 @@ class LayoutError(ImageError):
 
 class ConversionError(ImageError):
     """A conversion between two encodings is not supported."""
+
+
+class CdrError(ImageError):
+    """Bytes that are not a message, or a message that cannot be serialised."""
+
+
+class EncapsulationError(CdrError):
+    """A message with another encapsulation than plain CDR. The middleware must read it."""
+
+
+class CodecError(ImageError):
+    """An image file cannot be encoded or decoded."""
+
+
+class SizeError(CodecError):
+    """The size of an image file is unknown or too large."""
+
+
+class JpegError(CodecError):
+    """A JPEG is incomplete or damaged."""

@@ -20,10 +20,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 import re
 import struct
-from typing import NamedTuple
 
 import numpy as np
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import JpegError
 
 #: Markers: start of image, start of scan, end of image.
 JPEG_SOI, JPEG_SOS, JPEG_EOI = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
@@ -47,10 +46,6 @@ _MAX_CODE_BITS = 16  # longest code of a Huffman table in bits
 _EXTRA_DATA = bytes(range(0x11, 0xff)) * 8
 
 
-class JpegError(ImageError):
-    """A JPEG is incomplete or damaged. The message contains the reason."""
-
-
 @dataclass(frozen=True)
 class _Frame:
     """The frame header of a JPEG."""
@@ -61,7 +56,8 @@ class _Frame:
     sampling: dict[int, tuple[int, int]]  # horizontal and vertical factor, by component
 
 
-class _Segment(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class _Segment:
     """A segment of a JPEG; a scan segment is followed by its entropy-coded data."""
 
     marker: int  # second byte of the marker
@@ -196,10 +192,11 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
             raise struct.error('a segment that is longer than the rest')
         if marker == _SOS:
             position, stuffed = _read_data(jpeg, end)
-            yield _Segment(marker, start, end, position, stuffed)
+            yield _Segment(marker=marker, start=start, end=end, data_end=position,
+                           stuffed=stuffed)
         else:
             position = end
-            yield _Segment(marker, start, end)
+            yield _Segment(marker=marker, start=start, end=end)
     raise JpegError('a picture without a size')
 
 

@@ -62,15 +62,13 @@ def view_pixels(
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
     shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
     if step == row or not row:
-        tight: NDArray[Any] = content[:rows * row].view(dtype).reshape(shape)
-        return tight
-    lines: NDArray[Any] = content[:rows * step].reshape(rows, step)
+        return content[:rows * row].view(dtype).reshape(shape)
+    lines = content[:rows * step].reshape(rows, step)
     if encoding.row_factor == 3:
         # A chroma line of nv24 has twice the length, and all its padding is at its end.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
         lines = np.concatenate([lines[:height, :row], chroma])
-    pixels: NDArray[Any] = lines[:, :row].view(dtype).reshape(shape)
-    return pixels
+    return lines[:, :row].view(dtype).reshape(shape)
 
 
 def _view_bytes(data: Any) -> NDArray[np.uint8]:

@@ -67,8 +67,7 @@ def turned_axes(flip: str, degrees: int) -> NDArray[Any]:
     """
     rows, columns = FLIPS[flip]
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    axes: NDArray[Any] = np.linalg.matrix_power(quarter, degrees // 90) @ np.diag([columns, rows])
-    return axes + 0.0
+    return np.linalg.matrix_power(quarter, degrees // 90) @ np.diag([columns, rows]) + 0.0
 
 
 def _turn(image: NDArray[Any], flip: str, degrees: int) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import re
 import struct
 
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import SizeError
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
@@ -41,10 +41,6 @@ _TIFF_NUMBERS = {1: 'B', 3: 'H', 4: 'I', 16: 'Q'}
 _TIFF_WIDTHS, _TIFF_HEIGHTS = (256, 322), (257, 323)
 
 
-class SizeError(ImageError):
-    """The size of an image file is unknown or too large. The message contains the reason."""
-
-
 def picture_size(content: bytes) -> tuple[int, int]:
     """
     Read the size of an image file.
@@ -57,7 +53,7 @@ def picture_size(content: bytes) -> tuple[int, int]:
         if begins.match(content):
             try:
                 width, height = read(content)
-            except (struct.error, ValueError, ImageError) as err:
+            except (struct.error, ValueError) as err:
                 raise SizeError(f'{len(content)} bytes of a picture without a size') from err
             if width > 0 and height > 0:
                 return width, height

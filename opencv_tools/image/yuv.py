@@ -76,8 +76,7 @@ def yuv_to_color(image: NDArray[Any], encoding: Encoding, target: str) -> NDArra
 def _luma(image: NDArray[Any], encoding: Encoding, height: int) -> NDArray[Any]:
     """Return a copy of the luma, (h, w)."""
     if image.ndim == 2:
-        luma: NDArray[Any] = image[:height].copy()
-        return luma
+        return image[:height].copy()
     pixels = image.view('<u2')[..., 0]
     gray = np.empty(pixels.shape, np.uint8)
     for rows in row_blocks(*pixels.shape):

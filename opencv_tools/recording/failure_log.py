@@ -20,9 +20,9 @@ from collections import OrderedDict
 import re
 from threading import Lock
 import time
-from typing import Protocol
 
 from opencv_tools.image.text import printable
+from opencv_tools.logs import Log
 
 _MAX_REASONS = 20  # reasons in memory
 _MAX_REASON = 400  # characters
@@ -36,19 +36,6 @@ _FFMPEG_ERROR = re.compile(r'\[Errno -?[0-9]{5,}\]')
 _NUMBER = re.compile(r'\b[0-9]+(?:x[0-9]+)?\b')
 _NOT_LOGGED = '-'  # an outage whose reason was not logged
 _FFMPEG_REMEDY = '; set the extension of file_name to .png or .npy, which hold any size'
-
-
-class Log(Protocol):
-    """Logging methods of a node."""
-
-    def info(self, message: str) -> object:
-        """Log normal progress."""
-
-    def warning(self, message: str) -> object:
-        """Log a possible problem."""
-
-    def error(self, message: str) -> object:
-        """Log a failure."""
 
 
 class FailureLog:
@@ -151,24 +138,3 @@ def plain_reason(reason: str) -> str:
 def _cause(reason: str) -> str:
     """Return the part that reasons which differ only in numbers share."""
     return _NUMBER.sub('0', reason[:_MAX_REASON])
-
-
-class Throttle:
-    """Limit an action to once per period."""
-
-    def __init__(self, seconds: float = 1.0) -> None:
-        """
-        Allow the first action.
-
-        :param seconds: period in seconds.
-        """
-        self._seconds = seconds
-        self._passed_at = float('-inf')
-
-    def passes(self) -> bool:
-        """Return whether the action may happen now; if so, a new period begins."""
-        now = time.monotonic()
-        if now - self._passed_at < self._seconds:
-            return False
-        self._passed_at = now
-        return True

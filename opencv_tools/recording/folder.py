@@ -31,7 +31,7 @@ from typing import Any
 
 from opencv_tools.recording.manifest import is_same_file, Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.regular_files import open_regular, RefusedFileError
+from opencv_tools.regular_files import open_regular, RefusedFileError, write_new
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
@@ -44,10 +44,6 @@ _MAX_DEFERRED = 100
 
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
-
-
-class RecordingError(Exception):
-    """An output folder cannot be used; the message includes the reason."""
 
 
 class Folder:
@@ -65,7 +61,7 @@ class Folder:
 
         :param path: output folder.
         :param sync: whether each file is flushed to disk before it gets its final name.
-        :raises RecordingError: the folder cannot be created or written to.
+        :raises OSError: the folder cannot be created or written to.
         """
         self.path = path
         self.manifest = Manifest(path)
@@ -78,9 +74,9 @@ class Folder:
             path.mkdir(parents=True, exist_ok=True)
             self._open_journal()
             self._recover()
-        except OSError as err:
+        except OSError:
             self.close()
-            raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
+            raise
 
     def names(self) -> list[str]:
         """
@@ -90,19 +86,19 @@ class Folder:
         """
         return [path.name for path in self.path.iterdir() if not path.name.startswith('.')]
 
-    def write(self, data: Any) -> Path:
+    def write(self, parts: Iterable[Any]) -> Path:
         """
         Write a temporary file; thread-safe.
 
-        :param data: buffer with the content.
+        :param parts: buffers with the content, in order.
         :returns: path of the temporary file.
         :raises OSError: the file cannot be written; the incomplete file is removed.
         """
         try:
-            return self._write(data)
-        except FileNotFoundError:
+            return self._write(parts)
+        except FileNotFoundError:  # before the first part
             self.recreate()
-            return self._write(data)
+            return self._write(parts)
 
     def publish(self, temporary: Path, entry: ManifestEntry, replace: bool) -> Path:
         """
@@ -184,16 +180,9 @@ class Folder:
         """Overwrite the journal with entries; an empty line marks the end."""
         os.pwrite(self._journal, b''.join(entry.line() for entry in entries) + b'\n', 0)
 
-    def _write(self, data: Any) -> Path:
+    def _write(self, parts: Iterable[Any]) -> Path:
         temporary = self.path / f'{self._prefix}{next(self._numbers)}{_TEMPORARY}'
-        try:
-            with temporary.open('xb', buffering=0) as file:
-                _write_all(file.fileno(), data)
-                if self._sync:
-                    os.fsync(file.fileno())
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+        write_new(temporary, parts, self._sync)
         return temporary
 
     def _open_journal(self) -> None:
@@ -250,12 +239,6 @@ class Folder:
                 return
             found = replace(found, frames=frames or 0)
         self.manifest.append(found)
-
-
-def _write_all(file: int, data: Any) -> None:
-    rest = memoryview(data).cast('B')
-    while rest:
-        rest = rest[os.write(file, rest):]
 
 
 def _move(source: Path, target: Path) -> None:

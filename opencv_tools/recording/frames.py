@@ -17,37 +17,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import time
 from typing import Any
 
 from numpy.typing import NDArray
-from opencv_tools.image.compressed import stored_encoding
+from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.picture_size import MAX_PIXELS
 from opencv_tools.image_codecs import decode_picture
 from opencv_tools.recording.naming import FrameMetadata
 
 
-@dataclass(frozen=True)
-class BaseFrame(FrameMetadata):
+@dataclass(frozen=True, kw_only=True)
+class ReceivedFrame:
     """
-    The fields that raw and compressed frames share.
+    A frame as received, raw or compressed.
 
+    :param metadata: stamp, coordinate frame, encoding and topic of the message.
     :param receive_ns: time of reception in nanoseconds of the system clock.
     :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC, which is never set.
     """
 
+    metadata: FrameMetadata
     receive_ns: int
-    arrival_ns: int = field(default_factory=time.monotonic_ns, kw_only=True)
+    arrival_ns: int = field(default_factory=time.monotonic_ns)
 
     @property
     def time_ns(self) -> int:
         """Time of the frame in nanoseconds: its stamp, or the time of reception if it has none."""
-        return self.stamp_ns or self.receive_ns
+        return self.metadata.stamp_ns or self.receive_ns
+
+    def decode(self) -> RawFrame:
+        """
+        Return the frame as pixels.
+
+        :raises ImageError: the data cannot be decoded.
+        """
+        raise NotImplementedError
 
 
-@dataclass(frozen=True)
-class RawFrame(BaseFrame):
+@dataclass(frozen=True, kw_only=True)
+class RawFrame(ReceivedFrame):
     """
     A frame as pixels.
 
@@ -62,8 +72,8 @@ class RawFrame(BaseFrame):
         return self
 
 
-@dataclass(frozen=True)
-class CompressedFrame(BaseFrame):
+@dataclass(frozen=True, kw_only=True)
+class CompressedFrame(ReceivedFrame):
     """
     A frame as a compressed image; its encoding is the format string of the message.
 
@@ -81,9 +91,9 @@ class CompressedFrame(BaseFrame):
         :raises ImageError: the data cannot be decoded.
         """
         image = decode_picture(self.data, max_pixels=self.max_pixels)
-        encoding = stored_encoding(image, self.encoding)
-        return RawFrame(self.stamp_ns, self.frame_id, encoding.name, self.topic, self.receive_ns,
-                        image, arrival_ns=self.arrival_ns)
+        encoding = decoded_encoding(image, self.metadata.encoding)
+        return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
+                        receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)
 
 
 class ArrivalClock:
@@ -113,7 +123,3 @@ class ArrivalClock:
         now = self._monotonic()
         self._last = max(self._last, now - max(0, self._wall() - receive_ns))
         return self._last
-
-
-#: A frame of either kind.
-ReceivedFrame = RawFrame | CompressedFrame

@@ -17,22 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, KW_ONLY
 import io
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image_codecs import (
-    CodecError, convert_picture, encode_picture, FORMATS as PICTURE_FORMATS)
+from opencv_tools.image.errors import CodecError
+from opencv_tools.image_codecs import convert_picture, encode_picture, FORMATS as PICTURE_FORMATS
+from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_header import read_image_header
-
-
-class UnwritableError(ImageError):
-    """A file format cannot hold a frame; the message names one that can."""
 
 
 _NPY = '.npy'
@@ -66,13 +62,14 @@ class EncoderSettings:
     """
 
     suffix: str
+    _: KW_ONLY
     to_color: bool = True
     jpeg_quality: int = 95
     png_compression: int = 1
     crf: int = 23
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EncodedImage:
     """
     Content of an image file.
@@ -122,22 +119,23 @@ def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImag
     :raises ImageError: the format cannot hold the frame without loss, or the frame is damaged.
     """
     if isinstance(frame, CompressedFrame):
-        payload = read_image_header(frame.data)
-        if settings.suffix in payload.suffixes:
-            return EncodedImage(frame.data, frame.encoding, payload.width, payload.height)
+        found = read_image_header(frame.data)
+        if settings.suffix in found.suffixes:
+            return EncodedImage(data=frame.data, encoding=frame.metadata.encoding,
+                                width=found.width, height=found.height)
     return _encode_image(frame.decode(), settings)
 
 
 def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
-    image, encoding = frame.image, find_encoding(frame.encoding)
+    image, encoding = frame.image, find_encoding(frame.metadata.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
     if settings.suffix == _NPY:
         layout: Any = np.lib.format  # numpy 1.26 has no types for these functions
         header = layout.header_data_from_array_1_0(image)
         head = io.BytesIO()
         layout.write_array_header_1_0(head, header)
-        return EncodedImage(head.getbuffer(), encoding.name, width, height,
-                            image.T if header['fortran_order'] else image)
+        return EncodedImage(data=head.getbuffer(), encoding=encoding.name, width=width,
+                            height=height, array=image.T if header['fortran_order'] else image)
     if settings.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])
         image, encoding = convert_picture(_native(image, encoding), encoding, target), target
@@ -155,7 +153,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
             _file_order(image, encoding), settings.suffix, quality, settings.png_compression)
     except CodecError as err:
         raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
-    return EncodedImage(data, encoding.name, width, height)
+    return EncodedImage(data=data, encoding=encoding.name, width=width, height=height)
 
 
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:

@@ -21,9 +21,10 @@ import struct
 from typing import Any
 import zlib
 
+from opencv_tools.image.errors import CodecError
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.picture_size import PNG_SIGNATURE
-from opencv_tools.image_codecs import check_complete, CodecError
+from opencv_tools.image_codecs import check_complete
 
 _PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
 _CHUNK_BYTES = 12  # length, type and checksum of a chunk

@@ -16,12 +16,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import hashlib
-import os
 from pathlib import Path
-from typing import BinaryIO
 
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
@@ -62,7 +61,6 @@ class ImageSink:
 
     def __init__(
         self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
-        sync: bool = False,
     ) -> None:
         """
         Read the manifest of the existing files.
@@ -78,7 +76,6 @@ class ImageSink:
         self._folder = folder
         self._numbering = numbering
         self._settings = settings
-        self._sync = sync
         self._removes_files = limits.ring or numbering.replaces
         self._stale_lines = 0
         self._compact()
@@ -96,22 +93,16 @@ class ImageSink:
         :raises OSError: the file cannot be written.
         """
         content = encode_frame(frame, self._settings)
-        parts = content.parts()
-        data = next(parts)
-        digest, size = hashlib.sha256(data), data.nbytes
-        temporary = self._folder.write(data)
-        try:
-            if content.array is not None:
-                with temporary.open('ab', buffering=0) as file:
-                    for part in parts:
-                        digest.update(part)
-                        size += part.nbytes
-                        _write_all(file, part)
-                    if self._sync:
-                        os.fsync(file.fileno())
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+        digest, size = hashlib.sha256(), 0
+
+        def hashed() -> Iterator[memoryview]:
+            nonlocal size
+            for part in content.parts():
+                digest.update(part)
+                size += part.nbytes
+                yield part
+
+        temporary = self._folder.write(hashed())
         return PreparedImage(
             temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
 
@@ -126,10 +117,10 @@ class ImageSink:
         :raises OSError: the file cannot be renamed or added to the manifest.
         """
         content = image.content
-        path = self._numbering.claim(frame, lambda seq, name: self._publish(
+        path = self._numbering.claim(frame.metadata, lambda seq, name: self._publish(
             image.temporary, file_entry(
                 seq, name, frame, content.encoding, (content.width, content.height),
-                image.size, image.sha256, frames=1), frame.arrival_ns))
+                size=image.size, sha256=image.sha256, frames=1), frame.arrival_ns))
         self.counts.kept += 1
         if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
             self._compact()
@@ -159,9 +150,3 @@ class ImageSink:
             self._folder.manifest.compact(
                 lambda entry: not self._numbering.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)
-
-
-def _write_all(file: BinaryIO, part: memoryview) -> None:
-    rest = part
-    while rest:
-        rest = rest[file.write(rest):]  # a disk that fills up takes only a part

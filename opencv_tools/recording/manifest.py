@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 import errno
@@ -27,7 +27,7 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from opencv_tools.recording.frames import BaseFrame
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.regular_files import open_regular, RefusedFileError
 
@@ -42,7 +42,7 @@ _MAX_BYTES = 1 << 32
 _MAX_NUMBER = 2**63 - 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ManifestEntry:
     """
     The manifest entry of one file.
@@ -100,13 +100,15 @@ class ManifestEntry:
 
 
 def file_entry(
-    seq: int, name: str, frame: BaseFrame, stored_encoding: str, picture_size: tuple[int, int],
-    size: int = 0, sha256: str = '', frames: int = 0,
+    seq: int, name: str, frame: ReceivedFrame, stored_encoding: str, image_size: tuple[int, int],
+    *, size: int = 0, sha256: str = '', frames: int = 0,
 ) -> ManifestEntry:
     """Return the entry of an image file, or of a video by its first frame."""
+    metadata = frame.metadata
     return ManifestEntry(
-        seq, name, frame.stamp_ns, frame.receive_ns, frame.frame_id, frame.encoding,
-        stored_encoding, *picture_size, size, sha256, frames)
+        seq=seq, name=name, stamp_ns=metadata.stamp_ns, receive_ns=frame.receive_ns,
+        frame_id=metadata.frame_id, encoding=metadata.encoding, stored_encoding=stored_encoding,
+        width=image_size[0], height=image_size[1], size=size, sha256=sha256, frames=frames)
 
 
 def parse_line(line: bytes) -> ManifestEntry:
@@ -119,10 +121,12 @@ def parse_line(line: bytes) -> ManifestEntry:
         fields = json.loads(line)
         width, height = map(_count, fields['size'])
         return ManifestEntry(
-            _count(fields['seq']), _file_name(fields['file']), _nanoseconds(fields['stamp']),
-            _nanoseconds(fields['receive_time']), str(fields['frame_id']),
-            str(fields['encoding']), str(fields['stored_encoding']), width, height,
-            _count(fields['bytes']), str(fields['sha256']), _count(fields['frames']))
+            seq=_count(fields['seq']), name=_file_name(fields['file']),
+            stamp_ns=_nanoseconds(fields['stamp']),
+            receive_ns=_nanoseconds(fields['receive_time']), frame_id=str(fields['frame_id']),
+            encoding=str(fields['encoding']), stored_encoding=str(fields['stored_encoding']),
+            width=width, height=height, size=_count(fields['bytes']),
+            sha256=str(fields['sha256']), frames=_count(fields['frames']))
     except (LookupError, OverflowError, RecursionError, TypeError, UnicodeError) as err:
         raise ValueError(f'{line[:80]!r} is not a line of a manifest') from err
 
@@ -176,7 +180,7 @@ class Manifest:
             return []
 
     def compact(
-        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[bytes], Path],
+        self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[Iterable[bytes]], Path],
     ) -> None:
         """
         Remove lines that a later line of the same file replaces, and unwanted lines.
@@ -193,7 +197,7 @@ class Manifest:
                 is_same = all(reading.read(len(line)) == line for line in lines)
                 is_same = is_same and not reading.read(1)
             if not is_same:
-                write(b''.join(lines)).replace(self._path)
+                write((b''.join(lines),)).replace(self._path)
 
     def _opened(self) -> BinaryIO:
         return os.fdopen(_checked_size(open_regular(self._path, follow=False), self._path), 'rb')

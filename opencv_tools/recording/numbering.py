@@ -23,7 +23,8 @@ import os
 from typing import TypeVar
 
 from opencv_tools.image.text import printable
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy
 
 T = TypeVar('T')

@@ -22,18 +22,17 @@ from pathlib import Path
 import time
 from typing import Any
 
-from opencv_tools.image.text import printable
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.recording.errors import RecordingError, VideoError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.image_encoder import EncoderSettings, IMAGE_FORMATS
 from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import Sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.video.frame import VideoError
 from opencv_tools.recording.video.sink import VideoSink
 from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS
-
 
 # Remedies for errors of the output folder, where the text of the system error names none.
 _REMEDIES = {
@@ -82,33 +81,17 @@ def open_sink(
     try:
         if is_video:
             check_video()
+        folder = Folder(path, sync)
+        try:
+            numbering = Numbering(names, folder, on_exists)
+            if is_video:
+                return VideoSink(folder, numbering, settings, limits, monotonic)
+            return ImageSink(folder, numbering, settings, limits)
+        except (OSError, RecordingError):
+            folder.close()
+            raise
     except VideoError as err:
         raise RecordingError(str(err)) from err
-    folder = _open_folder(path, sync)
-    try:
-        numbering = Numbering(names, folder, on_exists)
-        if is_video:
-            return VideoSink(folder, numbering, settings, limits, monotonic)
-        return ImageSink(folder, numbering, settings, limits, sync)
     except OSError as err:
-        folder.close()
-        raise RecordingError(f'output_dir {path} cannot be used: {err.strerror}') from err
-    except RecordingError:
-        folder.close()
-        raise
-
-
-def _open_folder(path: Path, sync: bool) -> Folder:
-    """
-    Open the output folder.
-
-    :raises RecordingError: the folder cannot be used; the message includes the remedy.
-    """
-    try:
-        return Folder(path, sync)
-    except RecordingError as err:
-        number = getattr(err.__cause__, 'errno', None)
-        if number not in _REMEDIES:
-            raise
-        raise RecordingError(
-            f'output_dir {printable(path)} cannot be used: {_REMEDIES[number]}') from err
+        shown, reason = printable(path, MAX_PATH), _REMEDIES.get(err.errno or 0, err.strerror)
+        raise RecordingError(f'output_dir {shown} cannot be used: {reason}') from err

@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from opencv_tools.recording.manifest import is_same_file
+from opencv_tools.regular_files import write_buffer
 
 
 class OutputFile:
@@ -38,13 +39,12 @@ class OutputFile:
 
     def write(self, data: bytes) -> int:
         """Write all data; ignore data after an error."""
-        rest = memoryview(data)
-        try:
-            while rest and self.error is None:
-                rest = rest[self.raw.write(rest):]  # a disk that fills up takes only a part
-                self.size = max(self.size, self.raw.tell())
-        except OSError as err:
-            self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
+        if self.error is None:
+            try:
+                write_buffer(self.raw, data)
+            except OSError as err:
+                self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
+            self.size = max(self.size, self.raw.tell())
         return len(data)
 
     def is_at_path(self) -> bool:

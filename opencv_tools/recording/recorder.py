@@ -24,10 +24,11 @@ from threading import Lock, Thread
 from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.recording.failure_log import FailureLog, Log, Throttle
+from opencv_tools.logs import Log, Throttle
+from opencv_tools.recording.errors import error_text, LimitReached
+from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frame_queue import FrameQueue
 from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.recording.selection import LimitReached
 
 QUEUE_SIZE = 64  # frames
 
@@ -241,8 +242,3 @@ class Recorder(Generic[P]):
             self.is_full = True
             self._log.info(f'Recording limit reached: {err}')
             self._on_full()
-
-
-def error_text(err: Exception) -> str:
-    """Return the text of an error, without a file name that differs for every frame."""
-    return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

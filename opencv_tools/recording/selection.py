@@ -20,7 +20,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
-from opencv_tools.recording.frames import BaseFrame
+from opencv_tools.recording.errors import LimitReached
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import NANO
 
@@ -29,10 +30,6 @@ _JITTER_TOLERANCE = 0.25
 
 # Arrival time in nanoseconds of files whose age is unknown.
 _UNKNOWN_AGE_NS = -1 << 62
-
-
-class LimitReached(Exception):
-    """A recording has reached its limits."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,7 @@ class Selection:
         """Return whether the maximum number of frames was counted."""
         return 0 < self._limits.max_frames <= self._taken
 
-    def selects(self, frame: BaseFrame) -> bool:
+    def selects(self, frame: ReceivedFrame) -> bool:
         """Return whether a received frame is to be recorded."""
         self._seen += 1
         return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)

@@ -29,6 +29,7 @@ import yaml
 _FILE_BYTES = 1_000_000
 _FILE_DEPTH = 100
 _ANY_NODE = ('*', '**')
+_NAME_RULES = ('__node', '__name')
 
 _WITH_VALUE = ('-p', '--param', '-r', '--remap', '--params-file', '--log-level',
                '--log-config-file', '-e', '--enclave')
@@ -52,19 +53,45 @@ def check_ros_arguments(
     """
     given = list(_split(args))
     names = {parameter.name for parameter in table}
-    renamed = set()
-    for option, value in given:
-        left, _, right = value.partition(':=')
-        left = left.rpartition(':')[2]
-        if option in ('', '-r', '--remap') and right:
-            if left in names:
-                raise ParameterError(f'{value} is a remapping rule, but {left} is a parameter: '
-                                     f'write --ros-args -p {value}')
-            if left in ('__node', '__name'):
-                renamed.add(right)
-    remarks = (_check_file(Path(value), executable, renamed or {node})
+    for rule, left, _ in _remapping_rules(given):
+        if left in names:
+            raise ParameterError(f'{rule} is a remapping rule, but {left} is a parameter: '
+                                 f'write --ros-args -p {rule}')
+    nodes = _node_names(given, node)
+    remarks = (_check_file(Path(value), executable, nodes)
                for option, value in given if option == '--params-file')
     return [remark for remark in remarks if remark]
+
+
+def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:
+    """
+    Return the parameters that a command line and its parameter files set for a node.
+
+    rclpy's ``parameter_dict_from_yaml_file`` reads neither the command line nor wildcards such as
+    ``/**/node``, and limits neither the size nor the depth of a file.
+
+    :param args: command line, program name first.
+    :param node: name of the node, unless it is remapped.
+    :returns: values by name, not checked.
+    :raises OSError: a file cannot be read, see ``load_parameters``.
+    :raises ValueError: a file is not text, or is not a parameter file.
+    :raises TypeError: a file is not a parameter file.
+    :raises yaml.YAMLError: a value or a file is not YAML.
+    """
+    given = list(_split(args))
+    nodes = _node_names(given, node)
+    values: dict[str, Any] = {}
+    for option, value in given:
+        if option in ('-p', '--param'):
+            name, _, text = value.partition(':=')
+            owner, _, name = name.rpartition(':')
+            if not owner or _is_section_of(owner, nodes):
+                values[name] = yaml.safe_load(text)
+        elif option == '--params-file':
+            for section, parameters in parameter_sections(load_parameters(Path(value))):
+                if _is_section_of(section, nodes):
+                    values.update(parameters)
+    return values
 
 
 def check_params_file(path: str) -> None:
@@ -124,6 +151,26 @@ def _split(args: Sequence[str]) -> Iterator[tuple[str, str]]:
             yield '', word
 
 
+def _remapping_rules(given: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str, str]]:
+    """Yield each remapping rule with its left side, without a node name, and its right side."""
+    for option, rule in given:
+        left, _, right = rule.partition(':=')
+        if option in ('', '-r', '--remap') and right:
+            yield rule, left.rpartition(':')[2], right
+
+
+def _node_names(given: Sequence[tuple[str, str]], node: str) -> set[str]:
+    """Return the names that remapping rules give to a node, or its own name without any."""
+    renamed = {right for _, left, right in _remapping_rules(given) if left in _NAME_RULES}
+    return renamed or {node}
+
+
+def _is_section_of(section: str, nodes: set[str]) -> bool:
+    """Return whether a section of a parameter file is for a node, or for every node."""
+    name = section.rpartition('/')[2]
+    return name in nodes or name in _ANY_NODE
+
+
 def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     """
     Check that a file has parameters for a node.
@@ -135,10 +182,8 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
         sections = [printable(name) for name, _ in parameter_sections(load_parameters(path))]
     except _LOAD_ERRORS:
         return ''  # rcl reports the error, or reads the file anyway
-    last = {name: name.rpartition('/')[2] for name in sections}
-    own = [name for name in sections if last[name] in nodes or last[name] in _ANY_NODE]
     node = min(nodes)
-    mistaken = next((name for name in sections if last[name] == executable), '')
+    mistaken = next((name for name in sections if name.rpartition('/')[2] == executable), '')
     if mistaken and executable not in nodes:
         right = mistaken.removesuffix(executable) + node
         sentence = (f'{path} has parameters for {mistaken}, but {executable} is the executable '
@@ -148,6 +193,6 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
         sentence = (f'{path} has parameters for {listed}, but none for this node: '
                     f'write {node}:, or /**: for every node')
         mistaken = ''
-    if sections and not own:
+    if sections and not any(_is_section_of(name, nodes) for name in sections):
         raise ParameterError(sentence)
     return sentence if mistaken else ''

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, KW_ONLY
 import difflib
 import math
 from typing import Any
@@ -33,8 +33,6 @@ from rclpy.node import Node
 
 # Names and prefixes of parameters that ROS itself reads.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-
-_INTEGER_LIMIT = 2**63 - 1  # largest value of an integer parameter
 
 
 class ParameterError(ValueError):
@@ -58,9 +56,8 @@ class Parameter:
     :param default: default value; its type is the type of the parameter.
     :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
         and the meaning of special values.
-    :param minimum: smallest valid number; -inf for no bound.
-    :param maximum: largest valid number; inf for no bound.
-    :param step: distance between valid numbers, counted from the minimum.
+    :param bounds: smallest and largest valid number; None for no bounds.
+    :param step: distance between valid numbers, counted from the smallest.
     :param choices: valid values; empty if all values are valid.
     :param check: raises ValueError with the remedy for an invalid text.
     :param changeable: whether the parameter can be changed while the node runs.
@@ -71,8 +68,8 @@ class Parameter:
     name: str
     default: str | int | float
     description: str
-    minimum: float = 0
-    maximum: float = math.inf
+    _: KW_ONLY
+    bounds: tuple[float, float] | None = None
     step: int = 1
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
@@ -84,15 +81,13 @@ class Parameter:
         descriptor = ParameterDescriptor(
             name=self.name, description=self.description, read_only=not self.changeable,
             additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
-        if isinstance(self.default, bool) or self.choices:
-            return descriptor
-        if isinstance(self.default, float):
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
-        elif isinstance(self.default, int):
-            descriptor.integer_range = [IntegerRange(
-                from_value=int(max(self.minimum, -_INTEGER_LIMIT - 1)),
-                to_value=int(min(self.maximum, _INTEGER_LIMIT)), step=self.step)]
+        if self.bounds and isinstance(self.default, float):
+            low, high = map(float, self.bounds)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif self.bounds:
+            low, high = map(int, self.bounds)
+            descriptor.integer_range = [
+                IntegerRange(from_value=low, to_value=high, step=self.step)]
         return descriptor
 
     def accept(self, value: object) -> str | int | float:
@@ -114,11 +109,11 @@ class Parameter:
             return self._accept_choice(value)
         kind = float if isinstance(self.default, float) else int
         numeric = isinstance(value, (int, kind)) and not isinstance(value, bool)
-        if not numeric or not self.minimum <= value <= self.maximum:
+        low, high = self.bounds or (-math.inf, math.inf)
+        if not numeric or not low <= value <= high:
             noun = 'a number' if kind is float else 'a whole number'
-            span = (f'from {self.minimum:.15g} to {self.maximum:.15g}'
-                    if math.isfinite(self.maximum) else f'of at least {self.minimum:.15g}')
-            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun} {span} '
+            span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
+            raise ParameterError(f'parameter {self.name} is {_quoted(value)}: give {noun}{span} '
                                  f'({self.description})')
         return kind(value)
 
@@ -140,6 +135,23 @@ class Parameter:
                                  f'{", ".join(repr(choice) for choice in self.choices)}')
         chosen: str | int = value
         return chosen
+
+
+def parameter(default: str | int | float, description: str, **options: Any) -> Any:
+    """
+    Return the field of a settings class for a parameter of the same name.
+
+    :param default: default value, see ``Parameter``.
+    :param description: description, see ``Parameter``.
+    :param options: further fields of ``Parameter``.
+    """
+    return field(default=default, metadata={'description': description, **options})
+
+
+def parameter_table(settings: type) -> tuple[Parameter, ...]:
+    """Return the parameters of a settings class, whose fields ``parameter`` has created."""
+    return tuple(Parameter(found.name, found.default, **found.metadata)
+                 for found in fields(settings))
 
 
 def _quoted(value: object) -> str:

@@ -22,7 +22,7 @@ import sys
 import time
 from typing import Any
 
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.logs import Log
 
 _SECONDS_BETWEEN_LINES = 1.0
 

@@ -51,7 +51,7 @@ _SIGNAL_SECONDS = 0.1
 _FORCE_QUIT_SECONDS = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Executable:
     """
     Properties of an executable that are needed before its node exists.

@@ -224,9 +224,9 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
         with publisher:
             publisher.publish_raw(image_to_cdr(image))
         return
-    data = np.frombuffer(image.data, np.uint8)
+    header, data = image.header, np.frombuffer(image.data, np.uint8)
     message = _Image(
-        image.sec, image.nanosec, _string(image.frame_id), image.height, image.width,
+        header.sec, header.nanosec, _string(header.frame_id), image.height, image.width,
         _string(image.encoding), image.is_bigendian, image.step,
         _Bytes(data.ctypes.data, data.nbytes, data.nbytes))
     with publisher:

@@ -33,7 +33,7 @@ import time
 from conftest import (
     call_service, DEADLINE, executable, NodeProcess, recorded_files, set_parameters, spin_until)
 import numpy as np
-from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest
 import pytest

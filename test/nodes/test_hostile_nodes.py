@@ -33,7 +33,7 @@ from conftest import call_service, NodeProcess, read_manifest, spin_until
 import cv2
 import numpy as np
 from opencv_tools.image.cdr import (
-    compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireImage,
+    compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader, WireImage,
 )
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -55,7 +55,9 @@ WRITTEN, FAILED = True, False
 
 def image(encoding: str = 'mono8', width: int = 4, height: int = 3, step: int = 4,
           data: bytes = bytes(12), frame_id: str = 'camera') -> bytes:
-    return image_to_cdr(WireImage(1, 2, frame_id, height, width, encoding, False, step, data))
+    return image_to_cdr(WireImage(
+        header=WireHeader(1, 2, frame_id), height=height, width=width, encoding=encoding,
+        is_bigendian=False, step=step, data=data))
 
 
 WHOLE = image()
@@ -220,7 +222,8 @@ def test_hostile_images(
 def test_hostile_compressed_images(
         suffix: str, start: Start, node: Node, tmp_path: Path) -> None:
     def message(data: bytes, told: str) -> bytes:
-        return compressed_image_to_cdr(WireCompressedImage(1, 2, 'camera', told, data))
+        return compressed_image_to_cdr(WireCompressedImage(
+            header=WireHeader(1, 2, 'camera'), format=told, data=data))
 
     rows = {key: (message(data, FORMATS[index % len(FORMATS)]), is_written)
             for index, (key, (data, is_written)) in enumerate(PICTURES.items())}

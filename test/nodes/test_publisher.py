@@ -12,28 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""Messages, services and parameters of the publisher."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 from conftest import call_service, NodeProcess, set_parameters, spin_until
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.ros.fastdds.profile import NOT_CONFIGURED
 from opencv_tools.ros.publisher.calibration_file import read_camera_info
-from opencv_tools.ros.publisher.camera_info import Calibration
-from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
-from opencv_tools.ros.publisher.image_topics import FrameTopics
-from opencv_tools.ros.publisher.stamps import Stamper
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
-from rclpy.clock import ClockType, ROSClock
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -46,7 +40,7 @@ Start = Callable[..., NodeProcess]
 
 
 def receive(node: Node, message_type: type, topic: str, depth: int = 50) -> list:
-    """Keep the messages of a topic as they come."""
+    """Return a list that collects the messages of a topic."""
     messages: list = []
     node.create_subscription(message_type, topic, messages.append, depth)
     return messages
@@ -65,13 +59,11 @@ def nanoseconds(message: Image | CameraInfo) -> int:
 
 @pytest.fixture
 def picture(tmp_path: Path) -> np.ndarray:
-    """Make a file, p.png, that is shown again and again: its pixels."""
+    """Create the file p.png and return its pixels."""
     image = draw_pattern(0, 64, 48)
     cv2.imwrite(str(tmp_path / 'p.png'), image)
     return image
 
-
-# Beside the frames
 
 FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed mono8',
            'bgr16': 'bgr8; jpeg compressed bgr8', 'bgr8': 'bgr8; jpeg compressed bgr8'}
@@ -88,7 +80,7 @@ def test_compressed_frames(start: Start, node: Node, picture: np.ndarray) -> Non
     assert messages[-1].header.frame_id == 'eye'
 
 
-def test_the_quality_of_compressed_frames_can_be_changed(start: Start, node: Node) -> None:
+def test_change_of_the_jpeg_quality(start: Start, node: Node) -> None:
     messages = receive(node, CompressedImage, 'video_frames/compressed')
     start('img_publisher', source='pattern:320x240@50', publish_rate=0)
     spin_until(node, lambda: len(messages) > 3)
@@ -97,7 +89,7 @@ def test_the_quality_of_compressed_frames_can_be_changed(start: Start, node: Nod
     spin_until(node, lambda: len(messages[-1].data) < before / 2)
 
 
-def test_a_frame_that_is_no_picture_for_a_jpeg_still_goes_out(
+def test_frame_without_a_compressed_form(
         start: Start, node: Node, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / 'depth.tiff'), np.ones((4, 4), np.float32))
     images = receive(node, Image, 'video_frames')
@@ -109,7 +101,7 @@ def test_a_frame_that_is_no_picture_for_a_jpeg_still_goes_out(
     assert not compressed
 
 
-def test_the_topics_beside_follow_that_of_the_images(start: Start, node: Node) -> None:
+def test_remapped_topics(start: Start, node: Node) -> None:
     infos = receive(node, CameraInfo, '/front/camera_info')
     compressed = receive(node, CompressedImage, '/front/image/compressed')
     start('img_publisher', '--ros-args', '-r', 'video_frames:=/front/image', '--',
@@ -117,7 +109,7 @@ def test_the_topics_beside_follow_that_of_the_images(start: Start, node: Node) -
     spin_until(node, lambda: infos and compressed)
 
 
-def test_the_quality_of_service_of_each_topic_can_be_overridden(start: Start, node: Node) -> None:
+def test_overridden_quality_of_service(start: Start, node: Node) -> None:
     topics = ('/video_frames', '/video_frames/compressed', '/camera_info')
     start('img_publisher', source='pattern', **{
         f'qos_overrides.{topic}.publisher.reliability': 'best_effort' for topic in topics})
@@ -141,7 +133,7 @@ projection_matrix: {rows: 3, cols: 4, data: [480, 0, 322, 0, 0, 481, 239, 0, 0, 
 
 @pytest.mark.parametrize(('size', 'focal_length'), [('640x480', 500.5), ('320x240', 250.25),
                                                     ('640x360', 0.0)])
-def test_camera_info_is_in_step_with_the_images(
+def test_camera_info_of_each_image(
         start: Start, node: Node, tmp_path: Path, size: str, focal_length: float) -> None:
     (tmp_path / 'front.yaml').write_text(CALIBRATION)
     images, infos = receive(node, Image, 'video_frames'), receive(node, CameraInfo, 'camera_info')
@@ -158,7 +150,7 @@ def test_camera_info_is_in_step_with_the_images(
     assert refused == (focal_length == 0.0)
 
 
-def test_a_calibration_is_saved_and_published_from_then_on(
+def test_saved_calibration(
         start: Start, node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
     infos = receive(node, CameraInfo, '/left/camera_info')
@@ -172,14 +164,14 @@ def test_a_calibration_is_saved_and_published_from_then_on(
                           SetCameraInfo.Request(camera_info=sent))
     assert answer.success, answer.status_message
     saved = read_camera_info(tmp_path / 'ros' / 'camera_info' / 'left.yaml')
-    # The file has the camera itself, which is not turned.
+    # The file has the calibration of the unrotated camera.
     assert (saved.k[0], saved.k[2], saved.d[2]) == (500.5, 639 - 320.25, -0.001)
     spin_until(node, lambda: infos[-1].k[0] > 0)
     assert (infos[-1].k == sent.k).all()
     assert infos[-1].d == sent.d
 
 
-def test_a_calibration_that_cannot_be_saved_is_refused_with_the_reason(
+def test_refused_calibration(
         start: Start, node: Node, tmp_path: Path) -> None:
     start('img_publisher', source='pattern', camera_info_url='file:///proc/none/front.yaml')
     answer = call_service(node, SetCameraInfo, '/set_camera_info', SetCameraInfo.Request(
@@ -202,27 +194,7 @@ def test_diagnostics(start: Start, node: Node) -> None:
     assert (values['dropped'], values['missed'], values['reconnects']) == ('0', '0', '0')
 
 
-def test_diagnostics_of_a_period(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr('opencv_tools.ros.publisher.diagnostics.time',
-                        SimpleNamespace(monotonic=lambda: now))
-    messages = receive(node, DiagnosticArray, '/diagnostics')
-    condition = SourceStatus('eye', 'bgr8 4x3', '', False, 0, 0, 0)
-    diagnostics = Diagnostics(node, lambda: condition)
-    spin_until(node, lambda: node.count_publishers('/diagnostics') == 1)
-    for age in (0.01, 0.025, 0.02):
-        diagnostics.count(age)
-    now += 2.0
-    condition = replace(condition, missed=2, dropped=1)
-    spin_until(node, lambda: bool(messages))
-    (status,) = messages[0].status
-    values = {value.key: value.value for value in status.values}
-    assert (values['rate'], values['age']) == ('1.5 Hz', '25.0 ms at most')
-    assert (status.level, status.message) == (b'\1', '3 frames lost in the last second')
-    assert (values['dropped'], values['missed']) == ('1', '2')
-
-
-def test_diagnostics_tell_that_subscribers_are_awaited(start: Start, node: Node) -> None:
+def test_diagnostics_of_a_wait_for_subscribers(start: Start, node: Node) -> None:
     messages = receive(node, DiagnosticArray, '/diagnostics')
     start('img_publisher', source='pattern:64x48@20', wait_for_subscribers=1)
     spin_until(node, lambda: bool(messages))
@@ -232,7 +204,7 @@ def test_diagnostics_tell_that_subscribers_are_awaited(start: Start, node: Node)
     spin_until(node, lambda: messages[-1].status[0].message == 'publishing')
 
 
-def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> None:
+def test_diagnostics_without_a_camera(start: Start, node: Node) -> None:
     messages = receive(node, DiagnosticArray, '/diagnostics')
     start('img_publisher', source=987)
     spin_until(node, lambda: bool(messages))
@@ -241,9 +213,7 @@ def test_diagnostics_tell_that_there_is_no_camera(start: Start, node: Node) -> N
     assert status.message.startswith('camera /dev/video987 does not exist')
 
 
-# While it runs
-
-def test_capture_can_be_paused(start: Start, node: Node) -> None:
+def test_paused_capture(start: Start, node: Node) -> None:
     images = receive(node, Image, 'video_frames')
     start('img_publisher', source='pattern:64x48@50', publish_rate=0)
     spin_until(node, lambda: len(images) > 3)
@@ -258,7 +228,7 @@ def test_capture_can_be_paused(start: Start, node: Node) -> None:
 
     wait_for_pauses(1)
     images.clear()
-    wait_for_pauses(2)  # of 100 frames, were it not paused
+    wait_for_pauses(2)  # time for 100 frames without the pause
     assert not images
     assert call_service(node, SetBool, '/set_capture', SetBool.Request(data=True)).success
     spin_until(node, lambda: len(images) > 3)
@@ -271,7 +241,7 @@ ORIENTED = {
 }
 
 
-def test_frames_are_flipped_then_rotated(start: Start, node: Node, picture: np.ndarray) -> None:
+def test_flipped_and_rotated_frames(start: Start, node: Node, picture: np.ndarray) -> None:
     images = receive(node, Image, 'video_frames')
     compressed = receive(node, CompressedImage, 'video_frames/compressed')
     start('img_publisher', source='p.png', on_end='loop', publish_rate=50)
@@ -284,7 +254,7 @@ def test_frames_are_flipped_then_rotated(start: Start, node: Node, picture: np.n
         wait_for_data(node, compressed, jpeg, 'bgr8; jpeg compressed bgr8')
 
 
-def test_parameters_can_be_changed_while_it_runs(start: Start, node: Node) -> None:
+def test_changed_parameters(start: Start, node: Node) -> None:
     images = receive(node, Image, 'video_frames')
     start('img_publisher', source='pattern:64x48', publish_rate=50)
 
@@ -298,12 +268,12 @@ def test_parameters_can_be_changed_while_it_runs(start: Start, node: Node) -> No
         assert not set_parameters(node, **{name: value})
         spin_until(node, lambda expected=expected: expected(images[-1]))
     assert not set_parameters(node, publish_rate=5.0)
-    # A frame may be late, but none comes before its time.
+    # A frame may be late, but never early.
     spin_until(node, lambda: min(
         np.diff([nanoseconds(image) for image in images[-4:]])) > 0.19e9)
 
 
-def test_a_change_is_taken_as_at_the_start(start: Start, node: Node) -> None:
+def test_types_of_changed_parameters(start: Start, node: Node) -> None:
     start('img_publisher', source='pattern:64x48')
     assert not set_parameters(node, publish_rate=5, fps=10, stamp_offset=-1, frame_id=7,
                               reconnect=3)
@@ -329,25 +299,23 @@ REFUSED = (
     ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'))
 
 
-def test_a_change_that_cannot_be_is_refused_with_the_reason(start: Start, node: Node) -> None:
+def test_refused_changes(start: Start, node: Node) -> None:
     start('img_publisher', source='pattern:64x48')
     for name, value, reason in REFUSED:
         assert reason in set_parameters(node, **{name: value})
 
 
-# Stamps
-
 @pytest.mark.parametrize(('stamp', 'offset'), [('capture', -12.5), ('publish', 3.0)])
-def test_stamps_are_the_time_of_ros_and_rise(
+def test_increasing_stamps_in_ros_time(
         start: Start, node: Node, stamp: str, offset: float) -> None:
     stamps: list[int] = []
     received: list[int] = []
 
-    def note(message: Image) -> None:
+    def record(message: Image) -> None:
         received.append(node.get_clock().now().nanoseconds)
         stamps.append(nanoseconds(message))
 
-    node.create_subscription(Image, 'video_frames', note, QoSProfile(depth=200))
+    node.create_subscription(Image, 'video_frames', record, QoSProfile(depth=200))
     began = node.get_clock().now().nanoseconds
     publisher = start('img_publisher', source='pattern:64x48', publish_rate=200, max_frames=100,
                       wait_for_subscribers=1, stamp=stamp, stamp_offset=offset)
@@ -359,50 +327,7 @@ def test_stamps_are_the_time_of_ros_and_rise(
     assert (moments < received).all()
 
 
-@pytest.mark.parametrize(('captured', 'stamp', 'offset', 'expected'), [
-    (49.0, 'capture', 0.0, 99.0), (49.0, 'publish', 0.0, 100.0), (49.0, 'capture', -12.5, 86.5),
-    (50.0, 'publish', 3.0, 103.0), (40.0, 'capture', -95.0, 1e-9)])
-def test_stamps_to_the_nanosecond(
-        monkeypatch: pytest.MonkeyPatch, captured: float, stamp: str, offset: float,
-        expected: float) -> None:
-    monkeypatch.setattr('opencv_tools.ros.publisher.stamps.time',
-                        SimpleNamespace(monotonic_ns=lambda: 50 * 10**9))
-    clock = ROSClock()
-    clock._set_ros_time_is_active(True)
-    clock.set_ros_time_override(Time(seconds=100, clock_type=ClockType.ROS_TIME))
-    stamper = Stamper(clock)
-    stamps = [Time.from_msg(stamper.stamp(int(captured * 1e9), stamp, offset)).nanoseconds
-              for _ in range(3)]
-    assert stamps == [round(expected * 1e9) + extra for extra in range(3)]
-
-
-def test_the_subscribers_that_are_awaited_are_given_a_moment(
-        node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = FrameTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
-    now = 100.0
-    clock = SimpleNamespace(monotonic=lambda: now)
-    assert not topics.may_publish()
-    first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
-    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
-    monkeypatch.setattr('opencv_tools.ros.publisher.image_topics.time', clock)
-    assert [topics.may_publish() for _ in range(2)] == [False, False]
-    now += 0.19
-    assert not topics.may_publish()
-    node.destroy_subscription(first)  # and the time begins anew with the next
-    spin_until(node, lambda: topics.images.get_subscription_count() == 1)
-    assert not topics.may_publish()
-    node.create_subscription(Image, 'video_frames', print, 10)
-    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
-    assert not topics.may_publish()
-    now += 0.19
-    assert not topics.may_publish()
-    now += 0.02
-    assert topics.may_publish()
-    now -= 1.0
-    assert topics.may_publish()
-
-
-def test_a_node_without_subscribers_says_so(start: Start) -> None:
+def test_progress_without_subscribers(start: Start) -> None:
     publisher = start('img_publisher', source='pattern', max_frames=5)
     assert publisher.finish() == 0, publisher.output
     assert 'Publishing video frame 1: no subscribers' in publisher.output

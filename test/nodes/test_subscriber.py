@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The recorder as a process: what it keeps of each encoding, what it chooses, what it tells."""
+"""The recorder as a process: encodings, selection, file names, requests and progress."""
 
 from __future__ import annotations
 
@@ -79,17 +79,17 @@ def received(process: NodeProcess) -> int:
 
 
 def expected_picture(image: np.ndarray, encoding: str) -> np.ndarray:
-    """Make the picture as cv_bridge shows it, in the order of OpenCV's files."""
+    """Convert an image by cv_bridge to the channel order of OpenCV."""
     if ENCODINGS.get(encoding) is None or ENCODINGS[encoding].order == 'y':
         return image
-    wanted = 'bgra' if ENCODINGS[encoding].order in ('bgra', 'rgba') else 'bgr'
+    order = 'bgra' if ENCODINGS[encoding].order in ('bgra', 'rgba') else 'bgr'
     bits = 16 if ENCODINGS[encoding].dtype == 'uint16' else 8
     bridge = CvBridge()
-    return bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, encoding), f'{wanted}{bits}')
+    return bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, encoding), f'{order}{bits}')
 
 
 @pytest.mark.parametrize('suffix', [suffix for suffix in KEPT if suffix != '.mkv'])
-def test_every_encoding_is_kept_exactly_or_refused(
+def test_every_encoding_is_exact_or_refused(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, suffix: str) -> None:
     names = [*ENCODINGS, *GENERIC]
     images = {name: random_image(name, 12, 16) for name in names}
@@ -122,7 +122,7 @@ def test_every_encoding_is_kept_exactly_or_refused(
     refused = set(re.findall(r'a frame was not written: a (\w+) frame cannot be stored',
                              recorder.output))
     assert refused <= set(names) - KEPT[suffix]
-    # Ten at once, and one a second.
+    # Ten lines at once, then one per second.
     assert len(refused) >= min(10, len(names) - len(KEPT[suffix]))
     assert received(recorder) == len(names)
 
@@ -146,7 +146,7 @@ def _flat(name: str) -> np.ndarray:
     return image
 
 
-def test_bad_messages_are_counted_and_the_next_are_written(
+def test_bad_messages_are_counted(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block',
                      file_name='f{frame_id}_{seq}.png', max_frames=6)
@@ -167,7 +167,7 @@ def test_bad_messages_are_counted_and_the_next_are_written(
     assert len(read_manifest(tmp_path / 'out')) == 6
 
 
-def test_names_tell_of_the_frame(
+def test_file_names_from_metadata(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     name = '{topic}-{frame_id}-{encoding}-{sec}-{nanosec}-{stamp}.npy'
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name=f'v{name}',
@@ -187,11 +187,11 @@ def test_names_tell_of_the_frame(
     ({'max_bytes': 3500, 'ring': 'true'}, [57, 58, 59], False),
     ({'max_frames': 5, 'ring': 'true'}, [55, 56, 57, 58, 59], False),
 ])
-def test_frames_are_chosen(start: Start, node: Node, publisher: Publisher, tmp_path: Path,
+def test_selected_frames(start: Start, node: Node, publisher: Publisher, tmp_path: Path,
                            parameters: dict[str, object], numbers: list[int], ends: bool) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='f{seq}.bmp',
                      on_overflow='block', **parameters)
-    # Each is a file of 54 + 16 * 64 bytes, so that three fit into 3500.
+    # A file has 54 + 16 * 64 bytes, so that three fit into 3500.
     frames = [stamped(np.full((16, 21, 3), number, np.uint8), 'bgr8', NANO + number * NANO // 30)
               for number in range(60)]
     send(node, publisher, *frames)
@@ -215,7 +215,7 @@ def _wait_until_received(recorder: NodeProcess, folder: Path, last: int) -> None
         time.sleep(0.05)
 
 
-def test_a_duration_ends_the_recording_though_no_frame_comes(
+def test_duration_ends_without_further_frames(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', max_duration=1.0)
     broken, whole = (stamped(np.zeros((4, 4), np.uint8), 'mono8', 1) for _ in range(2))
@@ -225,7 +225,7 @@ def test_a_duration_ends_the_recording_though_no_frame_comes(
     assert len(read_manifest(tmp_path / 'out')) == 1
 
 
-def test_a_compressed_topic_is_recorded_byte_for_byte(
+def test_compressed_topic_is_recorded_unchanged(
         start: Start, node: Node, tmp_path: Path) -> None:
     messages: list[CompressedImage] = []
     node.create_subscription(CompressedImage, 'video_frames/compressed', messages.append, 100)
@@ -244,13 +244,13 @@ def test_a_compressed_topic_is_recorded_byte_for_byte(
         assert line['size'] == [320, 240]
 
 
-def test_a_minute_of_video_has_the_times_of_its_stamps(
+def test_video_times_of_a_minute_of_stamps(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, tell: Tell) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mp4',
                      on_overflow='block', max_frames=601)
-    trembling = np.random.default_rng(3).integers(-45_000_000, 45_000_000, 601)
+    jitter = np.random.default_rng(3).integers(-45_000_000, 45_000_000, 601)
     stamps = [1_700_000_000 * NANO + number * NANO // 10 + int(shift)
-              for number, shift in enumerate(trembling)]
+              for number, shift in enumerate(jitter)]
     spin_until(node, lambda: publisher.get_subscription_count() > 0)
     for number, stamp in enumerate(stamps):
         image = np.full((48, 64, 3), number % 200 + 20, np.uint8)
@@ -261,18 +261,18 @@ def test_a_minute_of_video_has_the_times_of_its_stamps(
     with av.open(str(tmp_path / 'out' / 'clip.mp4')) as video:
         frames = list(video.decode(video=0))
     times = [frame.pts * frame.time_base for frame in frames]
-    away = [abs(float(time - times[0]) - (stamp - stamps[0]) / NANO)
+    deviations = [abs(float(time - times[0]) - (stamp - stamps[0]) / NANO)
             for time, stamp in zip(times, stamps)]
     assert len(frames) == 601
-    assert max(away) < 0.001
+    assert max(deviations) < 0.001
     assert float(times[-1] - times[0]) > 59.9
     for number in (0, 300, 600):
         assert abs(int(frames[number].to_ndarray(format='bgr24').mean()) - number % 200 - 20) < 4
-    tell(f'a minute of video: 601 frames, the farthest from its stamp by '
-         f'{max(away) * 1e6:.0f} us')
+    tell(f'a minute of video: 601 frames, largest deviation '
+         f'{max(deviations) * 1e6:.0f} us')
 
 
-def test_without_pyav_all_but_videos_is_recorded(
+def test_recording_without_pyav(
         start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / 'modules').mkdir()
     (tmp_path / 'modules' / 'av.py').write_text(
@@ -294,7 +294,7 @@ def test_without_pyav_all_but_videos_is_recorded(
 
 
 @pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])
-def test_a_video_of_another_size_is_another_file(
+def test_new_video_for_a_new_size(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, on_exists: str) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mkv',
                      on_overflow='block', max_frames=30, on_exists=on_exists)
@@ -308,7 +308,7 @@ def test_a_video_of_another_size_is_another_file(
         ('clip_2.mkv', [64, 48], 10, 2)]
 
 
-def test_a_frame_is_saved_on_request(
+def test_frame_saved_on_request(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', mode='on_request',
                      file_name='f{seq}.png', every_n=100)
@@ -338,7 +338,7 @@ def test_a_frame_is_saved_on_request(
     assert '3 written' in recorder.output and ' 1 failed' in recorder.output
 
 
-def test_a_terminal_shows_a_bar(
+def test_progress_bar_on_a_terminal(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
     master, slave = pty.openpty()
     process = subprocess.Popen(

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The recorder in trouble: killed, without a place to write to, with more than it can write."""
+"""Failures of a recorder process: kills, full disks, lost folders and slow writers."""
 
 from __future__ import annotations
 
@@ -43,21 +43,21 @@ Start = Callable[..., NodeProcess]
 Tell = Callable[[str], None]
 KILLS = 10
 AT_ONCE = 4
-# A root to whom the permissions of files mean what they say.
+# Root without the right to ignore the permissions of files.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
                      r'(\d+) failed, (\d+) lost in transit')
-# As root or not, whoever may have a mount namespace of its own.
+# Prefix of a command in its own mount namespace, as root or not.
 NAMESPACE = ('unshare', '--mount') if os.getuid() == 0 else (
     'unshare', '--mount', '--user', '--map-root-user')
 
 
 def summary(process: NodeProcess) -> dict[str, int]:
-    """Read the account that a recorder gives at its end."""
+    """Read the summary that a recorder logs at its end."""
     numbers = map(int, SUMMARY.search(process.output).groups())
-    account = dict(zip(('received', 'written', 'dropped', 'failed', 'lost'), numbers))
-    assert account['received'] == account['written'] + account['dropped'] + account['failed']
-    return account
+    counts = dict(zip(('received', 'written', 'dropped', 'failed', 'lost'), numbers))
+    assert counts['received'] == counts['written'] + counts['dropped'] + counts['failed']
+    return counts
 
 
 def wait_until(condition: Callable[[], object]) -> None:
@@ -67,7 +67,7 @@ def wait_until(condition: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-def test_killed_at_any_moment_it_leaves_whole_files(
+def test_whole_files_after_kills(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
     start('img_publisher', source='pattern:80x60@60', publish_rate=0)
@@ -75,7 +75,7 @@ def test_killed_at_any_moment_it_leaves_whole_files(
     moments = random.Random(5)
     checked: set[Path] = set()
     temporaries = 0
-    # While some are killed the next ones start, so that none waits for another.
+    # Further recorders start while one is killed, to save time.
     recorders = deque(start('img_subscriber', **parameters) for _ in range(AT_ONCE))
     for kill in range(KILLS):
         recorder = recorders.popleft()
@@ -108,7 +108,7 @@ def test_killed_at_any_moment_it_leaves_whole_files(
 
 
 def grays(video: Path) -> list[float]:
-    """Play a video that may still be written; the mean of each frame."""
+    """Return the mean of each frame of a video that may still be written."""
     capture = cv2.VideoCapture(str(video))
     means = []
     while (read := capture.read())[0]:
@@ -117,7 +117,7 @@ def grays(video: Path) -> list[float]:
 
 
 @pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
-def test_a_killed_video_plays_and_has_its_line(
+def test_video_of_a_killed_recorder(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
     folder = tmp_path / 'out'
     parameters = {'output_dir': folder, 'file_name': f'clip.{suffix}', 'on_overflow': 'block'}
@@ -126,7 +126,7 @@ def test_a_killed_video_plays_and_has_its_line(
                       NANO + number * NANO // 50) for number in range(150)]
     recorder = start('img_subscriber', **parameters)
     send(node, publisher, *frames)
-    # All but the last second, and one frame, is in the file before the recorder ends it.
+    # The file holds all but the last second, and one frame, before it is finished.
     wait_until(lambda: len(grays(folder / f'clip.{suffix}')) >= 150 - 51)
     recorder.interrupt(signal.SIGKILL)
     assert recorder.finish() == -signal.SIGKILL
@@ -143,7 +143,7 @@ def test_a_killed_video_plays_and_has_its_line(
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
-    """Give a folder, and what to run a process within so that the folder is a disk of 1 MB."""
+    """Return a folder, and the prefix of a command for which it is a disk of 1 MB."""
     folder = tmp_path / 'disk'
     folder.mkdir()
     command = [*NAMESPACE, 'sh', '-c',
@@ -154,7 +154,7 @@ def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
     return folder, command
 
 
-def test_a_full_disk_and_then_room_again(
+def test_full_disk_that_gets_room_again(
         start: Start, small_disk: tuple[Path, list[str]], tell: Tell) -> None:
     folder, within = small_disk
     recorder = start('img_subscriber', within=within, output_dir=folder,
@@ -165,7 +165,7 @@ def test_a_full_disk_and_then_room_again(
     full = recorded_files(inside)
     assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
                for index, picture in enumerate(read_pictures(inside)))
-    time.sleep(0.5)  # in which nothing may remain of the frames that come
+    time.sleep(0.5)  # no file of these frames may remain
     assert recorded_files(inside) == full
     for path in full[:10]:
         path.unlink()
@@ -178,15 +178,15 @@ def test_a_full_disk_and_then_room_again(
     temporaries = [path for path in inside.glob('.*') if path.suffix != '.journal']
     recorder.interrupt()
     assert recorder.finish() == 1, recorder.output
-    account = summary(recorder)
-    assert account['failed'] >= 2
-    assert account['written'] == len(pictures) + 10
-    assert len(temporaries) <= 1  # the one being written at that moment
-    tell(f'a disk of 1 MB, full twice: {account}, {len(pictures)} whole files on it, '
+    counts = summary(recorder)
+    assert counts['failed'] >= 2
+    assert counts['written'] == len(pictures) + 10
+    assert len(temporaries) <= 1  # the file that is being written
+    tell(f'a disk of 1 MB, full twice: {counts}, {len(pictures)} whole files on it, '
          'of which ten were deleted in between')
 
 
-def test_a_folder_that_cannot_be_written_to_for_a_while(
+def test_folder_that_is_read_only_for_a_while(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
     within = OBEDIENT_ROOT if os.getuid() == 0 else ()
@@ -195,25 +195,25 @@ def test_a_folder_that_cannot_be_written_to_for_a_while(
     recorder.wait_for('Receiving video frame')
     folder.chmod(0o555)
     recorder.wait_for('Permission denied')
-    time.sleep(0.5)  # in which it is not said for every frame
+    time.sleep(0.5)  # the line must not repeat for every frame
     folder.chmod(0o755)
     recorder.wait_for('Writing again')
     assert recorder.output.count('Permission denied') == 1
     recorder.interrupt()
     assert recorder.finish() == 1, recorder.output
-    account = summary(recorder)
-    assert account['failed'] >= 1
-    assert len(read_manifest(folder)) == account['written']
-    tell(f'a folder that was read-only for a while: {account}')
+    counts = summary(recorder)
+    assert counts['failed'] >= 1
+    assert len(read_manifest(folder)) == counts['written']
+    tell(f'a folder that was read-only for a while: {counts}')
 
 
 def gray_frames(first: int, count: int) -> list[Image]:
-    """Make small frames of one gray each, of whose number the stamp has the seconds."""
+    """Return small gray frames; their numbers are the seconds of their stamps."""
     return [stamped(np.full((12, 16), number % 256, np.uint8), 'mono8', number * NANO)
             for number in range(first, first + count)]
 
 
-def test_a_folder_that_is_removed_is_made_again(
+def test_removed_folder_is_created_again(
         start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'out'
     publisher = create_publisher(node)
@@ -233,7 +233,7 @@ def test_a_folder_that_is_removed_is_made_again(
 
 
 @pytest.mark.parametrize('writers', [1, 2])
-def test_with_slow_writers_every_frame_is_accounted_for(
+def test_every_frame_is_counted_with_slow_writers(
         start: Start, node: Node, tmp_path: Path, writers: int, tell: Tell) -> None:
     folder = tmp_path / 'out'
     publisher = create_publisher(node)
@@ -243,13 +243,13 @@ def test_with_slow_writers_every_frame_is_accounted_for(
     wait_until(lambda: (folder / 'manifest.jsonl').exists())
     sent = 1
     with (folder / 'manifest.jsonl').open() as manifest:
-        fcntl.flock(manifest, fcntl.LOCK_EX)  # so that nobody can write
+        fcntl.flock(manifest, fcntl.LOCK_EX)  # blocks all writers
         while 'arrive faster than they are written' not in recorder.output:
             send(node, publisher, *gray_frames(sent + 1, 5))
             sent += 5
             time.sleep(0.05)
-    # What was sent is received when a frame of another size, sent after it, is. It is told of
-    # where none was a second before.
+    # All sent frames were received when a later frame of another size is. The progress shows
+    # that frame if it showed none for a second.
     size = 0
     while f' {size}x1 mono8' not in recorder.output:
         sent, size = sent + 1, size + 1
@@ -259,18 +259,18 @@ def test_with_slow_writers_every_frame_is_accounted_for(
                 time.sleep(0.1)
     recorder.interrupt()
     assert recorder.finish() == 0, recorder.output
-    account = summary(recorder)
-    assert account['dropped'] >= 1 and account['failed'] == 0
-    assert account['received'] + account['lost'] == sent
+    counts = summary(recorder)
+    assert counts['dropped'] >= 1 and counts['failed'] == 0
+    assert counts['received'] + counts['lost'] == sent
     lines = read_manifest(folder)
-    assert len(lines) == account['written']
+    assert len(lines) == counts['written']
     numbers = [line['stamp']['sec'] for line in lines]
     assert numbers == sorted(set(numbers))
-    assert (numbers[0], numbers[-1]) == (1, sent)  # the oldest that wait are dropped
-    tell(f'{writers} slow writers: {account}')
+    assert (numbers[0], numbers[-1]) == (1, sent)  # the oldest in the queue are dropped
+    tell(f'{writers} slow writers: {counts}')
 
 
-def test_ten_thousand_frames_without_a_loss(
+def test_no_loss_in_ten_thousand_frames(
         start: Start, node: Node, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
     publisher = create_publisher(node, 10_000)
@@ -278,8 +278,8 @@ def test_ten_thousand_frames_without_a_loss(
                      on_overflow='block', queue_size=8, max_frames=10_000)
     send(node, publisher, *gray_frames(0, 10_000))
     assert recorder.finish() == 0, recorder.output
-    account = summary(recorder)
-    assert account == {
+    counts = summary(recorder)
+    assert counts == {
         'received': 10_000, 'written': 10_000, 'dropped': 0, 'failed': 0, 'lost': 0}
     assert [(line['seq'], line['stamp']['sec']) for line in read_manifest(folder)] == [
         (number, number) for number in range(10_000)]
@@ -287,4 +287,4 @@ def test_ten_thousand_frames_without_a_loss(
         picture = cv2.imread(str(folder / f'f{number:05d}.png'), cv2.IMREAD_UNCHANGED)
         assert np.array_equal(picture, np.full((12, 16), number % 256, np.uint8))
     shutil.rmtree(folder)
-    tell(f'10,000 frames with on_overflow:=block: {account}')
+    tell(f'10,000 frames with on_overflow:=block: {counts}')

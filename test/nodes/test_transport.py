@@ -40,7 +40,7 @@ RELIABILITY = 'qos_overrides./video_frames.publisher.reliability'
 SEND = """
 import signal
 import numpy as np
-from opencv_tools.image.cdr import WireImage
+from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.ros.zero_copy import publish_image
 from opencv_tools.ros.fastdds.profile import configured_fastdds
 import rclpy
@@ -50,7 +50,8 @@ from sensor_msgs.msg import Image
 
 def publish(width, height):
     publish_image(publisher.handle, WireImage(
-        0, 0, '', height, width, 'mono8', False, width, np.zeros(width * height, np.uint8)))
+        header=WireHeader(0, 0, ''), height=height, width=width, encoding='mono8',
+        is_bigendian=False, step=width, data=np.zeros(width * height, np.uint8)))
 
 def publish_small_until_signal(width):
     while not (received := signal.sigtimedwait(signals, 0.05)):

@@ -38,22 +38,29 @@ ALLOWED = {
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
                              'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'cv2'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.logs': set(),
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
-                               'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'av',
-                               'cv2'},
+                               'opencv_tools.image_codecs', 'opencv_tools.logs',
+                               'opencv_tools.regular_files', 'av', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.image_codecs', 'sensor_msgs',
                                'std_msgs'},
     'opencv_tools.ros': {
         'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
-        'opencv_tools.image', 'opencv_tools.recording', 'opencv_tools.regular_files',
-        'opencv_tools.standard_streams', 'ament_index_python', 'builtin_interfaces',
-        'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs',
-        'tqdm', 'yaml'},
+        'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.recording',
+        'opencv_tools.regular_files', 'opencv_tools.standard_streams', 'ament_index_python',
+        'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
+        'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
     'opencv_tools.standard_streams': set(),
     'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
                            'opencv_tools.regular_files', 'opencv_tools.standard_streams',
                            'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
+}
+#: What the modules of a package must not import, although ALLOWED names a package around it.
+FORBIDDEN = {
+    'opencv_tools.ros': ('opencv_tools.ros.publisher', 'opencv_tools.ros.subscriber'),
+    'opencv_tools.ros.publisher': ('opencv_tools.ros.subscriber', 'opencv_tools.recording'),
+    'opencv_tools.ros.subscriber': ('opencv_tools.ros.publisher', 'opencv_tools.capture'),
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber')
@@ -68,7 +75,9 @@ def imported(module: str) -> set[str]:
         if isinstance(statement, ast.Import):
             names.update(alias.name for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
-            names.add(statement.module)
+            for alias in statement.names:
+                name = f'{statement.module}.{alias.name}'
+                names.add(name if name in MODULES else statement.module)
     return names
 
 
@@ -79,6 +88,12 @@ def test_imports_point_down(module: str) -> None:
     wrong = [name for name in imported(module) if name.partition('.')[0] not in free
              and not any(f'{name}.'.startswith(f'{allowed}.') for allowed in ALLOWED[room])]
     assert not wrong
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith(tuple(FORBIDDEN))])
+def test_forbidden_imports(module: str) -> None:
+    package = max((name for name in FORBIDDEN if f'{module}.'.startswith(f'{name}.')), key=len)
+    assert not [name for name in imported(module) if name.startswith(FORBIDDEN[package])]
 
 
 @pytest.mark.process

@@ -151,5 +151,5 @@ def test_ruff() -> None:
 def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
           'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
-          'opencv_tools/regular_files.py',
+          'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
           'opencv_tools/cv_bridge.py', 'opencv_tools/robot')

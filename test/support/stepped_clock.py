@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from threading import Event
 
+from opencv_tools.capture.clock import Clock
+
 # Not 0.0, and exact in binary, like all times that the tests add.
 BEGAN = 64.0
 
@@ -27,7 +29,7 @@ _LONGEST = 3600.0
 _MOST_WAITS = 10_000
 
 
-class SteppedClock:
+class SteppedClock(Clock):
     """A clock whose waits return at once and advance the time by their duration."""
 
     def __init__(self) -> None:

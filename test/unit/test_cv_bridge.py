@@ -28,7 +28,7 @@ from hypothesis import given, settings, strategies as st
 from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError, getCvType
-from opencv_tools.image.cdr import cdr_to_image
+from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 import pytest
 from sensor_msgs.msg import Image
@@ -88,7 +88,7 @@ def test_any_array_comes_back_from_a_message_and_from_the_wire(
     copied = bridge.imgmsg_to_cv2(message, encoding)
     np.testing.assert_array_equal(copied, expected)
     assert copied.dtype == expected.dtype and copied.shape == expected.shape
-    wire = cdr_to_image(bridge.cv2_to_cdr(image, encoding))
+    wire = cdr_to_image(image_to_cdr(bridge.cv2_to_wire(image, encoding)))
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(wire), expected)
     rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
     extra = padding * find_encoding(encoding).pixel_bytes

@@ -27,6 +27,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image_codecs import convert_picture, decode_picture
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
+from opencv_tools.recording.naming import FrameMetadata
 import pytest
 from sensor_msgs.msg import CompressedImage
 
@@ -96,7 +97,9 @@ def test_an_orientation_is_left_to_who_asks_for_it(orientation: int) -> None:
     for desired in ('passthrough', '', 'bgr8'):
         np.testing.assert_array_equal(
             CvBridge().compressed_imgmsg_to_cv2(message, desired), lying, strict=True)
-    recorded = CompressedFrame(1, 'camera', 'jpeg', '/video_frames/compressed', 1, jpeg)
+    recorded = CompressedFrame(
+        metadata=FrameMetadata(1, 'camera', 'jpeg', '/video_frames/compressed'), receive_ns=1,
+        data=jpeg)
     assert encode_frame(recorded, EncoderSettings('.jpg')).data is jpeg
     np.testing.assert_array_equal(recorded.decode().image, lying, strict=True)
 

@@ -21,12 +21,13 @@ from pathlib import Path
 import time
 from typing import Literal
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError, Frame, UnavailableError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.v4l2.controls import Control
 from opencv_tools.capture.v4l2.device import DequeuedBuffer, VideoDevice
-from opencv_tools.capture.v4l2.errors import capture_errors, check_device
 from opencv_tools.capture.v4l2.modes import (
     CameraRequest, choose_mode, DEFAULT_RATE, DEFAULT_SIZE, describe_modes, Mode)
+from opencv_tools.capture.v4l2.os_errors import capture_errors, check_device
 from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS, read_pixels
 
 # Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame

@@ -42,7 +42,7 @@ class ControlType(enum.IntEnum):
     INTEGER_MENU = 9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Control:
     """
     A control of a camera, such as its brightness.
@@ -127,9 +127,10 @@ def _describe_control(fd: int, query: videodev2.v4l2_query_ext_ctrl) -> Control:
     name = ''.join(char if char.isalnum() else ' ' for char in query.name.decode('latin-1'))
     kind = ControlType(query.type)
     return Control(
-        '_'.join(name.lower().split()), query.id, kind, query.minimum, query.maximum, query.step,
-        query.default_value, tuple(_menu(fd, query)) if 'MENU' in kind.name else (),
-        not query.flags & videodev2.V4L2_CTRL_FLAG_INACTIVE)
+        name='_'.join(name.lower().split()), number=query.id, kind=kind, minimum=query.minimum,
+        maximum=query.maximum, step=query.step, default=query.default_value,
+        choices=tuple(_menu(fd, query)) if 'MENU' in kind.name else (),
+        active=not query.flags & videodev2.V4L2_CTRL_FLAG_INACTIVE)
 
 
 def _menu(fd: int, query: videodev2.v4l2_query_ext_ctrl) -> Iterator[tuple[int, str]]:

@@ -29,7 +29,7 @@ DEFAULT_SIZE = (640, 480)
 DEFAULT_RATE = 30.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraRequest:
     """
     Requested camera settings. Unset fields use the default or the closest supported value.

@@ -24,7 +24,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import BrokenFrameError, JPEG
+from opencv_tools.capture.errors import BrokenFrameError
+from opencv_tools.capture.frame import JPEG
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
@@ -71,8 +72,7 @@ def _read_planes(
     luma = lines[:height * step].reshape(height, step)[:, :width]
     chroma = lines[height * step:].reshape(height, step // 2)[:, :width // 2]
     planes = np.concatenate([luma, chroma.reshape(height // 2, width)])
-    image: NDArray[Any] = cv2.cvtColor(planes, conversion)
-    return image
+    return cv2.cvtColor(planes, conversion)
 
 
 def _read_jpeg(data: bytes, _height: int, _width: int, _step: int) -> NDArray[Any]:

@@ -57,8 +57,6 @@ def _union(**members: Any) -> type[ctypes.Union]:
 
 
 class v4l2_capability(ctypes.Structure):
-    """``struct v4l2_capability``."""
-
     _fields_ = [
         ('driver', c_char * 16), ('card', c_char * 32), ('bus_info', c_char * 32),
         ('version', c_uint32), ('capabilities', c_uint32), ('device_caps', c_uint32),
@@ -66,8 +64,6 @@ class v4l2_capability(ctypes.Structure):
 
 
 class v4l2_fmtdesc(ctypes.Structure):
-    """``struct v4l2_fmtdesc``."""
-
     _fields_ = [
         ('index', c_uint32), ('type', c_uint32), ('flags', c_uint32),
         ('description', c_char * 32), ('pixelformat', c_uint32), ('mbus_code', c_uint32),
@@ -75,28 +71,20 @@ class v4l2_fmtdesc(ctypes.Structure):
 
 
 class v4l2_fract(ctypes.Structure):
-    """``struct v4l2_fract``."""
-
     _fields_ = [('numerator', c_uint32), ('denominator', c_uint32)]
 
 
 class v4l2_frmsize_stepwise(ctypes.Structure):
-    """``struct v4l2_frmsize_stepwise``."""
-
     _fields_ = [
         ('min_width', c_uint32), ('max_width', c_uint32), ('step_width', c_uint32),
         ('min_height', c_uint32), ('max_height', c_uint32), ('step_height', c_uint32)]
 
 
 class v4l2_frmsize_discrete(ctypes.Structure):
-    """``struct v4l2_frmsize_discrete``."""
-
     _fields_ = [('width', c_uint32), ('height', c_uint32)]
 
 
 class v4l2_frmsizeenum(ctypes.Structure):
-    """``struct v4l2_frmsizeenum``."""
-
     _anonymous_ = ('union',)
     _fields_ = [
         ('index', c_uint32), ('pixel_format', c_uint32), ('type', c_uint32),
@@ -105,14 +93,10 @@ class v4l2_frmsizeenum(ctypes.Structure):
 
 
 class v4l2_frmival_stepwise(ctypes.Structure):
-    """``struct v4l2_frmival_stepwise``."""
-
     _fields_ = [('min', v4l2_fract), ('max', v4l2_fract), ('step', v4l2_fract)]
 
 
 class v4l2_frmivalenum(ctypes.Structure):
-    """``struct v4l2_frmivalenum``."""
-
     _anonymous_ = ('union',)
     _fields_ = [
         ('index', c_uint32), ('pixel_format', c_uint32), ('width', c_uint32),
@@ -130,8 +114,6 @@ class v4l2_pix_format(ctypes.Structure):
 
 
 class v4l2_plane_pix_format(ctypes.Structure):
-    """``struct v4l2_plane_pix_format``."""
-
     _fields_ = [('sizeimage', c_uint32), ('bytesperline', c_uint32), ('reserved', c_uint32 * 3)]
 
 
@@ -145,8 +127,6 @@ class v4l2_pix_format_mplane(ctypes.Structure):
 
 
 class v4l2_format(ctypes.Structure):
-    """``struct v4l2_format``."""
-
     # Other members contain pointers, which determine the alignment of the union.
     _fields_ = [('type', c_uint32), ('fmt', _union(
         pix=v4l2_pix_format, pix_mp=v4l2_pix_format_mplane, pointer=c_void_p,
@@ -154,31 +134,23 @@ class v4l2_format(ctypes.Structure):
 
 
 class v4l2_captureparm(ctypes.Structure):
-    """``struct v4l2_captureparm``."""
-
     _fields_ = [
         ('capability', c_uint32), ('capturemode', c_uint32), ('timeperframe', v4l2_fract),
         ('extendedmode', c_uint32), ('readbuffers', c_uint32), ('reserved', c_uint32 * 4)]
 
 
 class v4l2_streamparm(ctypes.Structure):
-    """``struct v4l2_streamparm``."""
-
     _fields_ = [
         ('type', c_uint32), ('parm', _union(capture=v4l2_captureparm, raw_data=c_uint8 * 200))]
 
 
 class v4l2_requestbuffers(ctypes.Structure):
-    """``struct v4l2_requestbuffers``."""
-
     _fields_ = [
         ('count', c_uint32), ('type', c_uint32), ('memory', c_uint32),
         ('capabilities', c_uint32), ('flags', c_uint8), ('reserved', c_uint8 * 3)]
 
 
 class v4l2_plane(ctypes.Structure):
-    """``struct v4l2_plane``."""
-
     _fields_ = [
         ('bytesused', c_uint32), ('length', c_uint32),
         ('m', _union(mem_offset=c_uint32, userptr=c_ulong)), ('data_offset', c_uint32),
@@ -197,8 +169,6 @@ class v4l2_buffer(ctypes.Structure):
 
 
 class v4l2_query_ext_ctrl(ctypes.Structure):
-    """``struct v4l2_query_ext_ctrl``."""
-
     _fields_ = [
         ('id', c_uint32), ('type', c_uint32), ('name', c_char * 32), ('minimum', c_int64),
         ('maximum', c_int64), ('step', c_uint64), ('default_value', c_int64),
@@ -214,14 +184,10 @@ class v4l2_querymenu(ctypes.Structure):
 
 
 class v4l2_control(ctypes.Structure):
-    """``struct v4l2_control``."""
-
     _fields_ = [('id', c_uint32), ('value', c_int32)]
 
 
 class v4l2_event_subscription(ctypes.Structure):
-    """``struct v4l2_event_subscription``."""
-
     _fields_ = [
         ('type', c_uint32), ('id', c_uint32), ('flags', c_uint32), ('reserved', c_uint32 * 5)]
 

@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import declared_encoding, find_encoding
-from opencv_tools.image.errors import ImageError
 from opencv_tools.image_codecs import convert_picture
+from opencv_tools.recording.errors import VideoError
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
@@ -38,10 +38,6 @@ _RGB = np.array([219 * _LUMA, 224 / 1.772 * ([0, 0, 1] - _LUMA), 224 / 1.402 * (
                  ]) / 255
 _OFFSETS = np.array([[16], [128], [128]])
 _MATRICES = {'rgb': np.hstack([_RGB, _OFFSETS]), 'bgr': np.hstack([_RGB[:, ::-1], _OFFSETS])}
-
-
-class VideoError(ImageError):
-    """A frame cannot be encoded as video, or this machine has no encoder."""
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,15 @@ import time
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
+from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError, VideoError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
-from opencv_tools.recording.image_encoder import EncoderSettings, formats_for, UnwritableError
+from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.recorder import error_text, SinkCounts
-from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.video.frame import to_video_frame, VideoError, VideoFrame
+from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
 
 
@@ -61,7 +62,7 @@ class _Video:
 
     def time_ns(self, frame: ReceivedFrame) -> int:
         """Return the time of a frame, independent of changes of the system clock."""
-        return frame.stamp_ns or frame.arrival_ns + self.offset_ns
+        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
 
 
 class VideoSink:
@@ -106,7 +107,7 @@ class VideoSink:
         raw = frame.decode()
         try:
             video_frame = to_video_frame(
-                raw.image, raw.encoding, self._settings.suffix, self._settings.to_color)
+                raw.image, raw.metadata.encoding, self._settings.suffix, self._settings.to_color)
         except VideoError as err:
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
@@ -156,7 +157,7 @@ class VideoSink:
             self._end(video)
         if not self._is_full:
             video = self._video = self._video or self._numbering.claim(
-                frame, lambda seq, name: self._begin(seq, name, frame, video_frame))
+                frame.metadata, lambda seq, name: self._begin(seq, name, frame, video_frame))
             self._is_full = not video.writer.write(video_frame, video.time_ns(frame))
         if self._is_full or not video:
             raise LimitReached(f'max_bytes is {self._max_bytes}')
@@ -209,7 +210,7 @@ class VideoSink:
         offset = frame.receive_ns - frame.arrival_ns
         room = max(1, self._max_bytes - self._bytes) if self._max_bytes else 0
         writer = VideoWriter(
-            path, video_frame, frame.stamp_ns or frame.receive_ns, self._settings.crf, room)
+            path, video_frame, frame.time_ns, self._settings.crf, room)
         entry = file_entry(seq, name, frame, 'h264', video_frame.stream_format[:2])
         try:
             self._folder.write_journal(entry)
@@ -273,8 +274,9 @@ def _removed_text(video: _Video) -> str:
 
 def _image_type(frame: RawFrame) -> str:
     """Return the type of the image of a frame, for the list of formats that can hold it."""
+    encoding = frame.metadata.encoding
     try:
-        is_picture = find_encoding(frame.encoding).kind in ('generic', 'color')
-        return generic_encoding(frame.image).name if is_picture else frame.encoding
+        is_picture = find_encoding(encoding).kind in ('generic', 'color')
+        return generic_encoding(frame.image).name if is_picture else encoding
     except EncodingError:
-        return frame.encoding
+        return encoding

@@ -34,35 +34,40 @@ import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.output_file import OutputFile
-from opencv_tools.recording.video.frame import VideoError, VideoFrame
+from opencv_tools.recording.video.frame import VideoFrame
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _ContainerFormat:
     name: str  # name of the format in FFmpeg
     ticks: int  # resolution of times, in ticks per second
     longest: int  # longest gap between two frames, in seconds
     # Upper bounds of the bytes that FFmpeg writes in addition to the packets:
-    beside: int  # for each packet
-    ending: int  # at the end of the file, and for each group of packets
-    per_key: int  # for each key frame, at the end of the file
-    per_tick: int = 0  # for each tick, at the end of a file with a packet for each tick
+    per_packet: int
+    at_end: int  # also for each group of packets
+    per_key: int  # at the end of the file, for each key frame
+    per_tick: int = 0  # at the end of a file with a packet for each tick
     lag: int = 1  # number of latest packets that a write does not include
     options: dict[str, str] = field(default_factory=dict)
 
 
 _CONTAINER_FORMATS = {
     # A fragment begins at each key frame and does not depend on later data.
-    '.mp4': _ContainerFormat('mp4', 90000, 3600, 16, 200, 24, options={
-        'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
-    '.mkv': _ContainerFormat('matroska', 1000, 3600, 16, 100, 48, options={
-        'cluster_time_limit': '500'}),
+    '.mp4': _ContainerFormat(
+        name='mp4', ticks=90000, longest=3600, per_packet=16, at_end=200, per_key=24,
+        options={'movflags': 'frag_keyframe+empty_moov+default_base_moof'}),
+    '.mkv': _ContainerFormat(
+        name='matroska', ticks=1000, longest=3600, per_packet=16, at_end=100, per_key=48,
+        options={'cluster_time_limit': '500'}),
     # 300 is a multiple of common rates. FFmpeg writes at most 60000 empty frames in a row.
-    '.avi': _ContainerFormat('avi', 300, 199, 9, 100, 0, per_tick=24, lag=0),
+    '.avi': _ContainerFormat(
+        name='avi', ticks=300, longest=199, per_packet=9, at_end=100, per_key=0, per_tick=24,
+        lag=0),
 }
 
 #: File name extensions of the video formats.
@@ -246,7 +251,7 @@ class VideoWriter:
         """Write the packets of the encoder, which holds a frame until it knows its duration."""
         for packet in self._stream.encode(frame):
             steps = packet.pts - self._last_packet if self._format.per_tick else 1
-            added = packet.size + self._format.beside * steps
+            added = packet.size + self._format.per_packet * steps
             self.is_full = self.is_full or not self._has_room(added, packet.pts)
             if self.is_full:
                 continue
@@ -261,7 +266,7 @@ class VideoWriter:
 
     def _has_room(self, size: int, pts: int) -> bool:
         form = self._format
-        end = form.ending + form.per_key * (self._keys + 1) + form.per_tick * pts
+        end = form.at_end + form.per_key * (self._keys + 1) + form.per_tick * pts
         return not self._max_bytes or self._file.size + self._waiting + size + end <= (
             self._max_bytes)
 

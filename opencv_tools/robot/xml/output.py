@@ -21,9 +21,9 @@ import errno
 import os
 from pathlib import Path
 import sys
-import tempfile
 
 from opencv_tools.image.text import printable
+from opencv_tools.regular_files import write_beside, write_buffer
 from opencv_tools.robot.xml.document import DescriptionError
 
 _LONGEST_MESSAGE = 10_000  # characters
@@ -91,24 +91,12 @@ def _write_stream(path: str | None, target: Path, data: bytes) -> None:
 
 def _beside(path: str, target: Path, data: bytes) -> Path:
     """Write a temporary file where it can take the place of another one."""
-    temporary = None
     try:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f'.{target.name}.')
-        temporary = Path(name)
-        with open(descriptor, 'wb') as file:  # noqa: PTH123
-            file.write(data)
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        return temporary
-    except BaseException as err:
-        if temporary:
-            temporary.unlink(missing_ok=True)
-        if isinstance(err, OSError):
-            raise NotWrittenError(path, err) from err
-        raise
+        return write_beside(target, data)
+    except OSError as err:
+        raise NotWrittenError(path, err) from err
 
 
 def print_text(text: str) -> None:
@@ -125,10 +113,8 @@ def print_message(text: str) -> None:
 
 def print_bytes(data: bytes) -> None:
     """Write to standard output, all of it or an error."""
-    rest = memoryview(data)
     try:
-        while rest:  # with PYTHONUNBUFFERED a part may be written and no error raised
-            rest = rest[sys.stdout.buffer.write(rest):]
+        write_buffer(sys.stdout.buffer, data)
         sys.stdout.buffer.flush()
     except OSError as err:
         # Nothing of it is left to be flushed at the exit.

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable
 import time
 from typing import Protocol
 
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.logs import Log
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 

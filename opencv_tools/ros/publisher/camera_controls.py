@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.controls import Control, ControlType
 from opencv_tools.ros.parameters import (
@@ -63,6 +63,7 @@ class CameraControls:
         self.requested = tuple((name.removesuffix(_SUFFIX), int(value))
                                for name, value in self._given.items() if isinstance(value, int))
         self._is_updating = False
+        self._opened = node.create_guard_condition(self.declare)
         self._timer: Timer | None = None
         node.add_on_set_parameters_callback(self._set)
 
@@ -71,12 +72,15 @@ class CameraControls:
         """Parameters of the camera that was opened last, and of earlier cameras."""
         return tuple(parameter for parameter, _ in self._controls.values())
 
-    def declare(self, camera: CameraSource) -> None:
-        """
-        Declare the parameters of a newly opened camera; existing parameters stay.
+    def camera_opened(self) -> None:
+        """Call ``declare`` in the executor of the node; thread-safe."""
+        self._opened.trigger()
 
-        :param camera: the camera.
-        """
+    def declare(self) -> None:
+        """Declare the parameters of the open camera; existing parameters stay."""
+        camera = self._camera()
+        if camera is None:
+            return
         try:
             controls = camera.controls()
         except CaptureError:
@@ -171,8 +175,8 @@ class CameraControls:
         # Some drivers report values outside their own range, or a step of 0.
         step = max(1, control.step)
         even = (value - control.minimum) % step == 0
-        return Parameter(name, value, description, min(value, control.minimum),
-                         max(value, control.maximum), step=step if even else 1,
+        bounds = min(value, control.minimum), max(value, control.maximum)
+        return Parameter(name, value, description, bounds=bounds, step=step if even else 1,
                          changeable=True)
 
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:

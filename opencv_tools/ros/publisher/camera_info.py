@@ -29,10 +29,14 @@ from threading import Lock
 from ament_index_python.packages import get_package_share_directory
 import numpy as np
 from opencv_tools.image.orientation import turned_axes
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.ros.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
+from opencv_tools.ros.publisher.parameters import PublisherSettings
 from opencv_tools.ros.publisher.turned_camera_info import turn_camera_info
+from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
+from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
 
 DEFAULT_URL = 'file://${ROS_HOME}/camera_info/${NAME}.yaml'
@@ -212,6 +216,40 @@ class Calibration:
             except CameraInfoError as err:
                 self._warn(f'{err}; camera_info is published uncalibrated')
         return CameraInfo(width=width, height=height)
+
+
+def open_calibration(node: Node, settings: PublisherSettings) -> Calibration:
+    """Return the calibration that the parameters of a node select; problems are logged."""
+    name = settings.camera_name or node.get_namespace().strip('/').replace('/', '_') or 'camera'
+    return Calibration(settings.camera_info_url, name,
+                       lambda text: node.get_logger().warning(printable(text, MAX_PATH)))
+
+
+def create_camera_info_service(
+    node: Node, calibration: Calibration, settings: Callable[[], PublisherSettings],
+) -> None:
+    """
+    Create the service ``set_camera_info``, which saves and publishes a new calibration.
+
+    :param node: node of the service.
+    :param calibration: calibration to replace.
+    :param settings: returns the present values of the parameters.
+    """
+
+    def _set(
+        request: SetCameraInfo.Request, response: SetCameraInfo.Response,
+    ) -> SetCameraInfo.Response:
+        try:
+            response.status_message = calibration.save(
+                request.camera_info, settings().flip, settings().rotate)
+            response.success = True
+        except CameraInfoError as err:
+            response.status_message = str(err)
+        node.get_logger().info(
+            f'set_camera_info: {printable(response.status_message, MAX_PATH)}')
+        return response
+
+    node.create_service(SetCameraInfo, 'set_camera_info', _set)
 
 
 def _scale_span(start: int, length: int, size: int, old_size: int) -> tuple[int, int]:

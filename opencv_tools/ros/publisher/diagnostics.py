@@ -28,7 +28,7 @@ from rclpy.node import Node
 _PERIOD = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SourceStatus:
     """
     Status of a source.

@@ -22,16 +22,13 @@ process is created. The parameters of the node are not known by then.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
-from opencv_tools.capture.frame import CaptureError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.source import expected_size
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.ros.command_line import load_parameters, parameter_sections
-from opencv_tools.ros.publisher.parameters import camera_request, PARAMETERS
+from opencv_tools.ros.command_line import given_parameters
+from opencv_tools.ros.publisher.parameters import PARAMETERS, PublisherSettings
 import yaml
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -49,10 +46,12 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
     :returns: bytes per frame, at least 1.
     """
     try:
-        values = {parameter.name: parameter.default for parameter in PARAMETERS}
-        values.update(_given_parameters(args))
-        size = expected_size(str(values['source']), camera_request(values, ()))
-        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, str(values['encoding']) or _COLOUR))
+        given = given_parameters(args, 'image_publisher')
+        settings = PublisherSettings(**{
+            parameter.name: parameter.accept(given[parameter.name])
+            for parameter in PARAMETERS if parameter.name in given})
+        size = expected_size(settings.source, settings.camera_request())
+        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
     except (CaptureError, ImageError, OSError, OverflowError, RecursionError, TypeError,
             ValueError, yaml.YAMLError):
         return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
@@ -62,16 +61,3 @@ def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
     width, height = size
     found = find_encoding(encoding)
     return int(found.rows(height) * width * found.pixel_bytes)
-
-
-def _given_parameters(args: Sequence[str]) -> dict[str, Any]:
-    """Return the parameters of a command line and its files, regardless of the node name."""
-    values: dict[str, Any] = {}
-    for option, value in pairwise(args):
-        if option in ('-p', '--param'):
-            name, _, text = value.partition(':=')
-            values[name.rpartition(':')[2]] = yaml.safe_load(text)
-        elif option == '--params-file':
-            for _, parameters in parameter_sections(load_parameters(Path(value))):
-                values.update(parameters)
-    return values

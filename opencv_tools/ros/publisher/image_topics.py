@@ -22,7 +22,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.image.errors import ImageError
 from opencv_tools.ros.fastdds.profile import FastDdsSetup
 from opencv_tools.ros.publisher.backlog import Backlog
@@ -38,7 +38,7 @@ from std_msgs.msg import Header
 _SETTLE_SECONDS = 0.2
 
 
-class FrameTopics:
+class ImageTopics:
     """
     Publish frames on the topics that have subscribers, and compute nothing for the others.
 
@@ -144,4 +144,5 @@ def _count(publisher: Publisher) -> Any:
 def _compressed_cdr(output: OutputImage, header: Header) -> bytes:
     data, format_text = output.jpeg
     return compressed_image_to_cdr(WireCompressedImage(
-        header.stamp.sec, header.stamp.nanosec, header.frame_id, format_text, data.data))
+        header=WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id),
+        format=format_text, data=data.data))

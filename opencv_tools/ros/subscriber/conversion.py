@@ -19,45 +19,58 @@ from __future__ import annotations
 from typing import Any
 
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import WireCompressedImage, WireHeader
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
-from opencv_tools.image.text import printable
-from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
-from opencv_tools.recording.naming import NANO
-from opencv_tools.ros.subscriber.messages import FrameMessage
-from sensor_msgs.msg import CompressedImage
-
-_MAX_TEXT = 40  # characters of a text of a message on the console
+from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.errors import SizeError
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
+from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.naming import FrameMetadata, NANO
 
 
-def message_to_frame(
-    bridge: CvBridge, message: FrameMessage, topic: str, receive_ns: int,
-    max_pixels: int = MAX_PIXELS,
-) -> ReceivedFrame:
-    """
-    Convert a message to a frame, without a copy of its data.
+class FrameConverter:
+    """Convert messages to frames, without a copy of their data."""
 
-    :param bridge: converter of raw images.
-    :param message: raw or compressed image message.
-    :param topic: topic of the message.
-    :param receive_ns: time of reception in nanoseconds of the system clock.
-    :param max_pixels: maximum number of pixels.
-    :returns: the frame, a view of the message; a compressed image is not decoded.
-    :raises CvBridgeError: the message is not a valid image.
-    :raises SizeError: the image has too many pixels.
-    """
-    if isinstance(message, WireHeader):
-        stamp, frame_id = message, message.frame_id
-    else:
-        stamp, frame_id = message.header.stamp, message.header.frame_id
-    stamp_ns = stamp.sec * NANO + stamp.nanosec
-    if isinstance(message, (WireCompressedImage, CompressedImage)):
-        _check_size(*_declared_size(message.data), max_pixels)
-        return CompressedFrame(
-            stamp_ns, frame_id, message.format, topic, receive_ns, message.data, max_pixels)
-    _check_size(message.width, message.height, max_pixels)
-    return RawFrame(stamp_ns, frame_id, message.encoding, topic, receive_ns,
-                    bridge.imgmsg_to_cv2(message))
+    def __init__(self, bridge: CvBridge, max_pixels: int = MAX_PIXELS) -> None:
+        """
+        Create a converter.
+
+        :param bridge: converter of raw images.
+        :param max_pixels: maximum number of pixels of a frame.
+        """
+        self._bridge = bridge
+        self._max_pixels = max_pixels
+        self._arrivals = ArrivalClock()
+
+    def convert(self, message: WireMessage, topic: str, receive_ns: int) -> ReceivedFrame:
+        """
+        Convert a message to a frame.
+
+        :param message: raw or compressed image message.
+        :param topic: topic of the message.
+        :param receive_ns: time of reception in nanoseconds of the system clock.
+        :returns: the frame, a view of the message; a compressed image is not decoded.
+        :raises CvBridgeError: the message is not a valid image.
+        :raises SizeError: the image has too many pixels.
+        """
+        arrival_ns = self._arrivals.arrival_ns(receive_ns)
+        header = message.header
+        stamp_ns = header.sec * NANO + header.nanosec
+        if isinstance(message, WireCompressedImage):
+            self._check_size(*_declared_size(message.data))
+            return CompressedFrame(
+                metadata=FrameMetadata(stamp_ns, header.frame_id, message.format, topic),
+                receive_ns=receive_ns, arrival_ns=arrival_ns, data=message.data,
+                max_pixels=self._max_pixels)
+        self._check_size(message.width, message.height)
+        return RawFrame(
+            metadata=FrameMetadata(stamp_ns, header.frame_id, message.encoding, topic),
+            receive_ns=receive_ns, arrival_ns=arrival_ns,
+            image=self._bridge.imgmsg_to_cv2(message))
+
+    def _check_size(self, width: int, height: int) -> None:
+        try:
+            check_size(width, height, self._max_pixels)
+        except SizeError as err:
+            raise SizeError(f'{err}; raise the parameter max_pixels to receive it') from err
 
 
 def _declared_size(data: Any) -> tuple[int, int]:
@@ -66,17 +79,3 @@ def _declared_size(data: Any) -> tuple[int, int]:
         return picture_size(bytes(data))
     except SizeError:
         return 0, 0
-
-
-def _check_size(width: int, height: int, max_pixels: int) -> None:
-    try:
-        check_size(width, height, max_pixels)
-    except SizeError as err:
-        raise SizeError(f'{err}; raise the parameter max_pixels to receive it') from err
-
-
-def describe_message(message: FrameMessage) -> str:
-    """Return a short description of the content of a message."""
-    if isinstance(message, (WireCompressedImage, CompressedImage)):
-        return f'{len(message.data)} bytes {printable(message.format, _MAX_TEXT)}'
-    return f'{message.width}x{message.height} {printable(message.encoding, _MAX_TEXT)}'

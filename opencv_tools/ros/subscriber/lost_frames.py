@@ -78,30 +78,30 @@ class LostFrames:
 
     def add(self, info: MessageInfo) -> None:
         """Count the messages that were lost between this message and its predecessor."""
-        if not info.number:
+        number = info.number
+        if not number:
             self._is_partial = True
             return
         publisher = bytes(info.publisher)
         if publisher in self._last:
-            self._count_earlier(publisher, info)
-        elif info.number > 1:
+            self._count_earlier(publisher, number, info.source_timestamp)
+        elif number > 1:
             now = self._clock()
             if self._discovered.get(publisher, now) - self._restarted_at >= _DISCOVERY_SECONDS:
-                self._first[publisher] = _FirstMessage(info.number, info.source_timestamp, now)
+                self._first[publisher] = _FirstMessage(number, info.source_timestamp, now)
             else:
                 self._is_partial = True
-        last = self._last.get(publisher, info.number)
-        self.count += max(0, info.number - last - 1)
+        last = self._last.get(publisher, number)
+        self.count += max(0, number - last - 1)
         # Older messages may arrive later, in reply to a request of the subscription.
-        self._last[publisher] = max(info.number, last)
+        self._last[publisher] = max(number, last)
 
-    def _count_earlier(self, publisher: bytes, info: MessageInfo) -> None:
+    def _count_earlier(self, publisher: bytes, number: int, source_timestamp: int) -> None:
         """Count the messages that a new publisher sent before its first one that arrived."""
         first = self._first.get(publisher)
-        if first and info.number > first.number:
+        if first and number > first.number:
             del self._first[publisher]
-            period = (info.source_timestamp - first.source_timestamp) / (
-                info.number - first.number) / 1e9
+            period = (source_timestamp - first.source_timestamp) / (number - first.number) / 1e9
             if first.arrived - (first.number - 1) * period >= self._restarted_at:
                 self.count += first.number - 1
             else:

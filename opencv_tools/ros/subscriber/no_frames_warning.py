@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import time
 
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.logs import Log
 
 _MIN_SECONDS = 3.0
 _PERIODS = 3

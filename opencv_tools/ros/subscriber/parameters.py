@@ -12,24 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameter table of ``img_subscriber``, and the recorder that follows from it."""
+"""Parameters of ``img_subscriber``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 from opencv_tools.image.picture_size import MAX_PIXELS
-from opencv_tools.recording.failure_log import Log
-from opencv_tools.recording.folder import RecordingError
-from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
-from opencv_tools.recording.open_sink import check_format, open_sink
-from opencv_tools.recording.recorder import QUEUE_SIZE, Recorder
+from opencv_tools.recording.open_sink import check_format
+from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
-from opencv_tools.ros.parameters import Parameter, ParameterError
+from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
 
 MODES = ('continuous', 'on_request')
@@ -48,103 +43,92 @@ def _check_folder(text: str) -> None:
         raise ValueError('set it to a folder')
 
 
-#: Parameters of ``img_subscriber``, in the order of ``--help``.
-PARAMETERS = (
-    Parameter('output_dir', 'frames', 'Folder of the recorded files; created if it does not exist',
-              check=_check_folder),
-    Parameter('file_name', '{seq:06d}.png', 'Template of the file names, with {seq}, {stamp}, '
-              '{sec}, {nanosec}, {frame_id}, {encoding} or {topic}; the extension selects the '
-              'format, and .mp4, .mkv and .avi record a video', check=_check_file_name),
-    Parameter('transport', 'auto', 'Image transport to subscribe to; auto uses compressed if no '
-              'raw images are published', choices=TRANSPORTS),
-    Parameter('max_pixels', MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is '
-              'refused before it is decoded', minimum=1, maximum=2**31),
-    Parameter('mode', 'continuous', 'Recording mode; continuous writes every frame, on_request '
-              'one frame for each call of ~/save', choices=MODES),
-    Parameter('convert', 'auto', 'Conversion of Bayer and YUV frames to colour in images and '
-              'videos', choices=('auto', 'never')),
-    Parameter('jpeg_quality', 95, 'JPEG quality of .jpg files, from 1 (smallest) to 100 (best)',
-              minimum=1, maximum=100),
-    Parameter('png_compression', 1, 'Compression level of .png files, from 0 (none) and 1 '
-              '(fastest) to 9 (smallest)', maximum=9),
-    Parameter('crf', 23, 'Constant rate factor of videos, from 0 (best) to 51 (smallest)',
-              maximum=51),
-    Parameter('every_n', 1, 'Write every n-th frame', minimum=1, maximum=10**9, ends=True),
-    Parameter('max_rate', 0.0, 'Maximum rate of the written frames in Hz; 0 for no limit',
-              maximum=1e6, ends=True),
-    Parameter('max_frames', 0, 'Number of recorded frames after which the node exits; 0 for no '
-              'limit', maximum=10**9, ends=True),
-    Parameter('max_duration', 0.0, 'Duration of the recording in seconds, counted from the first '
-              'frame; 0 for no limit', maximum=1e9, ends=True),
-    Parameter('max_bytes', 0, 'Maximum size of all files together in bytes, after which the node '
-              'exits; 0 for no limit', maximum=10**18, ends=True),
-    Parameter('ring', False, 'Delete the oldest files at the limits max_frames, max_duration and '
-              'max_bytes instead of exiting', ends=True),
-    Parameter('queue_size', QUEUE_SIZE, 'Maximum number of frames that wait to be written',
-              minimum=1, maximum=100_000),
-    Parameter('writers', 0, 'Number of threads that write; 0 for one per processor', maximum=256),
-    Parameter('on_overflow', 'drop', 'Action when the queue is full; drop removes its oldest '
-              'frame, block pauses the reception', choices=('drop', 'block')),
-    Parameter('on_exists', 'continue', 'Action when files of an earlier recording exist; continue '
-              'numbers the new files after them', choices=ON_EXISTS),
-    Parameter('sync', False, 'Flush each file to disk before renaming it to its final name'),
-    Parameter('timeout', 0.0, 'Seconds without a frame after which the node exits with an error; '
-              '0 for no limit', maximum=1e9, ends=True),
-)
+@dataclass(frozen=True, kw_only=True)
+class RecorderSettings:
+    """Values of the parameters of ``img_subscriber``, in the order of ``--help``."""
+
+    output_dir: str = parameter(
+        'frames', 'Folder of the recorded files; created if it does not exist',
+        check=_check_folder)
+    file_name: str = parameter(
+        '{seq:06d}.png', 'Template of the file names, with {seq}, {stamp}, {sec}, {nanosec}, '
+        '{frame_id}, {encoding} or {topic}; the extension selects the format, and .mp4, .mkv and '
+        '.avi record a video', check=_check_file_name)
+    transport: str = parameter(
+        'auto', 'Image transport to subscribe to; auto uses compressed if no raw images are '
+        'published', choices=tuple(TRANSPORTS))
+    max_pixels: int = parameter(
+        MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is refused before it is '
+        'decoded', bounds=(1, 2**31))
+    mode: str = parameter(
+        'continuous', 'Recording mode; continuous writes every frame, on_request one frame for '
+        'each call of ~/save', choices=MODES)
+    convert: str = parameter(
+        'auto', 'Conversion of Bayer and YUV frames to colour in images and videos',
+        choices=('auto', 'never'))
+    jpeg_quality: int = parameter(
+        95, 'JPEG quality of .jpg files, from 1 (smallest) to 100 (best)', bounds=(1, 100))
+    png_compression: int = parameter(
+        1, 'Compression level of .png files, from 0 (none) and 1 (fastest) to 9 (smallest)',
+        bounds=(0, 9))
+    crf: int = parameter(
+        23, 'Constant rate factor of videos, from 0 (best) to 51 (smallest)', bounds=(0, 51))
+    every_n: int = parameter(1, 'Write every n-th frame', bounds=(1, 10**9), ends=True)
+    max_rate: float = parameter(
+        0.0, 'Maximum rate of the written frames in Hz; 0 for no limit', bounds=(0, 1e6),
+        ends=True)
+    max_frames: int = parameter(
+        0, 'Number of recorded frames after which the node exits; 0 for no limit',
+        bounds=(0, 10**9), ends=True)
+    max_duration: float = parameter(
+        0.0, 'Duration of the recording in seconds, counted from the first frame; 0 for no limit',
+        bounds=(0, 1e9), ends=True)
+    max_bytes: int = parameter(
+        0, 'Maximum size of all files together in bytes, after which the node exits; 0 for no '
+        'limit', bounds=(0, 10**18), ends=True)
+    ring: bool = parameter(
+        False, 'Delete the oldest files at the limits max_frames, max_duration and max_bytes '
+        'instead of exiting', ends=True)
+    queue_size: int = parameter(
+        QUEUE_SIZE, 'Maximum number of frames that wait to be written', bounds=(1, 100_000))
+    writers: int = parameter(
+        0, 'Number of threads that write; 0 for one per processor', bounds=(0, 256))
+    on_overflow: str = parameter(
+        'drop', 'Action when the queue is full; drop removes its oldest frame, block pauses the '
+        'reception', choices=('drop', 'block'))
+    on_exists: str = parameter(
+        'continue', 'Action when files of an earlier recording exist; continue numbers the new '
+        'files after them', choices=ON_EXISTS)
+    sync: bool = parameter(False, 'Flush each file to disk before renaming it to its final name')
+    timeout: float = parameter(
+        0.0, 'Seconds without a frame after which the node exits with an error; 0 for no limit',
+        bounds=(0, 1e9), ends=True)
+
+    @property
+    def depth(self) -> int | None:
+        """
+        Number of frames that the middleware keeps for the subscription; None to keep every frame.
+
+        It is the size of the queue. With ``on_overflow:=block`` the middleware keeps every frame,
+        and a reliable publisher that can wait does so when its own queue is full.
+        """
+        if self.on_overflow == 'block':
+            return None
+        return max(_LEAST_DEPTH, min(self.queue_size, _LARGEST_DEPTH))
+
+    @property
+    def limits(self) -> Limits:
+        """
+        Limits of the recording.
+
+        :raises ParameterError: ``ring`` is set without a limit.
+        """
+        limits = Limits(self.max_frames, self.max_duration, self.max_bytes, self.ring)
+        if limits == Limits(ring=True):
+            raise ParameterError('parameter ring is True without a limit: set max_frames, '
+                                 'max_duration or max_bytes as well')
+        return limits
 
 
-def limits(values: Mapping[str, Any]) -> Limits:
-    """
-    Return the limits of the recording that the parameters describe.
-
-    :param values: parameter values by name.
-    :raises ParameterError: ``ring`` is set without a limit.
-    """
-    found = Limits(values['max_frames'], values['max_duration'], values['max_bytes'],
-                   values['ring'])
-    if found == Limits(ring=True):
-        raise ParameterError('parameter ring is True without a limit: set max_frames, '
-                             'max_duration or max_bytes as well')
-    return found
-
-
-def subscription_depth(values: Mapping[str, Any]) -> int | None:
-    """
-    Return the number of frames that the middleware keeps for the subscription.
-
-    It is the size of the queue. With ``on_overflow:=block`` the middleware keeps every frame, and
-    a reliable publisher that can wait does so when its own queue is full.
-
-    :param values: parameter values by name.
-    :returns: the depth in frames; None to keep every frame.
-    """
-    if values['on_overflow'] == 'block':
-        return None
-    return max(_LEAST_DEPTH, min(int(values['queue_size']), _LARGEST_DEPTH))
-
-
-def open_recorder(
-    values: Mapping[str, Any], bounds: Limits, log: Log, on_full: Callable[[], object],
-) -> tuple[Path, Recorder[Any]]:
-    """
-    Create the recorder that the parameters describe.
-
-    :param values: parameter values by name.
-    :param bounds: limits of the recording, from ``limits``.
-    :param log: log for failures.
-    :param on_full: called on any thread when the recording reaches its limits.
-    :returns: the output folder and the recorder.
-    :raises RecordingError: the output folder cannot be used.
-    """
-    try:
-        folder = Path(values['output_dir']).expanduser().absolute()
-    except FileNotFoundError as err:
-        raise RecordingError(
-            f"output_dir {values['output_dir']} cannot be used: the working directory was "
-            'removed; set output_dir to an absolute path') from err
-    names = FileNames(values['file_name'])
-    settings = EncoderSettings(names.suffix, values['convert'] == 'auto', values['jpeg_quality'],
-                               values['png_compression'], values['crf'])
-    files = open_sink(folder, names, settings, values['on_exists'], bounds, values['sync'])
-    return folder, Recorder(files, log, values['queue_size'], values['writers'],
-                            values['on_overflow'] == 'block', on_full)
+#: Parameters of ``img_subscriber``.
+PARAMETERS = parameter_table(RecorderSettings)

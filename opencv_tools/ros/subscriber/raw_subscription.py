@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One subscription to frames, which takes serialized messages."""
+"""One subscription to images, which takes serialized messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.ros.subscriber.topic_discovery import FRAME_TYPES, ImageTopic
+from opencv_tools.ros.subscriber.messages import MESSAGE_TYPES
+from opencv_tools.ros.subscriber.topic_discovery import ImageTopic
 from opencv_tools.ros.zero_copy import MessageInfo, SerializedMessage, take_serialized
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -35,8 +36,12 @@ from rclpy.waitable import NumberOfEntities, Waitable
 _MAX_MESSAGES = 5001
 
 
-class RawSubscription:
-    """A subscription of the middleware, with the callback for its messages."""
+class RawSubscription(Waitable):
+    """
+    A subscription that the executor waits for as a waitable, to avoid rclpy's copy.
+
+    The subscription of rclpy executes only its events.
+    """
 
     def __init__(
         self, node: Node, image_topic: ImageTopic, qos: QoSProfile,
@@ -53,11 +58,12 @@ class RawSubscription:
             metadata.
         :param on_publishers: called when publishers appear, leave or are incompatible.
         """
+        super().__init__(node.default_callback_group)
         self.image_topic = image_topic
         self.qos = qos
         self._node = node
         self._on_message = on_message
-        message_type, self.read = FRAME_TYPES[image_topic.type_name]
+        message_type, self.read = MESSAGE_TYPES[image_topic.type_name]
         self._subscription = node.create_subscription(
             message_type, image_topic.name, _unused_callback, qos, raw=True,
             callback_group=_EventsOnlyGroup(),
@@ -65,18 +71,18 @@ class RawSubscription:
                 incompatible_qos=on_publishers, matched=on_publishers,
                 use_default_callbacks=False))
         self.topic_name: str = self._subscription.topic_name
-        self._waitable = _RawWaitable(node, self._subscription, self._receive)
-        node.add_waitable(self._waitable)
+        self._handle = self._subscription.handle
+        self._index = 0
+        node.add_waitable(self)
 
     def publisher_count(self) -> int:
         """Return the number of matched publishers."""
-        count: int = self._subscription.get_publisher_count()
-        return count
+        return self._subscription.get_publisher_count()
 
     def drain(self) -> None:
         """Pass on all messages that were received until now."""
-        for taken in self.received_messages(time.time_ns()):
-            self._receive(taken)
+        for data, info in self.received_messages(time.time_ns()):
+            self._on_message(self, data, info)
 
     def received_messages(
         self, until: int, may_continue: Callable[[], bool] = lambda: True,
@@ -91,7 +97,7 @@ class RawSubscription:
         for _ in range(_MAX_MESSAGES):
             if received_ns >= until or not may_continue():
                 return
-            taken = take_serialized(self._subscription.handle)
+            taken = self.take_data()
             if taken is None:
                 return
             received_ns = taken[1].received_timestamp
@@ -100,22 +106,9 @@ class RawSubscription:
     def destroy(self) -> None:
         """Unsubscribe."""
         if self._node.destroy_subscription(self._subscription):
-            self._node.remove_waitable(self._waitable)
+            self._node.remove_waitable(self)
 
-    def _receive(self, taken: SerializedMessage) -> None:
-        self._on_message(self, *taken)
-
-
-class _RawWaitable(Waitable):
-    """Waitable that replaces the subscription in the executor, to avoid rclpy's copy."""
-
-    def __init__(
-        self, node: Node, subscription: Subscription, receive: Callable[[SerializedMessage], None],
-    ) -> None:
-        super().__init__(node.default_callback_group)
-        self._handle = subscription.handle
-        self._receive = receive
-        self._index = 0
+    # Methods of Waitable that the executor calls
 
     def __enter__(self) -> None:
         self._handle.__enter__()
@@ -137,7 +130,7 @@ class _RawWaitable(Waitable):
 
     async def execute(self, taken_data: SerializedMessage | None) -> None:
         if taken_data is not None:
-            self._receive(taken_data)
+            self._on_message(self, *taken_data)
 
 
 class _EventsOnlyGroup(ReentrantCallbackGroup):

@@ -21,11 +21,11 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import CdrError
-from opencv_tools.recording.failure_log import Log
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.errors import CdrError
+from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
-from opencv_tools.ros.subscriber.messages import FrameMessage
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 from opencv_tools.ros.subscriber.topic_discovery import ImageTopic, TopicDiscovery
@@ -62,7 +62,7 @@ class FrameSubscription:
 
     def __init__(
         self, node: Node, topic: str, transport: str, depth: int | None, log: Log,
-        on_frame: Callable[[FrameMessage, int], None], on_broken: Callable[[CdrError], None],
+        on_frame: Callable[[WireMessage, int], None], on_broken: Callable[[CdrError], None],
     ) -> None:
         """
         Subscribe.
@@ -104,11 +104,6 @@ class FrameSubscription:
         """Name of the subscribed topic after remapping."""
         return self._subscription.topic_name
 
-    @property
-    def lost(self) -> int:
-        """Count of messages that were published but did not arrive."""
-        return self.losses.count
-
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
         return self._discovery.explain_no_frames(
@@ -122,7 +117,7 @@ class FrameSubscription:
         :returns: number of messages that were not passed on, due to ``may_continue`` or Ctrl-C.
         """
         now = time.time_ns()
-        rest = 0
+        unprocessed = 0
         is_cut_short = False
 
         def continues() -> bool:
@@ -133,18 +128,18 @@ class FrameSubscription:
         try:
             for subscription in self._subscriptions():
                 for taken in subscription.received_messages(now, continues):
-                    rest = 1
+                    unprocessed = 1
                     self._receive(subscription, *taken)
-                    rest = 0
+                    unprocessed = 0
         except KeyboardInterrupt:
             is_cut_short = True
         for subscription in self._subscriptions() if is_cut_short else ():
             for _, info in subscription.received_messages(now):
                 if not self._is_repeated((info.source_timestamp, info.number)):
                     self.losses.add(info)
-                    rest += 1
+                    unprocessed += 1
         self.destroy()
-        return rest
+        return unprocessed
 
     def destroy(self) -> None:
         """Unsubscribe."""

@@ -16,29 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import re
-from typing import Any
 
 from opencv_tools.image.text import printable
 from opencv_tools.ros.fastdds.other_users import find_other_user
 from opencv_tools.ros.qos import qos_mismatch
-from opencv_tools.ros.subscriber.messages import FrameMessage, read_compressed_image, read_image
+from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from sensor_msgs.msg import CompressedImage, Image
 
-TRANSPORTS = ('auto', 'raw', 'compressed')
-
-_IMAGE = 'sensor_msgs/msg/Image'
-_COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
-#: Class and reader of the serialized messages, by message type.
-FRAME_TYPES: dict[str, tuple[Any, Callable[[Any], FrameMessage]]] = {
-    _IMAGE: (Image, read_image),
-    _COMPRESSED_IMAGE: (CompressedImage, read_compressed_image),
-}
+#: Types of the messages that each transport uses.
+TRANSPORTS = {
+    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,)}
 
 _NAMED_TOPICS = 5
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
@@ -72,10 +64,9 @@ class TopicDiscovery:
         self._node = node
         self._topic = topic
         self._known = _list_topics(topic, node.resolve_topic_name(topic))
-        allowed = {'raw': {_IMAGE}, 'compressed': {_COMPRESSED_IMAGE}}.get(
-            transport, FRAME_TYPES.keys())
         #: Topics that the transport allows, best first.
-        self.allowed = [known for known in self._known if known.type_name in allowed]
+        self.allowed = [
+            known for known in self._known if known.type_name in TRANSPORTS[transport]]
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
@@ -109,15 +100,14 @@ class TopicDiscovery:
         return f'no publisher on {topic}; {self._describe_images()}'
 
     def _resolved_name(self, image_topic: ImageTopic) -> str:
-        name: str = self._node.resolve_topic_name(image_topic.name)
-        return name
+        return self._node.resolve_topic_name(image_topic.name)
 
     def _describe_other(
         self, image_topic: ImageTopic, other: ImageTopic, info: TopicEndpointInfo,
     ) -> str:
         """Describe frames of the other message type."""
         topic, name = self._resolved_name(image_topic), self._resolved_name(other)
-        given = 'raw' if other.type_name == _IMAGE else 'compressed'
+        given = 'raw' if other.type_name == IMAGE else 'compressed'
         expected = image_topic.type_name
         if name == topic:
             fact = f'{name} has a publisher of type {other.type_name} ({_describe_node(info)}), ' \
@@ -133,10 +123,10 @@ class TopicDiscovery:
         for name, types in sorted(self._node.get_topic_names_and_types()):
             if not _NAME.fullmatch(name):
                 continue  # not a topic of a ROS node
-            if not FRAME_TYPES.keys().isdisjoint(types):  # subscriptions have types as well
+            if not MESSAGE_TYPES.keys().isdisjoint(types):  # subscriptions have types as well
                 published = {
                     info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
-                if published & FRAME_TYPES.keys():
+                if published & MESSAGE_TYPES.keys():
                     found[name] = published
         return found
 
@@ -159,9 +149,9 @@ class TopicDiscovery:
 
 def _list_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
     """Return the topics that may have the frames of an image topic, best first."""
-    image = ImageTopic(topic, _IMAGE)
-    itself = ImageTopic(topic, _COMPRESSED_IMAGE)
-    beside = ImageTopic(f'{resolved}/compressed', _COMPRESSED_IMAGE)
+    image = ImageTopic(topic, IMAGE)
+    itself = ImageTopic(topic, COMPRESSED_IMAGE)
+    beside = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
     if resolved.endswith('/compressed'):
         return itself, image, beside
     return image, beside, itself

@@ -21,9 +21,8 @@ import itertools
 from threading import Thread
 
 import numpy as np
-from opencv_tools.capture.frame import (
-    BrokenFrameError, CaptureError, Frame, Source, UnavailableError,
-)
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
 from opencv_tools.capture.player import PlaybackSettings
 import pytest

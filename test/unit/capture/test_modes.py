@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from opencv_tools.capture.frame import BrokenFrameError
+from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.modes import CameraRequest, choose_mode, describe_modes, Mode

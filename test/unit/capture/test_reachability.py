@@ -21,7 +21,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import socket
 from threading import Thread
 
-from opencv_tools.capture.frame import CaptureError, UnavailableError
+from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
 import pytest

@@ -21,7 +21,8 @@ from queue import SimpleQueue
 from threading import Thread
 
 import numpy as np
-from opencv_tools.capture.frame import BrokenFrameError, Frame, UnavailableError
+from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
+from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.stream import StreamSource
 import pytest
 

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size, JpegError
-from opencv_tools.image_codecs import CodecError, decode_picture
+from opencv_tools.image.errors import CodecError, JpegError
+from opencv_tools.image.jpeg import check_jpeg, jpeg_components, jpeg_size
+from opencv_tools.image_codecs import decode_picture
 import pytest
 
 ENDS = b'\xff\xd9'

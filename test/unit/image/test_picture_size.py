@@ -27,12 +27,14 @@ from conftest import PRINT_PEAK_MEMORY
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size, SizeError
-from opencv_tools.image_codecs import CodecError, decode_picture
-from opencv_tools.ros.subscriber.conversion import message_to_frame
+from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
+from opencv_tools.image.errors import CodecError, SizeError
+from opencv_tools.image.picture_size import check_size, MAX_PIXELS, picture_size
+from opencv_tools.image_codecs import decode_picture
+from opencv_tools.ros.subscriber.conversion import FrameConverter
 import pytest
-from sensor_msgs.msg import CompressedImage, Image
 
+HEADER = WireHeader(0, 0, '')
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
 FORMATS = {
     **dict.fromkeys(('.jpg', '.png', '.bmp', '.tif', '.webp', '.ppm', '.sr', '.gif', '.jp2',
@@ -133,20 +135,22 @@ def test_as_many_pixels_as_allowed_are_allowed() -> None:
 
 
 @pytest.mark.parametrize('message', [
-    Image(encoding='mono8', width=20000, height=20000, step=20000),
-    CompressedImage(format='jpeg', data=huge_jpeg())], ids=['raw', 'compressed'])
-def test_a_message_that_is_too_large_names_the_parameter(message: object) -> None:
+    WireImage(header=HEADER, encoding='mono8', width=20000, height=20000, is_bigendian=False,
+              step=20000, data=b''),
+    WireCompressedImage(header=HEADER, format='jpeg', data=huge_jpeg())],
+    ids=['raw', 'compressed'])
+def test_a_message_that_is_too_large_names_the_parameter(message: WireMessage) -> None:
     with pytest.raises(SizeError, match=r'^\d+x\d+ pixels are more than max_pixels=134217728; '
                                         'raise the parameter max_pixels to receive it$'):
-        message_to_frame(CvBridge(), message, '', 1)
+        FrameConverter(CvBridge()).convert(message, '', 1)
 
 
 def test_a_limit_goes_with_the_frame() -> None:
-    message = CompressedImage(format='png', data=encoded(COLOR, '.png'))
-    frame = message_to_frame(CvBridge(), message, '', 1, 53 * 37)
+    message = WireCompressedImage(header=HEADER, format='png', data=encoded(COLOR, '.png'))
+    frame = FrameConverter(CvBridge(), 53 * 37).convert(message, '', 1)
     assert np.array_equal(frame.decode().image, COLOR)
     with pytest.raises(SizeError):
-        message_to_frame(CvBridge(), message, '', 1, 53 * 37 - 1)
+        FrameConverter(CvBridge(), 53 * 37 - 1).convert(message, '', 1)
 
 
 def test_the_bridge_refuses_what_is_too_large() -> None:
@@ -160,9 +164,10 @@ def test_what_is_too_large_takes_no_memory(make: object, tmp_path: Path) -> None
     path = tmp_path / 'picture.png'
     path.write_bytes(make())
     script = ('import pathlib, sys\n'
-              'from opencv_tools.capture.frame import BrokenFrameError\n'
+              'from opencv_tools.capture.errors import BrokenFrameError\n'
               'from opencv_tools.capture.image_files import PictureSequence\n'
-              'from opencv_tools.image_codecs import CodecError, decode_picture\n'
+              'from opencv_tools.image.errors import CodecError\n'
+              'from opencv_tools.image_codecs import decode_picture\n'
               'path = pathlib.Path(sys.argv[1])\n'
               'try: decode_picture(path.read_bytes())\n'
               'except CodecError as err: print(err)\n'

@@ -20,24 +20,25 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
-from opencv_tools.capture.frame import BrokenFrameError, CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import PictureSequence
 from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.capture.source import open_source
 from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.image.text import printable, without_password
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.parameters import describe_unknown, ParameterError
 from opencv_tools.ros.publisher.parameters import PARAMETERS
-from opencv_tools.ros.subscriber.conversion import describe_message
 from opencv_tools.ros.subscriber.topic_discovery import _describe_node, _enumerate, _NAME
 import pytest
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 
 # This text sets the title of the terminal, clears the screen and starts a new line.
 HOSTILE = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u202edlrow'
@@ -87,13 +88,15 @@ def test_a_format_that_is_not_known_is_shown_printable() -> None:
     assert str(raised.value).isprintable()
 
 
-@pytest.mark.parametrize('message', [
-    Image(encoding=HOSTILE), Image(encoding='a' * 10**6), CompressedImage(format=HOSTILE),
-    CompressedImage(format='a' * 10**6)], ids=['encoding', 'long', 'format', 'long format'])
-def test_progress_shows_of_a_message_what_is_printable(message: object) -> None:
-    shown = describe_message(message)
-    assert shown.isprintable()
-    assert len(shown) < 80
+@pytest.mark.parametrize('text', [HOSTILE, 'a' * 10**6], ids=['hostile', 'long'])
+def test_printable_description_of_a_message(text: str) -> None:
+    header = WireHeader(0, 0, '')
+    for message in (
+            WireImage(header=header, height=1, width=1, encoding=text, is_bigendian=False, step=1,
+                      data=b'x'),
+            WireCompressedImage(header=header, format=text, data=b'x')):
+        assert message.description.isprintable()
+        assert len(message.description) < 80
 
 
 def test_the_graph_is_shown_printable() -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from threading import Barrier, Thread
 import time
 
-from opencv_tools.recording.failure_log import FailureLog, Throttle
+from opencv_tools.recording.failure_log import FailureLog
 import pytest
 from switching import switching_in
 
@@ -161,11 +161,3 @@ def test_threads_with_one_trouble_tell_it_once(name: str) -> None:
         for thread in threads:
             thread.join()
     assert console.lines == ['no space']
-
-
-def test_a_throttle_lets_one_pass_each_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter([0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 9.0, 9.5])
-    monkeypatch.setattr(time, 'monotonic', lambda: next(times))
-    throttle = Throttle()
-    assert [throttle.passes() for _ in range(8)] == [
-        True, False, False, True, False, True, True, False]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import struct
 import zlib
 
-from opencv_tools.image_codecs import CodecError
+from opencv_tools.image.errors import CodecError
 from opencv_tools.recording.image_header import ImageHeader, read_image_header
 import pytest
 

@@ -21,11 +21,12 @@ import os
 from pathlib import Path
 
 import numpy as np
-from opencv_tools.recording.folder import Folder, RecordingError
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
-from opencv_tools.recording.naming import FileNames, NANO
+from opencv_tools.recording.naming import FileNames, FrameMetadata, NANO
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
 import pytest
@@ -48,8 +49,9 @@ def record(folder: Path, suffix: str = '.png', count: int = 2) -> None:
     try:
         for second in range(count):
             time_ns = (1_700_000_000 + second) * NANO
-            frame = RawFrame(time_ns, 'camera', 'mono8', '/video_frames', time_ns,
-                             np.zeros((20, 20), np.uint8))
+            metadata = FrameMetadata(time_ns, 'camera', 'mono8', '/video_frames')
+            frame = RawFrame(
+                metadata=metadata, receive_ns=time_ns, image=np.zeros((20, 20), np.uint8))
             files.commit(frame, files.prepare(frame))
     finally:
         files.close()
@@ -143,7 +145,7 @@ def test_a_journal_gets_no_line_for_what_is_no_file_of_the_folder(
 
 def test_a_journal_without_a_number_of_its_own_removes_nothing(tmp_path: Path) -> None:
     other = Folder(tmp_path)
-    temporary = other.write(b'content')
+    temporary = other.write((b'content',))
     (tmp_path / '.recording-.journal').touch()
     Folder(tmp_path).close()
     assert temporary.exists()

@@ -17,16 +17,19 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.recording.frames import ArrivalClock, BaseFrame
+from opencv_tools.recording.errors import LimitReached
+from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
-from opencv_tools.recording.selection import LimitReached, Limits, Retention, Selection
+from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.selection import Limits, Retention, Selection
 import pytest
 
 NANO = 10**9
 
 
-def frame(stamp_ns: int, receive_ns: int = 0) -> BaseFrame:
-    return BaseFrame(stamp_ns, 'camera', 'mono8', '/video_frames', receive_ns)
+def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
+    metadata = FrameMetadata(stamp_ns, 'camera', 'mono8', '/video_frames')
+    return ReceivedFrame(metadata=metadata, receive_ns=receive_ns)
 
 
 def wanted(selection: Selection, times: list[int]) -> list[int]:
@@ -107,7 +110,9 @@ def test_a_duration_begins_with_the_first_frame() -> None:
 
 
 def entry(name: str, size: int = 10, receive_ns: int = 0) -> ManifestEntry:
-    return ManifestEntry(0, name, 0, receive_ns, '', '', '', 0, 0, size, '', 1)
+    return ManifestEntry(
+        seq=0, name=name, stamp_ns=0, receive_ns=receive_ns, frame_id='', encoding='',
+        stored_encoding='', width=0, height=0, size=size, sha256='', frames=1)
 
 
 def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:

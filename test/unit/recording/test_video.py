@@ -31,7 +31,8 @@ from conftest import disk_of
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
-from opencv_tools.recording.video.frame import to_video_frame, VideoError
+from opencv_tools.recording.errors import VideoError
+from opencv_tools.recording.video.frame import to_video_frame
 from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS, VideoWriter
 import pytest

@@ -32,15 +32,14 @@ import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.recording.folder import RecordingError
+from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, VideoError
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.image_encoder import EncoderSettings, UnwritableError
+from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
-from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
-from opencv_tools.recording.selection import LimitReached, Limits
-from opencv_tools.recording.video.frame import VideoError
+from opencv_tools.recording.selection import Limits
 import pytest
 from stepped_clock import SteppedClock
 from test_recorder import Console
@@ -61,7 +60,9 @@ def open_videos(
 
 def noise(number: int, size: tuple[int, int] = SMALL) -> RawFrame:
     image = np.random.default_rng(number).integers(0, 256, size, np.uint8)
-    return RawFrame(NANO + number * NANO // 20, 'camera', 'mono8', '/video_frames', 7, image)
+    stamp_ns = NANO + number * NANO // 20
+    return RawFrame(metadata=FrameMetadata(stamp_ns, 'camera', 'mono8', '/video_frames'),
+                    receive_ns=7, image=image)
 
 
 def put(videos: Sink[Any], frame: RawFrame) -> str:
@@ -172,7 +173,7 @@ import os, pathlib, sys
 import numpy as np
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.image_encoder import EncoderSettings
 names = FileNames(sys.argv[2])
@@ -180,7 +181,8 @@ videos = open_sink(pathlib.Path(sys.argv[1]), names, EncoderSettings(names.suffi
                    Limits(), False)
 for number in range(int(sys.argv[3])):
     image = np.full((16, 16), number, np.uint8)
-    frame = RawFrame(10**9 + number * 10**9 // 20, 'camera', 'mono8', '', 7, image)
+    metadata = FrameMetadata(10**9 + number * 10**9 // 20, 'camera', 'mono8', '')
+    frame = RawFrame(metadata=metadata, receive_ns=7, image=image)
     videos.commit(frame, videos.prepare(frame))
 os._exit(0)
 """
@@ -373,7 +375,9 @@ def test_a_clock_that_is_set_makes_no_hole_between_frames_without_stamps(
     for number in range(20):
         time_ns = number * NANO // 20
         received = 1_700_000_000 * NANO + time_ns + (number >= 10) * round(jump * NANO)
-        put(videos, replace(noise(number), stamp_ns=0, receive_ns=received, arrival_ns=time_ns))
+        frame = noise(number)
+        put(videos, replace(frame, metadata=replace(frame.metadata, stamp_ns=0),
+                            receive_ns=received, arrival_ns=time_ns))
     videos.close()
     assert [line[2] for line in lines(tmp_path)] == [20]
     video, times = cv2.VideoCapture(str(tmp_path / name)), []
@@ -413,7 +417,8 @@ def test_a_frame_that_is_not_encoded_leaves_nothing_and_takes_no_number(tmp_path
 def test_a_frame_that_is_refused_is_told_where_it_fits(
         tmp_path: Path, encoding: str, dtype: str, suffixes: str) -> None:
     videos = open_videos(tmp_path)
-    frame = RawFrame(1, '', encoding, '', 1, np.zeros((4, 4), dtype))
+    frame = RawFrame(metadata=FrameMetadata(1, '', encoding, ''), receive_ns=1,
+                     image=np.zeros((4, 4), dtype))
     with pytest.raises(UnwritableError) as caught:
         videos.prepare(frame)
     assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '

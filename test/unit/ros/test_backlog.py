@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that are not confirmed: a source that can wait does, for a time, and logs it."""
+"""Waits for the confirmation of published messages."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ from rclpy.qos import QoSProfile
 
 Start = Callable[..., NodeProcess]
 
-WAITING = 'waiting for a reliable subscriber to confirm the last frames'
-GIVEN_UP = ('a reliable subscriber has not confirmed the last frames for 10 s; '
-            'the publisher no longer waits for it, and it may lose frames')
+WAITING_LINE = 'waiting for a reliable subscriber to confirm the last frames'
+TIMEOUT_LINE = ('a reliable subscriber has not confirmed the last frames for 10 s; '
+                'the publisher no longer waits for it, and it may lose frames')
 
 
 class Channel:
-    """A publisher of some depth, and what is confirmed of it."""
+    """A publisher of some depth, whose messages are all confirmed or all unconfirmed."""
 
     def __init__(self, depth: int) -> None:
         self.qos_profile = QoSProfile(depth=depth)
         self.is_confirmed = False
 
     def wait_for_all_acked(self, timeout: Duration) -> bool:
-        assert timeout.nanoseconds == 0  # rclpy would hold the interpreter
+        assert timeout.nanoseconds == 0  # rclpy would block the interpreter
         return self.is_confirmed
 
 
-class Desk:
-    """A clock that only sleeping moves, and the lines of a log."""
+class FakeLog:
+    """A log with the clock that only ``sleep`` advances."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -72,8 +72,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk()
+def log() -> FakeLog:
+    return FakeLog()
 
 
 def never() -> bool:
@@ -81,16 +81,16 @@ def never() -> bool:
 
 
 @pytest.mark.parametrize('depth', [1, 3, 10])
-def test_room_for_as_many_messages_as_the_depth(desk: Desk, depth: int) -> None:
+def test_room_for_as_many_messages_as_the_depth(log: FakeLog, depth: int) -> None:
     channel = Channel(depth)
-    backlog = Backlog([channel], desk, desk.clock, desk.sleep)
+    backlog = Backlog([channel], log, log.clock, log.sleep)
     for _ in range(depth):
         assert backlog.wait_for_room(never)
         backlog.add(channel)
-    assert desk.now == 100.0
+    assert log.now == 100.0
     stops = count()
     assert not backlog.wait_for_room(lambda: next(stops) == 5)
-    assert desk.now == pytest.approx(100.0 + 5 * 0.002)
+    assert log.now == pytest.approx(100.0 + 5 * 0.002)
     channel.is_confirmed = True
     assert backlog.wait_for_room(never)
     channel.is_confirmed = False
@@ -100,60 +100,60 @@ def test_room_for_as_many_messages_as_the_depth(desk: Desk, depth: int) -> None:
     assert not backlog.wait_for_room(lambda: True)
 
 
-def test_each_topic_is_waited_for(desk: Desk) -> None:
+def test_wait_for_each_topic(log: FakeLog) -> None:
     first, second = channels = Channel(2), Channel(1)
-    backlog = Backlog(channels, desk, desk.clock, desk.sleep)
+    backlog = Backlog(channels, log, log.clock, log.sleep)
     first.is_confirmed = True
     for channel in channels:
         backlog.add(channel)
     assert not backlog.wait_for_room(lambda: True)
-    desk.on_sleep = lambda: setattr(second, 'is_confirmed', desk.now > 100.5)
+    log.on_sleep = lambda: setattr(second, 'is_confirmed', log.now > 100.5)
     assert backlog.wait_for_room(never)
-    assert desk.now == pytest.approx(100.5, abs=0.003)
-    assert desk.lines == []
+    assert log.now == pytest.approx(100.5, abs=0.003)
+    assert log.lines == []
 
 
-def test_wait_ends_after_10_s_and_begins_again_after_a_confirmation(desk: Desk) -> None:
+def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
     channel = Channel(1)
-    backlog = Backlog([channel], desk, desk.clock, desk.sleep)
+    backlog = Backlog([channel], log, log.clock, log.sleep)
     backlog.add(channel)
     assert not backlog.wait_for_room(never)
-    assert desk.lines == [(2.0, WAITING), (10.0, GIVEN_UP)]
-    given_up_at = desk.now
+    assert log.lines == [(2.0, WAITING_LINE), (10.0, TIMEOUT_LINE)]
+    timeout_at = log.now
     backlog.add(channel)
     assert not backlog.wait_for_room(never)
     assert not backlog.wait_for_all(never)
-    assert desk.now == given_up_at
+    assert log.now == timeout_at
 
     channel.is_confirmed = True
     assert backlog.wait_for_room(never)
     channel.is_confirmed = False
     backlog.add(channel)
-    assert not backlog.wait_for_room(lambda: desk.now > given_up_at + 5)
-    assert [text for _, text in desk.lines] == [WAITING, GIVEN_UP, WAITING]
+    assert not backlog.wait_for_room(lambda: log.now > timeout_at + 5)
+    assert [text for _, text in log.lines] == [WAITING_LINE, TIMEOUT_LINE, WAITING_LINE]
 
 
-def test_end_waits_for_every_message(desk: Desk) -> None:
+def test_wait_for_all_messages(log: FakeLog) -> None:
     channel = Channel(10)
-    backlog = Backlog([channel], desk, desk.clock, desk.sleep)
+    backlog = Backlog([channel], log, log.clock, log.sleep)
     assert backlog.wait_for_all(never)
     backlog.add(channel)
     assert backlog.wait_for_room(never)
     assert not backlog.wait_for_all(lambda: True)
-    desk.on_sleep = lambda: setattr(channel, 'is_confirmed', desk.now > 101.0)
+    log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now > 101.0)
     assert backlog.wait_for_all(never)
-    assert desk.now == pytest.approx(101.0, abs=0.003)
+    assert log.now == pytest.approx(101.0, abs=0.003)
 
 
 @pytest.mark.parametrize('on_overflow', ['drop', 'block'])
-def test_subscriber_that_is_stopped_for_a_while_loses_nothing(
+def test_frames_for_a_stopped_subscriber(
         start: Start, tmp_path: Path, on_overflow: str) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow=on_overflow)
     publisher = start('img_publisher', source='pattern:64x48@50', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for('Receiving video frame')
     subscriber.interrupt(signal.SIGSTOP)
-    publisher.wait_for(WAITING)
+    publisher.wait_for(WAITING_LINE)
     subscriber.interrupt(signal.SIGCONT)
     lines = subscriber.output.count('Receiving video frame')
     subscriber.wait_until(lambda text: text.count('Receiving video frame') > lines + 1)
@@ -168,13 +168,13 @@ def test_subscriber_that_is_stopped_for_a_while_loses_nothing(
                for number, picture in enumerate(written))
 
 
-def test_wait_for_a_subscriber_can_be_interrupted(start: Start, tmp_path: Path) -> None:
+def test_interrupted_wait_for_a_subscriber(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
     publisher = start('img_publisher', source='pattern:64x48@100', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for('Receiving video frame')
     subscriber.interrupt(signal.SIGSTOP)
-    publisher.wait_for(WAITING)
+    publisher.wait_for(WAITING_LINE)
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
     subscriber.interrupt(signal.SIGCONT)

@@ -13,45 +13,45 @@
 # limitations under the License.
 
 
-"""The settings of a camera as parameters, with a camera that is made up."""
+"""Camera controls as parameters, with a simulated camera."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
-import operator
 
 from conftest import spin_until
-from opencv_tools.capture.frame import UnavailableError
+from opencv_tools.capture.errors import UnavailableError
 from opencv_tools.capture.v4l2.controls import Control, ControlType
 from opencv_tools.ros.parameters import declare_parameters, Parameter, watch_parameters
 from opencv_tools.ros.publisher.camera_controls import CameraControls
-from opencv_tools.ros.timers import Delay
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
 TABLE = (Parameter('source', '0', 'a source'),
-         Parameter('gain', 1.0, 'a number of the node', maximum=9.0, changeable=True))
-BRIGHTNESS = Control('brightness', 1, ControlType.INTEGER, 0, 255, 1, 128)
-FLIP = Control('flip', 2, ControlType.BOOLEAN, 0, 1, 1, 0)
-GAIN = Control('gain', 3, ControlType.INTEGER, 0, 10, 1, 5)
+         Parameter('gain', 1.0, 'a number of the node', bounds=(0, 9), changeable=True))
+BRIGHTNESS = Control(name='brightness', number=1, kind=ControlType.INTEGER, minimum=0, maximum=255,
+                     step=1, default=128)
+FLIP = Control(name='flip', number=2, kind=ControlType.BOOLEAN, minimum=0, maximum=1, step=1,
+               default=0)
+GAIN = Control(name='gain', number=3, kind=ControlType.INTEGER, minimum=0, maximum=10, step=1,
+               default=5)
 
 
 class Camera:
-    """A camera that keeps its settings, and what it was told."""
+    """A camera that keeps its values and records the calls."""
 
     def __init__(self) -> None:
         self.values = {BRIGHTNESS: 128, FLIP: 0, GAIN: 5}
         self.changed: dict[Control, int] = {}
         self.calls: list[tuple[str, int]] = []
-        self.has_gone = False
+        self.is_disconnected = False
 
     def controls(self, changed: bool = False) -> dict[Control, int]:
-        if self.has_gone:
-            raise UnavailableError('it has gone')
+        if self.is_disconnected:
+            raise UnavailableError('disconnected')
         found, self.changed = (self.changed if changed else dict(self.values)), {}
         return found
 
@@ -62,7 +62,7 @@ class Camera:
         self.values[control] = value
 
     def change(self, control: Control, value: int) -> None:
-        """Change as another program does."""
+        """Change a control like another program."""
         self.values[control] = self.changed[control] = value
 
 
@@ -82,14 +82,14 @@ class Controlled(Node):
             [rclpy.Parameter(name, value=value) for name, value in values.items()])
         return '' if result.successful else result.reason
 
-    def shown(self) -> tuple[int, bool, int]:
+    def values(self) -> tuple[int, bool, int]:
         return tuple(self.get_parameter(name).value
                      for name in ('brightness', 'flip', 'gain_control'))
 
 
 @pytest.fixture
 def controlled(domain: int) -> Iterator[Callable[..., Controlled]]:
-    """Make a node that is given parameters."""
+    """Return a function that creates a node with given parameters."""
     context = Context()
     nodes = []
 
@@ -105,14 +105,14 @@ def controlled(domain: int) -> Iterator[Callable[..., Controlled]]:
     rclpy.shutdown(context=context)
 
 
-def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controlled]) -> None:
+def test_values_from_parameters(controlled: Callable[..., Controlled]) -> None:
     node = controlled('brightness:=100')
     assert node.controls.requested == (('brightness', 100),)
     node.camera.values[BRIGHTNESS] = 100
-    node.controls.declare(node.camera)
-    assert node.shown() == (100, False, 5)
+    node.controls.declare()
+    assert node.values() == (100, False, 5)
     assert node.change(flip=1, gain_control=7, gain=3) == ''
-    assert node.shown() == (100, True, 7)
+    assert node.values() == (100, True, 7)
     assert node.get_parameter('gain').value == 3.0
     assert node.camera.calls == [('flip', 1), ('gain', 7)]
     assert dict(node.controls.requested) == {'brightness': 100, 'flip': 1, 'gain': 7}
@@ -120,59 +120,46 @@ def test_a_setting_is_written_as_at_the_start(controlled: Callable[..., Controll
     assert 'Wrong parameter type' in node.change(brightness=5.5)
     assert 'camera refuses flip' in node.change(brightness=13, flip=False)
     assert node.camera.values[BRIGHTNESS] == 100
-    assert node.shown() == (100, True, 7)
+    assert node.values() == (100, True, 7)
 
 
-def test_what_another_program_sets_is_shown_and_kept(
+def test_values_from_another_program(
         controlled: Callable[..., Controlled]) -> None:
     node = controlled('flip:=true', 'brightness:=50')
-    node.controls.declare(node.camera)
+    node.controls.declare()
     node.camera.change(BRIGHTNESS, 77)
-    node.camera.change(replace(GAIN, active=False), 9)  # which the camera chooses itself
-    spin_until(node, lambda: node.shown() == (77, False, 9))
+    node.camera.change(replace(GAIN, active=False), 9)  # automatic: the camera chooses the value
+    spin_until(node, lambda: node.values() == (77, False, 9))
     assert node.camera.calls == []
     assert dict(node.controls.requested) == {'flip': 1, 'brightness': 77}
-    node.camera.change(BRIGHTNESS, 999)  # out of the range that it had
+    node.camera.change(BRIGHTNESS, 999)  # outside the reported range
     node.camera.change(FLIP, 1)
-    spin_until(node, lambda: node.shown() == (77, True, 9))
-    node.camera.has_gone = True
-    gone, node.camera = node.camera, None
-    node.camera = Camera()
+    spin_until(node, lambda: node.values() == (77, True, 9))
+    node.camera.is_disconnected = True
+    disconnected, node.camera = node.camera, Camera()
     node.camera.values = {BRIGHTNESS: 77, FLIP: 1, GAIN: 4}
-    node.controls.declare(node.camera)
-    assert node.shown() == (77, True, 4)
-    assert node.camera.calls == gone.calls == []
+    node.controls.declare()
+    assert node.values() == (77, True, 4)
+    assert node.camera.calls == disconnected.calls == []
 
 
-@pytest.mark.parametrize('is_there_first', [True, False])
-def test_what_nobody_has_is_said_once(
+@pytest.mark.parametrize('is_open_first', [True, False])
+def test_one_warning_about_unknown_parameters(
         controlled: Callable[..., Controlled], capfd: pytest.CaptureFixture[str],
-        is_there_first: bool) -> None:
+        is_open_first: bool) -> None:
     node = controlled('sorce:=1', 'contrast:=3', 'brightness:=5')
     for _ in range(2):
-        if not is_there_first:
+        if not is_open_first:
             node.controls.report_unused()
-        node.controls.declare(node.camera)
+        node.controls.declare()
         node.controls.report_unused()
-    said = capfd.readouterr().err
-    if is_there_first:
-        assert said.count('unknown parameter sorce is not used; did you mean source?') == 1
-        assert said.count(
+    output = capfd.readouterr().err
+    if is_open_first:
+        assert output.count('unknown parameter sorce is not used; did you mean source?') == 1
+        assert output.count(
             'unknown parameter contrast is not used; the parameters are source, gain, ') == 1
-        assert 'brightness is' not in said
+        assert 'brightness is' not in output
     else:
-        assert said.count('sorce is not used yet (did you mean source?); it is not a ') == 1
-        assert said.count(' is not used yet') == 3
-    assert len(said.splitlines()) == (2 if is_there_first else 3)
-
-
-def test_what_is_asked_for_often_is_done_once(node: Node) -> None:
-    calls: list[int] = []
-    delay = Delay(node, 0.3, lambda: calls.append(1))
-    for expected in ([1], [1, 1]):
-        for _ in range(3):
-            delay.request()
-        assert calls == expected[1:]
-        spin_until(node, partial(operator.eq, calls, expected))
-    node.create_timer(0.005, delay.request)  # which does not put it off
-    spin_until(node, lambda: len(calls) > 2)
+        assert output.count('sorce is not used yet (did you mean source?); it is not a ') == 1
+        assert output.count(' is not used yet') == 3
+    assert len(output.splitlines()) == (2 if is_open_first else 3)

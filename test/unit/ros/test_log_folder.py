@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Where the log of ROS goes when its usual folder cannot be written."""
+"""The folder for the log of ROS if the default folder is not writable."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ import pytest
 
 VARIABLES = ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')
 
-# A process of root may do as little with a file as its mode says, and so may all others.
-LIKE_A_USER = () if os.geteuid() else (
+# Without these capabilities, file modes apply to root too.
+WITHOUT_OVERRIDE = () if os.geteuid() else (
     'setpriv', '--bounding-set=-dac_override,-dac_read_search')
 
 
 @pytest.fixture(autouse=True)
-def _nothing_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _clean_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / 'temporary').mkdir()
     (tmp_path / 'file').touch()
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'temporary'))
@@ -47,7 +47,7 @@ def _nothing_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ({'HOME': 'home'}, 'home/.ros/log'), ({'HOME': 'home', 'ROS_HOME': 'ros'}, 'ros/log'),
     ({'HOME': 'file', 'ROS_LOG_DIR': 'log'}, 'log'), ({'HOME': 'home', 'ROS_LOG_DIR': ''},
                                                       'home/.ros/log')])
-def test_a_folder_that_can_be_made_is_kept(
+def test_writable_default_folder(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, settings: dict[str, str],
         folder: str) -> None:
     for variable, name in settings.items():
@@ -62,7 +62,7 @@ def test_a_folder_that_can_be_made_is_kept(
 @pytest.mark.parametrize(('variable', 'words'), [
     ('', 'there is no home directory, HOME is unset'), ('HOME', 'file/.ros/log cannot be written'),
     ('ROS_HOME', 'file/log cannot be written'), ('ROS_LOG_DIR', 'file cannot be written')])
-def test_a_folder_that_cannot_be_written_is_replaced(
+def test_temporary_folder(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str, words: str) -> None:
     monkeypatch.setenv('ROS_LOG_DIR', '')
     if variable:
@@ -75,7 +75,7 @@ def test_a_folder_that_cannot_be_written_is_replaced(
     assert replace_log_folder() == ''
 
 
-def test_where_nothing_can_be_written_rcl_is_left_to_say_so(
+def test_no_change_without_a_temporary_folder(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'none'))
     assert replace_log_folder() == ''
@@ -83,7 +83,7 @@ def test_where_nothing_can_be_written_rcl_is_left_to_say_so(
 
 
 @pytest.mark.parametrize('name', ['img_publisher', 'img_subscriber'])
-def test_a_node_starts_where_its_user_may_do_nothing(
+def test_node_in_an_unwritable_home(
         start: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
         name: str) -> None:
     home, folder = tmp_path / 'home', tmp_path / 'folder'
@@ -94,7 +94,7 @@ def test_a_node_starts_where_its_user_may_do_nothing(
     forbid = ('sh', '-c', 'cd "$1" && chmod 0 . && shift && exec "$@"', 'sh', str(folder))
     parameters = {'img_publisher': {'source': 'pattern', 'max_frames': 1},
                   'img_subscriber': {'output_dir': tmp_path / 'out', 'timeout': 0.1}}[name]
-    process = start(name, within=(*forbid, *LIKE_A_USER), **parameters)
+    process = start(name, within=(*forbid, *WITHOUT_OVERRIDE), **parameters)
     try:
         assert process.finish() == (0 if name == 'img_publisher' else 1), process.output
     finally:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of a publisher's numbers is lost, and where that cannot be known."""
+"""Count of lost messages by their numbers, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ import pytest
     (10.0, [(3, 10.2), (4, 10.3)], 2, True),
     (10.0, [(3, 10.2), (6, 10.5)], 4, True),
     (10.0, [(3, 10.2), (2, 10.3), (4, 10.4)], 2, True),
-    (10.0, [(3, 10.2)], 0, False),  # nobody knows how quick it is
-    (10.0, [(1000, 10.2), (1001, 10.3), (1003, 10.5)], 1, False),  # it was there before
-    (0.1, [(3, 0.3), (4, 0.4)], 0, False),  # it may have been there before
+    (10.0, [(3, 10.2)], 0, False),  # its rate is unknown
+    (10.0, [(1000, 10.2), (1001, 10.3), (1003, 10.5)], 1, False),  # it started before
+    (0.1, [(3, 0.3), (4, 0.4)], 0, False),  # it may have started before
     (None, [(3, 0.3), (4, 0.4), (6, 0.6)], 1, False)])
-def test_publishers_are_counted_from_their_first_message(
+def test_count_from_the_first_message(
         discovered: float | None, messages: Sequence[tuple[int, float]], lost: int,
         is_complete: bool) -> None:
     now = 0.0
@@ -50,7 +50,7 @@ def test_publishers_are_counted_from_their_first_message(
     assert (losses.count, losses.is_complete) == (lost, is_complete)
 
 
-def test_messages_without_numbers_are_not_counted() -> None:
+def test_messages_without_numbers() -> None:
     losses = LostFrames()
     for _ in range(3):
         losses.add(MessageInfo(publication_sequence_number=2**64 - 1))

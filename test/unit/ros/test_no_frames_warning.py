@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When it is told that no frames come, by a clock that the test controls."""
+"""Times of the warning that no frames arrive, on a clock that the test controls."""
 
 from __future__ import annotations
 
@@ -21,72 +21,72 @@ from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 import pytest
 
 
-class Desk:
-    """A clock, a reason, and the lines of a log with their times."""
+class Console:
+    """A clock, a reason, and the log lines with their times."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 0.0
         self.reason = 'nobody publishes'
         self.lines: list[tuple[float, str]] = []
         monkeypatch.setattr(no_frames_warning.time, 'monotonic', lambda: 100.0 + self.now)
-        self.silence = NoFramesWarning(self, lambda: self.reason)
+        self.no_frames_warning = NoFramesWarning(self, lambda: self.reason)
 
     def info(self, message: str) -> None:
         self.lines.append((self.now, message))
 
     warning = error = info
 
-    def pass_by(self, seconds: float, is_expected: bool = False) -> None:
-        """Look every half second."""
+    def wait(self, seconds: float, is_expected: bool = False) -> None:
+        """Check every half second."""
         for _ in range(round(seconds * 2)):
             self.now += 0.5
-            self.silence.check(0.5, is_expected)
+            self.no_frames_warning.check(0.5, is_expected)
 
-    def frame(self) -> None:
-        self.silence.frame_received('/camera')
+    def receive(self) -> None:
+        self.no_frames_warning.frame_received('/camera')
 
 
 @pytest.fixture
-def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
-    return Desk(monkeypatch)
+def console(monkeypatch: pytest.MonkeyPatch) -> Console:
+    return Console(monkeypatch)
 
 
-def test_reason_is_told_after_three_seconds_and_when_it_changes(desk: Desk) -> None:
-    desk.pass_by(10)
-    assert desk.lines == [(3.0, 'No frames: nobody publishes')]
-    desk.reason = 'the publisher is paused'
-    desk.pass_by(3)
-    assert desk.lines[1:] == [(12.0, 'No frames: the publisher is paused')]
-    desk.frame()
-    assert desk.lines[2:] == [(13.0, 'Frames arrive on /camera')]
-    desk.pass_by(2.5)
-    assert len(desk.lines) == 3
-    desk.pass_by(0.5)
-    assert desk.lines[3:] == [(16.0, 'No frames: the publisher is paused')]
+def test_warning_after_three_seconds_and_for_a_new_reason(console: Console) -> None:
+    console.wait(10)
+    assert console.lines == [(3.0, 'No frames: nobody publishes')]
+    console.reason = 'the publisher is paused'
+    console.wait(3)
+    assert console.lines[1:] == [(12.0, 'No frames: the publisher is paused')]
+    console.receive()
+    assert console.lines[2:] == [(13.0, 'Frames arrive on /camera')]
+    console.wait(2.5)
+    assert len(console.lines) == 3
+    console.wait(0.5)
+    assert console.lines[3:] == [(16.0, 'No frames: the publisher is paused')]
 
 
-def test_slow_stream_has_three_of_its_periods(desk: Desk) -> None:
+def test_warning_after_three_periods_of_a_slow_stream(console: Console) -> None:
     for _ in range(4):
-        desk.frame()
-        desk.pass_by(2)
-    desk.pass_by(3.5)
-    assert desk.lines == []
-    desk.pass_by(0.5)
-    assert desk.lines == [(12.0, 'No frames: nobody publishes')]
+        console.receive()
+        console.wait(2)
+    console.wait(3.5)
+    assert console.lines == []
+    console.wait(0.5)
+    assert console.lines == [(12.0, 'No frames: nobody publishes')]
 
 
-def test_period_of_other_publishers_is_forgotten(desk: Desk) -> None:
-    desk.frame()
-    desk.pass_by(2)
-    desk.frame()
-    desk.silence.reset()
-    desk.pass_by(5.5)
-    assert desk.lines == []
-    desk.silence.reset_period()
-    desk.pass_by(3)
-    assert desk.lines == [(10.5, 'No frames: nobody publishes')]
+def test_reset_of_the_period(console: Console) -> None:
+    console.receive()
+    console.wait(2)
+    console.receive()
+    console.no_frames_warning.reset()
+    console.wait(5.5)
+    assert console.lines == []
+    console.no_frames_warning.reset_period()
+    console.wait(3)
+    assert console.lines == [(10.5, 'No frames: nobody publishes')]
 
 
-def test_silence_that_is_expected_is_not_told(desk: Desk) -> None:
-    desk.pass_by(60, is_expected=True)
-    assert desk.lines == []
+def test_no_warning_for_expected_silence(console: Console) -> None:
+    console.wait(60, is_expected=True)
+    assert console.lines == []

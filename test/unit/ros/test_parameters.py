@@ -12,17 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters and progress: the rooms between the nodes and ROS."""
+"""Declaration, description and changes of parameters, and the parameters of both nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import math
-import re
 
 from opencv_tools.ros.parameters import (
     declare_parameters, Parameter, ParameterError, UnknownParameterError, watch_parameters)
-from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.publisher import parameters as publisher_parameters
 from opencv_tools.ros.subscriber import parameters as subscriber_parameters
 import pytest
@@ -33,19 +31,19 @@ from rclpy.node import Node
 TABLE = (
     Parameter('name', 'x', 'a text'),
     Parameter('kind', 'a', 'a choice', choices=('a', 'b'), changeable=True),
-    Parameter('rate', 1.5, 'a fraction', maximum=10.0, changeable=True),
-    Parameter('count', 3, 'a number', minimum=1, maximum=5, changeable=True),
+    Parameter('rate', 1.5, 'a fraction', bounds=(0, 10), changeable=True),
+    Parameter('count', 3, 'a number', bounds=(1, 5), changeable=True),
     Parameter('turn', 0, 'a choice of numbers', choices=(0, 90), changeable=True),
     Parameter('on', False, 'a switch', changeable=True),
-    Parameter('even', 2, 'every other number', minimum=0, maximum=8, step=2, changeable=True),
+    Parameter('even', 2, 'every other number', bounds=(0, 8), step=2, changeable=True),
 )
 
 
 TABLES = {'img_publisher': publisher_parameters.PARAMETERS,
           'img_subscriber': subscriber_parameters.PARAMETERS}
 BILLION = 10**9
-# What can be given: from the lowest number to the highest, one of a set, or any text.
-ALLOWED = {
+# Valid values: smallest and largest number, a set of choices, or any text.
+VALUES = {
     'img_publisher': {
         'source': str, 'publish_rate': (0.0, 1000.0), 'encoding': {'bgr8', 'mono16', 'nv12', ''},
         'frame_id': str, 'width': (0, 65536), 'height': (0, 65536), 'fps': (0.0, 1000.0),
@@ -65,7 +63,7 @@ ALLOWED = {
         'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9)}}
-# All parameters of the publisher may be changed but these, and none of the subscriber.
+# Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
 FIXED = {'source', 'camera_info_url', 'camera_name', 'on_end', 'loop', 'start_frame',
          'stop_frame', 'max_frames', 'wait_for_subscribers'}
 
@@ -91,15 +89,15 @@ def declare_given(context: Context, table: tuple[Parameter, ...], **given: objec
     return node
 
 
-def test_the_parameters_are_those_that_the_tests_know() -> None:
+def test_names_of_all_parameters() -> None:
     assert {name: [parameter.name for parameter in table] for name, table in TABLES.items()} == {
-        name: list(allowed) for name, allowed in ALLOWED.items()}
+        name: list(allowed) for name, allowed in VALUES.items()}
 
 
 @pytest.mark.parametrize(('executable', 'name'), [
-    (executable, name) for executable, allowed in ALLOWED.items() for name in allowed])
-def test_what_a_parameter_can_be(context: Context, executable: str, name: str) -> None:
-    table, allowed = TABLES[executable], ALLOWED[executable][name]
+    (executable, name) for executable, allowed in VALUES.items() for name in allowed])
+def test_valid_and_invalid_values(context: Context, executable: str, name: str) -> None:
+    table, allowed = TABLES[executable], VALUES[executable][name]
     default = next(parameter.default for parameter in table if parameter.name == name)
     right: list[object] = [default]
     if allowed is str:
@@ -137,9 +135,9 @@ def test_what_a_parameter_can_be(context: Context, executable: str, name: str) -
 
 @pytest.mark.parametrize(('name', 'meant'), [
     ('count', ''), ('limit', 'limits'), ('lmits', 'limits'), ('use_sim_time', ''), ('whole', '')])
-def test_a_misspelt_parameter_that_ends_a_node(context: Context, name: str, meant: str) -> None:
-    table = (Parameter('counts', 1, 'a number', maximum=9),
-             Parameter('limits', 1, 'a limit', maximum=9, ends=True))
+def test_misspelt_parameter_that_ends_the_node(context: Context, name: str, meant: str) -> None:
+    table = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
+             Parameter('limits', 1, 'a limit', bounds=(0, 9), ends=True))
     if meant:
         with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
             declare_given(context, table, **{name: 1})
@@ -162,14 +160,14 @@ def described(domain: int) -> Node:
     rclpy.shutdown(context=context)
 
 
-def test_values_have_the_type_of_their_default(described: Node) -> None:
+def test_types_of_declared_values(described: Node) -> None:
     assert described.values == {
         'name': '7', 'kind': 'a', 'rate': 2.0, 'count': 5, 'turn': 0, 'on': True, 'even': 2}
     assert described.get_parameter('rate').value == 2.0
     assert isinstance(described.get_parameter('rate').value, float)
 
 
-def test_parameters_are_described_with_their_ranges(described: Node) -> None:
+def test_descriptors(described: Node) -> None:
     rate = described.describe_parameter('rate')
     assert rate.description == 'a fraction'
     assert not rate.read_only
@@ -184,7 +182,7 @@ def test_parameters_are_described_with_their_ranges(described: Node) -> None:
     assert (bounds.from_value, bounds.to_value, bounds.step) == (0, 8, 2)
 
 
-def test_a_change_at_run_time_is_taken(described: Node) -> None:
+def test_changes_at_run_time(described: Node) -> None:
     for name, value in (('rate', 3.0), ('kind', 'b'), ('turn', 90), ('on', False), ('even', 8),
                         ('rate', 4), ('on', 1)):
         (result,) = described.set_parameters([rclpy.Parameter(name, value=value)])
@@ -195,7 +193,7 @@ def test_a_change_at_run_time_is_taken(described: Node) -> None:
     assert described.describe_parameter('rate').type == rclpy.Parameter.Type.DOUBLE.value
 
 
-def test_only_changes_of_the_table_are_passed_on(described: Node) -> None:
+def test_changes_of_other_parameters(described: Node) -> None:
     described.declare_parameter('other', 1)
     before = dict(described.values)
     assert described.set_parameters([rclpy.Parameter('other', value=2)])[0].successful
@@ -206,7 +204,7 @@ def test_only_changes_of_the_table_are_passed_on(described: Node) -> None:
     assert described.get_parameter('other').value == 3
 
 
-def test_a_change_of_an_unknown_parameter_names_the_one_that_was_meant(described: Node) -> None:
+def test_change_of_an_unknown_parameter(described: Node) -> None:
     with pytest.raises(UnknownParameterError, match=r'parameter rat is .*; did you mean rate\?'):
         described.set_parameters([rclpy.Parameter('rat', value=5)])
 
@@ -217,7 +215,7 @@ def test_a_change_of_an_unknown_parameter_names_the_one_that_was_meant(described
     ('count', 3.0, 'Wrong parameter'), ('count', None, 'cannot be undeclared'),
     ('kind', 'c', "parameter kind is 'c': give one of 'a', 'b'"),
     ('turn', 45, 'parameter turn is 45: give one of 0, 90'), ('even', 3, 'not a valid step')])
-def test_a_change_at_run_time_is_refused_with_the_reason(
+def test_refused_changes_at_run_time(
         described: Node, name: str, value: object, reason: str) -> None:
     before = dict(described.values)
     (result,) = described.set_parameters([rclpy.Parameter(name, value=value)])
@@ -226,7 +224,7 @@ def test_a_change_at_run_time_is_refused_with_the_reason(
     assert described.values == before
 
 
-def test_changes_that_go_together_are_taken_together_or_not_at_all(described: Node) -> None:
+def test_atomic_changes(described: Node) -> None:
     before = dict(described.values)
     result = described.set_parameters_atomically([
         rclpy.Parameter('rate', value=4.0), rclpy.Parameter('turn', value=45)])
@@ -237,37 +235,20 @@ def test_changes_that_go_together_are_taken_together_or_not_at_all(described: No
 @pytest.mark.parametrize(('index', 'value'), [
     (0, [1]), (0, True), (1, 'c'), (2, 10.1), (2, -0.1), (2, float('nan')), (2, 'x'), (2, True),
     (3, 0), (3, 2.0), (3, None), (4, 45), (4, '90'), (5, 2), (5, 'yes')])
-def test_values_that_are_refused(index: int, value: object) -> None:
+def test_refused_values(index: int, value: object) -> None:
     with pytest.raises(ParameterError, match=f'parameter {TABLE[index].name} is '):
         TABLE[index].accept(value)
 
 
-@pytest.mark.parametrize(('parameter', 'value', 'span'), [
-    (Parameter('open', 1, 'a number'), 2**63 - 1, 'a whole number of at least 0'),
-    (Parameter('open', 1, 'a number', minimum=5), 2**40, 'a whole number of at least 5'),
-    (Parameter('open', 1.0, 'a number'), 1e300, 'a number of at least 0')])
-def test_a_number_without_a_maximum_has_no_upper_bound(
-        context: Context, parameter: Parameter, value: float, span: str) -> None:
-    node = declare_given(context, (parameter,), open=value)
-    assert node.get_parameter('open').value == value
-    node.destroy_node()
-    with pytest.raises(ParameterError, match=f'parameter open is -1: give {span} '):
-        parameter.accept(-1)
-
-
-def test_progress_is_said_at_most_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 100.0
-    monkeypatch.setattr('time.monotonic', lambda: now)
-    lines: list[str] = []
-    progress = Progress(lines.append, 'Doing')
-    for _ in range(50):
-        progress.tick('4x3 bgr8', 2)
-        now += 0.05
-    assert progress.count == 50
-    assert progress.average_rate() == pytest.approx(20.0)
-    assert lines[0] == 'Doing 1: 4x3 bgr8, 2 dropped'
-    assert [bool(re.fullmatch(r'Doing \d+: 4x3 bgr8, 20\.0 Hz, 2 dropped', line))
-            for line in lines[1:]] == [True, True]
-    now += 1.0
-    progress.tick('4x3 bgr8', 2, 7)
-    assert lines[-1].endswith(' 2 dropped, 7 missed')
+@pytest.mark.parametrize(('parameter', 'values', 'noun'), [
+    (Parameter('open', 1, 'a number'), (-2**63, 2**63 - 1), 'a whole number'),
+    (Parameter('open', 1.0, 'a number'), (-1e300, 1e300), 'a number')])
+def test_numbers_without_bounds(
+        context: Context, parameter: Parameter, values: tuple[float, ...], noun: str) -> None:
+    for value in values:
+        node = declare_given(context, (parameter,), open=value)
+        assert node.get_parameter('open').value == value
+        node.destroy_node()
+    for wrong in ('x', math.nan):
+        with pytest.raises(ParameterError, match=rf'parameter open is .*: give {noun} \(a number'):
+            parameter.accept(wrong)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Calls that have a frame written: as many as there are at once, and none without an answer."""
+"""Calls of ``~/save``: each is answered, however many there are."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CALLS = 50
 
 @pytest.fixture
 def executor(node: Node) -> Iterator[SingleThreadedExecutor]:
-    """Give the executor of a node, which outlives a wait."""
+    """Create an executor of the node."""
     made = SingleThreadedExecutor(context=node.context)
     made.add_node(node)
     yield made
@@ -56,7 +56,7 @@ def spin_until_all(executor: SingleThreadedExecutor, futures: list[Future]) -> N
 
 
 def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequests) -> list[Future]:
-    """Make many calls, which the middleware keeps until the node comes to take them."""
+    """Call the service many times before the node takes a call."""
     assert client.wait_for_service(DEADLINE)
     futures = [client.call_async(Trigger.Request()) for _ in range(CALLS)]
     deadline = time.monotonic() + 30
@@ -66,7 +66,7 @@ def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequest
     return futures
 
 
-def test_calls_at_once_are_all_answered(
+def test_simultaneous_calls(
         executor: SingleThreadedExecutor, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('opencv_tools.ros.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
     requests = SaveRequests(node)
@@ -79,7 +79,7 @@ def test_calls_at_once_are_all_answered(
             for future in futures} == {(True, '/a/file.png')}
 
 
-def test_calls_that_wait_are_answered_at_the_end(
+def test_waiting_calls_at_shutdown(
         tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('opencv_tools.ros.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
     rclpy.init(args=['--ros-args', '-p', 'mode:=on_request', '-p', f'output_dir:={tmp_path}'],
@@ -88,8 +88,8 @@ def test_calls_that_wait_are_answered_at_the_end(
     executor = SingleThreadedExecutor()
     executor.add_node(subscriber)
     client = create_client(subscriber)
-    futures = call(executor, client, subscriber._requests)
-    futures.append(client.call_async(Trigger.Request()))  # which is taken last
+    futures = call(executor, client, subscriber._session.requests)
+    futures.append(client.call_async(Trigger.Request()))  # taken last
     assert subscriber.close() == 0
     spin_until_all(executor, futures)
     assert {(future.result().success, future.result().message)

@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The calibration of a camera whose pictures are flipped or rotated."""
+"""Calibrations of flipped and rotated images."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+from calibrations import ANY_MACHINE
 import cv2
-from hypothesis import given, HealthCheck, settings, strategies as st
+from hypothesis import given, strategies as st
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS, orient, ROTATIONS, turned_axes
@@ -31,16 +32,14 @@ import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header
 
-# However long it takes.
-ANY_MACHINE = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-ALL_WAYS = [(flip, rotate) for flip in FLIPS for rotate in ROTATIONS]
-WAYS = st.sampled_from(ALL_WAYS)
+ORIENTATIONS = [(flip, rotate) for flip in FLIPS for rotate in ROTATIONS]
+ANY_ORIENTATION = st.sampled_from(ORIENTATIONS)
 WIDTH, HEIGHT = 640, 360
 SMALL = st.floats(-0.05, 0.05)
 
 
 def moved(u: Any, v: Any, width: int, height: int, flip: str, rotate: int) -> tuple[Any, Any]:
-    """Return where a pixel of a picture is in the flipped and rotated one."""
+    """Return the coordinates of a pixel after flip and rotate."""
     if flip in ('horizontal', 'both'):
         u = width - 1 - u
     if flip in ('vertical', 'both'):
@@ -66,7 +65,7 @@ def distortions(draw: st.DrawFn) -> tuple[str, tuple[float, ...]]:
 
 
 def project(info: CameraInfo, point: np.ndarray) -> np.ndarray:
-    """Return where OpenCV sees a point of the camera's frame in the picture as it came."""
+    """Return the pixel of a point of the optical frame in the raw image, by OpenCV."""
     k, d = info.k.reshape(3, 3), np.array(info.d)
     if info.distortion_model == 'equidistant':
         return cv2.fisheye.projectPoints(
@@ -81,8 +80,8 @@ def project_rectified(info: CameraInfo, point: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize('size', [(3, 2), (4, 7)])
-@pytest.mark.parametrize(('flip', 'rotate'), ALL_WAYS)
-def test_axes_turn_as_pictures_do(flip: str, rotate: int, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(('flip', 'rotate'), ORIENTATIONS)
+def test_axes_of_turned_images(flip: str, rotate: int, size: tuple[int, int]) -> None:
     width, height = size
     numbers = np.arange(width * height, dtype=np.uint8).reshape(height, width)
     oriented, _ = orient(numbers, find_encoding('mono8'), flip, rotate)
@@ -95,31 +94,33 @@ def test_axes_turn_as_pictures_do(flip: str, rotate: int, size: tuple[int, int])
 
 
 @ANY_MACHINE
-@given(way=WAYS, distortion=distortions(), x=st.floats(-0.6, 0.6), y=st.floats(-0.6, 0.6),
-       z=st.floats(0.5, 20), angles=st.tuples(SMALL, SMALL, SMALL))
-def test_points_are_where_the_turned_picture_has_them(
-        way: tuple[str, int], distortion: tuple[str, tuple[float, ...]], x: float, y: float,
-        z: float, angles: tuple[float, float, float]) -> None:
+@given(orientation=ANY_ORIENTATION, distortion=distortions(),
+       x=st.floats(-0.6, 0.6), y=st.floats(-0.6, 0.6), z=st.floats(0.5, 20),
+       angles=st.tuples(SMALL, SMALL, SMALL))
+def test_projections_of_turned_cameras(
+        orientation: tuple[str, int], distortion: tuple[str, tuple[float, ...]], x: float,
+        y: float, z: float, angles: tuple[float, float, float]) -> None:
     info = make_info(*distortion, r=cv2.Rodrigues(np.array(angles))[0].ravel())
-    turned = turn_camera_info(info, turned_axes(*way))
+    turned = turn_camera_info(info, turned_axes(*orientation))
     point = np.array([x, y, 1.0]) * z
-    turned_point = np.array([*moved(point[0], point[1], 1, 1, *way), z])
-    for see in (project, project_rectified):
+    turned_point = np.array([*moved(point[0], point[1], 1, 1, *orientation), z])
+    for project_point in (project, project_rectified):
         np.testing.assert_allclose(
-            see(turned, turned_point), moved(*see(info, point), WIDTH, HEIGHT, *way),
+            project_point(turned, turned_point),
+            moved(*project_point(info, point), WIDTH, HEIGHT, *orientation),
             rtol=1e-9, atol=1e-6)
     assert (turned.width, turned.height) == (
-        (HEIGHT, WIDTH) if way[1] % 180 else (WIDTH, HEIGHT))
+        (HEIGHT, WIDTH) if orientation[1] % 180 else (WIDTH, HEIGHT))
     rotation = turned.r.reshape(3, 3)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(('flip', 'rotate'), ALL_WAYS)
+@pytest.mark.parametrize(('flip', 'rotate'), ORIENTATIONS)
 @pytest.mark.parametrize('roi', [
     RegionOfInterest(), RegionOfInterest(x_offset=10, y_offset=21, width=33, height=300),
     RegionOfInterest(x_offset=607, y_offset=0, width=33, height=1, do_rectify=True)])
-def test_a_region_turns_with_its_pixels(flip: str, rotate: int, roi: RegionOfInterest) -> None:
+def test_turned_regions_of_interest(flip: str, rotate: int, roi: RegionOfInterest) -> None:
     info = make_info('rational_polynomial', tuple(np.arange(1.0, 13.0)), roi=roi, binning_x=2,
                      binning_y=3)
     axes = turned_axes(flip, rotate)
@@ -138,11 +139,11 @@ def test_a_region_turns_with_its_pixels(flip: str, rotate: int, roi: RegionOfInt
 
 
 @pytest.mark.parametrize(('flip', 'rotate'), [
-    way for way in ALL_WAYS if way not in (('none', 0), ('both', 180))])
+    pair for pair in ORIENTATIONS if pair not in (('none', 0), ('both', 180))])
 @pytest.mark.parametrize(('model', 'd'), [
     ('thin_prism', (0.1,)), ('', (0.1, 0.0, 0.0, 0.0)), ('plumb_bob', (0.1,) * 6),
     ('rational_polynomial', (*[0.1] * 12, 0.01, 0.0))])
-def test_models_that_nobody_can_turn_are_told_once(
+def test_one_warning_about_an_unsupported_model(
         tmp_path: Path, flip: str, rotate: int, model: str, d: tuple[float, ...]) -> None:
     warnings: list[str] = []
     calibration = Calibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
@@ -162,7 +163,7 @@ def test_models_that_nobody_can_turn_are_told_once(
         calibration.save(make_info(model, d, width=size[0], height=size[1]), flip, rotate)
 
 
-def test_a_skew_is_mirrored_and_not_rotated() -> None:
+def test_turned_skew() -> None:
     k = np.array([500.5, 2.5, 300.25, 0, 510.5, 190.75, 0, 0, 1])
     info = make_info(k=k)
     assert turn_camera_info(info, turned_axes('vertical', 0)).k[1] == -2.5
@@ -173,15 +174,15 @@ def test_a_skew_is_mirrored_and_not_rotated() -> None:
     assert turn_camera_info(make_info(k=k), turned_axes('none', 0)) == make_info(k=k)
 
 
-def test_what_is_saved_is_the_camera_itself(tmp_path: Path) -> None:
+def test_saved_calibration_of_the_unturned_camera(tmp_path: Path) -> None:
     calibration = Calibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
-    own = make_info(d=(0.1, 0.2, 0.003, 0.004, 0.05))
-    for flip, rotate in ALL_WAYS:
+    unturned = make_info(d=(0.1, 0.2, 0.003, 0.004, 0.05))
+    for flip, rotate in ORIENTATIONS:
         size = (HEIGHT, WIDTH) if rotate % 180 else (WIDTH, HEIGHT)
-        sent = turn_camera_info(own, turned_axes(flip, rotate))
+        sent = turn_camera_info(unturned, turned_axes(flip, rotate))
         calibration.save(sent, flip, rotate)
-        assert read_camera_info(tmp_path / 'a.yaml') == own
+        assert read_camera_info(tmp_path / 'a.yaml') == unturned
         assert calibration.message(Header(), *size, flip, rotate) == sent
         half = calibration.message(Header(), size[0] // 2, size[1] // 2, flip, rotate)
         assert sorted((half.k[0], half.k[4])) == [250.25, 255.25]
-    assert calibration.message(Header(), WIDTH, HEIGHT) == own
+    assert calibration.message(Header(), WIDTH, HEIGHT) == unturned

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages given to rcl and taken from it without rclpy's copies."""
+"""Publishing and taking of messages through rcl, without rclpy's copies."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from conftest import DEADLINE, spin_until
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import cdr_to_image, CdrError, WireImage
+from opencv_tools.image.cdr import cdr_to_image, WireHeader, WireImage
+from opencv_tools.image.errors import CdrError
 from opencv_tools.ros import zero_copy
 from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
 import pytest
@@ -41,13 +42,15 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 MB = 1 << 20
-PIXEL = WireImage(1, 2, 'camera', 1, 1, 'mono8', False, 1, b'\x07')
+PIXEL = WireImage(header=WireHeader(1, 2, 'camera'), height=1, width=1, encoding='mono8',
+                  is_bigendian=False, step=1, data=b'\x07')
 
 
 def large_image(value: int) -> WireImage:
-    """Make an image of 6 MB."""
-    return WireImage(value, 0, '', 1024, 2048, 'bgr8', False, 3 * 2048,
-                     np.full(6 * MB, value % 256, np.uint8))
+    """Return an image of 6 MB."""
+    return WireImage(header=WireHeader(value, 0, ''), height=1024, width=2048, encoding='bgr8',
+                     is_bigendian=False, step=3 * 2048,
+                     data=np.full(6 * MB, value % 256, np.uint8))
 
 
 @pytest.fixture
@@ -57,14 +60,14 @@ def publisher(node: Node) -> Publisher:
 
 @pytest.fixture
 def subscription(node: Node, publisher: Publisher) -> Subscription:
-    """Give a subscription that the publisher knows, and that no executor takes from."""
+    """Return a subscription that has met the publisher, and that no executor takes from."""
     made = node.create_subscription(Image, 'images', lambda _: None, 10, raw=True)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     return made
 
 
 def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
-    """Take a message, which may be on its way."""
+    """Take a message, which may still be in transit."""
     deadline = time.monotonic() + DEADLINE
     while (taken := take_serialized(subscription.handle)) is None:
         assert time.monotonic() < deadline, 'no message came'
@@ -73,16 +76,17 @@ def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
 
 
 def resident_bytes() -> int:
-    """Tell how much memory this process has."""
+    """Return the resident memory of this process in bytes."""
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * 4096
 
 
 @pytest.mark.parametrize('image', [
     PIXEL, large_image(200),
-    replace(PIXEL, sec=-1, nanosec=999_999_999, frame_id='Kamera für 深度', is_bigendian=True),
-    replace(PIXEL, frame_id='', encoding=''), replace(PIXEL, step=2**32 - 1, data=b'')])
-def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
+    replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
+    replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
+    replace(PIXEL, step=2**32 - 1, data=b'')])
+def test_images_at_an_rclpy_subscriber(
         node: Node, publisher: Publisher, image: WireImage) -> None:
     received: list[Image] = []
     node.create_subscription(Image, 'images', received.append, 10)
@@ -92,12 +96,13 @@ def test_an_image_arrives_at_a_plain_subscriber_as_it_is(
     expected = Image(height=image.height, width=image.width, encoding=image.encoding,
                      is_bigendian=int(image.is_bigendian), step=image.step,
                      data=bytes(image.data))
-    expected.header.stamp.sec, expected.header.stamp.nanosec = image.sec, image.nanosec
-    expected.header.frame_id = image.frame_id
+    header = expected.header
+    header.stamp.sec, header.stamp.nanosec = image.header.sec, image.header.nanosec
+    header.frame_id = image.header.frame_id
     assert received == [expected]
 
 
-def test_an_array_with_gaps_arrives_without_them(
+def test_array_that_is_not_contiguous(
         publisher: Publisher, subscription: Subscription) -> None:
     whole = np.arange(60 * 40 * 3, dtype=np.uint8).reshape(60, 40, 3)
     array = whole[::2, 5:25, ::-1]
@@ -107,30 +112,31 @@ def test_an_array_with_gaps_arrives_without_them(
     assert bytes(message.data) == array.tobytes()
 
 
-@pytest.mark.parametrize('name', ['frame_id', 'encoding'])
-def test_a_nul_is_refused_and_nothing_is_published(
-        publisher: Publisher, subscription: Subscription, name: str) -> None:
+@pytest.mark.parametrize('fields', [
+    {'header': WireHeader(1, 2, 'a\0b')}, {'encoding': 'a\0b'}], ids=['frame_id', 'encoding'])
+def test_refused_nul_character(
+        publisher: Publisher, subscription: Subscription, fields: dict[str, Any]) -> None:
     with pytest.raises(CdrError, match='has a NUL'):
-        publish_image(publisher.handle, replace(PIXEL, **{name: 'a\0b'}))
+        publish_image(publisher.handle, replace(PIXEL, **fields))
     publish_image(publisher.handle, PIXEL)
     assert cdr_to_image(take(subscription)[0]) == PIXEL
     assert take_serialized(subscription.handle) is None
 
 
-def test_what_was_destroyed_neither_publishes_nor_takes(
+def test_destroyed_publisher_and_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
-    of_publisher, of_subscription = publisher.handle, subscription.handle
+    publisher_handle, subscription_handle = publisher.handle, subscription.handle
     node.destroy_publisher(publisher)
     node.destroy_subscription(subscription)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        publish_image(of_publisher, PIXEL)
+        publish_image(publisher_handle, PIXEL)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        take_serialized(of_subscription)
+        take_serialized(subscription_handle)
 
 
 def destroy_meanwhile(
         monkeypatch: pytest.MonkeyPatch, name: str, destroy: Callable[[], object]) -> None:
-    """Let something be destroyed when a function of rcl is about to be called."""
+    """Call ``destroy`` immediately before a function of rcl."""
     function = getattr(zero_copy._rcl, name)
 
     def _call(*args: object) -> int:
@@ -140,7 +146,7 @@ def destroy_meanwhile(
     monkeypatch.setattr(zero_copy._rcl, name, _call)
 
 
-def test_a_publisher_lives_until_the_message_is_published(
+def test_publisher_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     destroy_meanwhile(monkeypatch, 'rcl_publish', lambda: node.destroy_publisher(publisher))
@@ -150,7 +156,7 @@ def test_a_publisher_lives_until_the_message_is_published(
         publish_image(publisher.handle, PIXEL)
 
 
-def test_a_subscription_lives_until_the_message_is_taken(
+def test_subscription_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
         monkeypatch: pytest.MonkeyPatch) -> None:
     publish_image(publisher.handle, PIXEL)
@@ -162,7 +168,7 @@ def test_a_subscription_lives_until_the_message_is_taken(
         take_serialized(subscription.handle)
 
 
-def test_nothing_is_published_once_ros_is_shut_down(domain: int) -> None:
+def test_publishing_after_shutdown(domain: int) -> None:
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     node = Node('short', context=context)
@@ -174,11 +180,11 @@ def test_nothing_is_published_once_ros_is_shut_down(domain: int) -> None:
     node.destroy_node()
 
 
-def test_where_there_is_no_message_none_is_taken(subscription: Subscription) -> None:
+def test_taking_without_a_message(subscription: Subscription) -> None:
     assert [take_serialized(subscription.handle) for _ in range(3)] == [None] * 3
 
 
-def test_messages_are_told_by_number_and_time(
+def test_metadata_of_messages(
         publisher: Publisher, subscription: Subscription) -> None:
     began = time.time_ns()
     for _ in range(3):
@@ -192,11 +198,11 @@ def test_messages_are_told_by_number_and_time(
 
 @pytest.mark.parametrize(('given', 'number'), [(0, 0), (1, 1), (2**64 - 2, 2**64 - 2),
                                                (2**64 - 1, 0)])
-def test_a_number_that_is_not_known_is_0(given: int, number: int) -> None:
+def test_sequence_number(given: int, number: int) -> None:
     assert MessageInfo(publication_sequence_number=given).number == number
 
 
-def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
+def test_read_only_data_after_the_subscription(
         node: Node, publisher: Publisher, subscription: Subscription) -> None:
     images = [large_image(value) for value in range(3)]
     for image in images:
@@ -206,14 +212,14 @@ def test_bytes_outlive_the_subscription_and_cannot_be_written_to(
     messages = [cdr_to_image(data) for data in taken]
     del taken
     for message, image in zip(messages, images):
-        assert message.sec == image.sec
+        assert message.header.sec == image.header.sec
         assert np.array_equal(np.frombuffer(message.data, np.uint8), image.data)
         assert message.data.readonly
         with pytest.raises(ValueError, match='read-only'):
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
-def test_memory_does_not_grow_with_what_was_taken(
+def test_memory_of_taken_messages(
         publisher: Publisher, subscription: Subscription, tell: Callable[[str], None]) -> None:
     sizes = []
     for value in range(120):
@@ -227,24 +233,22 @@ def test_memory_does_not_grow_with_what_was_taken(
     assert sizes[-1] - sizes[0] < 30 * MB
 
 
-# Where rcl is another
-
 class OtherImage(ctypes.Structure):
-    """An image with one field more."""
+    """An image with an additional field."""
 
     _fields_ = (*zero_copy._Image._fields_[:4], ('depth', ctypes.c_uint64),
                 *zero_copy._Image._fields_[4:])
 
 
 class OtherArray(ctypes.Structure):
-    """A serialized message whose numbers have changed places."""
+    """A serialized message with two fields swapped."""
 
     _fields_ = tuple(zero_copy._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
 
 
 @pytest.fixture
 def use_rcl_again() -> Iterator[None]:
-    """Use what there is after a test."""
+    """Select rcl again after a test."""
     yield
     assert zero_copy.use_rcl() == ''
 
@@ -258,7 +262,7 @@ def use_rcl_again() -> Iterator[None]:
     ('_RmwSerializedMessage', OtherArray, 'rmw_serialized_message_t has another layout'),
     ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
     ('ROS_DISTRO', 'kilted', 'ROS_DISTRO is kilted')])
-def test_messages_go_by_rclpy_where_rcl_is_another(
+def test_fallback_to_rclpy(
         use_rcl_again: None, publisher: Publisher, subscription: Subscription,
         name: str, value: Any, reason: str) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -267,7 +271,8 @@ def test_messages_go_by_rclpy_where_rcl_is_another(
         else:
             patch.setattr(zero_copy, name, value)
         assert reason in zero_copy.use_rcl()
-        images = [large_image(3), replace(PIXEL, frame_id='Kamera für 深度', is_bigendian=True)]
+        images = [large_image(3), replace(
+            PIXEL, header=WireHeader(1, 2, 'Kamera für 深度'), is_bigendian=True)]
         for image in images:
             publish_image(publisher.handle, image)
             data, info = take(subscription)
@@ -278,4 +283,4 @@ def test_messages_go_by_rclpy_where_rcl_is_another(
             assert info.received_timestamp >= info.source_timestamp
         assert take_serialized(subscription.handle) is None
         with pytest.raises(CdrError, match='has a NUL'):
-            publish_image(publisher.handle, replace(PIXEL, frame_id='a\0b'))
+            publish_image(publisher.handle, replace(PIXEL, header=WireHeader(1, 2, 'a\0b')))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 import errno
 from functools import lru_cache
 import grp
@@ -25,7 +25,7 @@ import os
 from pathlib import Path
 import stat
 
-from opencv_tools.capture.frame import CaptureError, UnavailableError
+from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.image_files import natural_order
 from opencv_tools.capture.v4l2.device import VideoDevice
 from opencv_tools.capture.v4l2.videodev2 import VIDEO_MAJOR
@@ -97,11 +97,10 @@ def _can_capture(path: Path, _changed_ns: int) -> bool:
     :param _changed_ns: change time of the device in nanoseconds; a new device has a new one.
     """
     try:
-        device = VideoDevice(path)
+        with closing(VideoDevice(path)) as device:
+            return device.can_capture
     except OSError as err:
         return err.errno != errno.ENOTTY
-    device.close()
-    return device.can_capture
 
 
 def _to_capture_error(name: str, err: OSError) -> CaptureError:

@@ -1,0 +1,48 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The errors of recordings.
+
+RecordingError       an output folder cannot be used
+LimitReached         a recording has reached its limits
+ImageError           see opencv_tools.image.errors
+├─ UnwritableError   a file format cannot hold a frame
+└─ VideoError        a frame cannot be encoded as video, or this machine has no encoder
+"""
+
+from __future__ import annotations
+
+from opencv_tools.image.errors import ImageError
+
+
+class RecordingError(Exception):
+    """An output folder cannot be used; the message includes the reason."""
+
+
+class LimitReached(Exception):
+    """A recording has reached its limits."""
+
+
+class UnwritableError(ImageError):
+    """A file format cannot hold a frame; the message names one that can."""
+
+
+class VideoError(ImageError):
+    """A frame cannot be encoded as video, or this machine has no encoder."""
+
+
+def error_text(err: Exception) -> str:
+    """Return the text of an error, without a file name that differs for every frame."""
+    return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__

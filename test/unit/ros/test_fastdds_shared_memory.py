@@ -1,0 +1,116 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Free bytes of the shared memory, and removal of segments of dead processes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from opencv_tools.ros.fastdds import shared_memory
+from opencv_tools.ros.fastdds.shared_memory import free_bytes, remove_dead_segments
+import pytest
+
+HOLD_LOCK = """
+import fcntl, sys
+with open(sys.argv[1]) as file:
+    fcntl.flock(file, fcntl.LOCK_EX)
+    print('locked', flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Return an empty folder that replaces the shared memory."""
+    monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', tmp_path)
+    return tmp_path
+
+
+def make_segment(folder: Path, number: int) -> Path:
+    """Create the segment and the lock file of a dead process."""
+    segment = folder / f'fastrtps_{number:016x}'
+    segment.write_bytes(bytes(1000))
+    segment.with_name(f'{segment.name}_el').touch()
+    return segment
+
+
+@pytest.mark.process
+def test_removal_of_dead_segments_only(folder: Path) -> None:
+    dead = [make_segment(folder, number) for number in (1, 0xfedcba9876543210)]
+    living = make_segment(folder, 2)
+    others = [folder / name for name in (
+        'fastrtps_port7411', 'fastrtps_port7411_el', 'sem.fastrtps_port7411_mutex',
+        'fastrtps_0123456789abcdeg_el', 'fastrtps_0123456789abcdef0_el', 'fastrtps_0_el',
+        'fastrtps_00000000000000aa', 'other_0000000000000001_el', 'opencv_tools_a.xml')]
+    for path in others:
+        path.touch()
+    lock = living.with_name(f'{living.name}_el')
+    with subprocess.Popen([sys.executable, '-c', HOLD_LOCK, str(lock)], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE) as owner:
+        assert owner.stdout.readline() == b'locked\n'
+        assert remove_dead_segments() == len(dead)
+        assert set(folder.iterdir()) == {living, lock, *others}
+        assert remove_dead_segments() == 0
+        owner.kill()
+    assert remove_dead_segments() == 1
+    assert set(folder.iterdir()) == set(others)
+
+
+def test_segment_that_cannot_be_removed(folder: Path) -> None:
+    immovable, dead = make_segment(folder, 1), make_segment(folder, 2)
+    immovable.unlink()
+    immovable.mkdir()  # unlink refuses a folder even for root
+    assert remove_dead_segments() == 1
+    assert immovable.exists()
+    assert not dead.exists()
+
+
+def test_lock_without_a_segment(folder: Path) -> None:
+    make_segment(folder, 1).unlink()
+    assert remove_dead_segments() == 1
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize('kind', ['link', 'pipe', 'device'])
+def test_special_files_instead_of_a_lock(folder: Path, kind: str) -> None:
+    segment = make_segment(folder, 1)
+    lock = segment.with_name(f'{segment.name}_el')
+    target = lock.rename(folder / 'target')
+    if kind == 'pipe':
+        os.mkfifo(lock)
+        end = os.open(lock, os.O_RDWR)  # so that opening it does not wait
+    else:
+        lock.symlink_to(target if kind == 'link' else '/dev/null')
+    assert remove_dead_segments() == 0
+    assert set(folder.iterdir()) == {segment, lock, target}
+    if kind == 'pipe':
+        os.close(end)
+
+
+def test_free_bytes_of_the_file_system(
+        monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    def free() -> int:
+        return shutil.disk_usage(folder).free
+
+    # Other processes may write to the disk at the same time.
+    assert any(before == free_bytes() or free_bytes() == free()
+               for before in (free() for _ in range(1000)))
+    monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', folder / 'nowhere')
+    assert free_bytes() == 0
+    assert remove_dead_segments() == 0

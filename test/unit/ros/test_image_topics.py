@@ -1,0 +1,53 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics of frames, and the wait for their subscribers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from conftest import spin_until
+from opencv_tools.ros.fastdds.profile import NOT_CONFIGURED
+from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.publisher.image_topics import ImageTopics
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+def test_delay_after_the_last_awaited_subscriber(
+        node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
+    now = 100.0
+    clock = SimpleNamespace(monotonic=lambda: now)
+    assert not topics.may_publish()
+    first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
+    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
+    monkeypatch.setattr('opencv_tools.ros.publisher.image_topics.time', clock)
+    assert [topics.may_publish() for _ in range(2)] == [False, False]
+    now += 0.19
+    assert not topics.may_publish()
+    node.destroy_subscription(first)  # the next subscriber restarts the delay
+    spin_until(node, lambda: topics.images.get_subscription_count() == 1)
+    assert not topics.may_publish()
+    node.create_subscription(Image, 'video_frames', print, 10)
+    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
+    assert not topics.may_publish()
+    now += 0.19
+    assert not topics.may_publish()
+    now += 0.02
+    assert topics.may_publish()
+    now -= 1.0
+    assert topics.may_publish()

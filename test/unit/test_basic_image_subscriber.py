@@ -1,0 +1,115 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node of the recorder in this process: steps of a message, and exact counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import re
+import time
+
+from conftest import DEADLINE, recorded_files
+from opencv_tools.basic_image_subscriber import ImageSubscriber
+from opencv_tools.recording.recorder import Recorder
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import Image
+
+TOPIC = '/video_frames'
+IMAGE = Image(height=1, width=1, encoding='mono8', step=1, data=[1])
+MAX_STEPS = 12
+
+Create = Callable[..., tuple[ImageSubscriber, SingleThreadedExecutor]]
+
+
+class PutError(Exception):
+    """A frame has reached ``Recorder.put``."""
+
+
+@pytest.fixture
+def create(domain: int, tmp_path: Path) -> Iterator[Create]:
+    """Return a function that creates the node, with its executor, until the test ends."""
+    created: list[tuple[ImageSubscriber, SingleThreadedExecutor]] = []
+
+    def _create(**parameters: object) -> tuple[ImageSubscriber, SingleThreadedExecutor]:
+        words = ['--ros-args', '-p', f'output_dir:={tmp_path}']
+        for name, value in parameters.items():
+            words += ['-p', f'{name}:={value}']
+        rclpy.init(domain_id=domain, args=words)
+        subscriber, executor = ImageSubscriber(), SingleThreadedExecutor()
+        executor.add_node(subscriber)
+        created.append((subscriber, executor))
+        return created[-1]
+
+    yield _create
+    for subscriber, executor in created:
+        executor.shutdown()
+        subscriber.destroy_node()
+        rclpy.shutdown()
+
+
+def wait_until_matched(publisher: Publisher, subscriber: ImageSubscriber) -> None:
+    """Wait until both ends have discovered each other."""
+    deadline = time.monotonic() + DEADLINE
+    while not (publisher.get_subscription_count()
+               and subscriber.subscription._subscription.publisher_count()):
+        assert time.monotonic() < deadline, 'the publisher was not discovered'
+        time.sleep(0.01)
+
+
+def test_steps_of_a_received_message(
+        create: Create, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    def put(*_: object) -> None:
+        raise PutError
+
+    monkeypatch.setattr(Recorder, 'put', put)
+    publisher = camera.create_publisher(Image, TOPIC, 10)
+    subscriber, executor = create()
+    wait_until_matched(publisher, subscriber)
+    publisher.publish(IMAGE)
+    deadline = time.monotonic() + DEADLINE
+    with pytest.raises(PutError) as raised:
+        while time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.05)
+    names = [entry.name for entry in raised.traceback]
+    steps = names[names.index('handler'):]
+    assert 'listener_callback' in steps and steps[-1] == 'put'
+    assert len(steps) <= MAX_STEPS, steps
+    subscriber.close()
+
+
+def test_exact_sum_of_20000_frames(
+        create: Create, camera: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    subscriber, executor = create(
+        on_overflow='block', queue_size=1, every_n=100, file_name='f{seq:06d}.npy')
+    publisher = camera.create_publisher(Image, TOPIC, 10)
+    wait_until_matched(publisher, subscriber)
+    deadline = time.monotonic() + DEADLINE
+    while len(recorded_files(tmp_path)) < 2:
+        assert time.monotonic() < deadline, 'no files were written'
+        publisher.publish(IMAGE)
+        executor.spin_once(timeout_sec=0.05)
+    for _ in range(20_000):  # the middleware keeps 5000 of them for the node
+        publisher.publish(IMAGE)
+    subscriber.close()
+    received, lost = map(int, re.search(
+        r'Received (\d+) frames .* (\d+) lost in transit,', capfd.readouterr().err).groups())
+    (last,) = subscriber.subscription.losses._last.values()
+    assert received > 1000
+    assert received + lost == last
