@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import json
-import math
 from pathlib import Path
 
 from opencv_tools import basic_image_publisher, basic_image_subscriber
@@ -86,8 +85,8 @@ def _values(parameter: Parameter) -> str:
         return '`false`, `true`'
     if isinstance(parameter.default, str):
         return ''
-    span = (f'`{_number(parameter.minimum)}` to `{_number(parameter.maximum)}`'
-            if math.isfinite(parameter.maximum) else f'at least `{_number(parameter.minimum)}`')
+    assert parameter.bounds, parameter
+    span = ' to '.join(f'`{_number(bound)}`' for bound in parameter.bounds)
     return span if parameter.step == 1 else f'{span}, in steps of `{parameter.step}`'
 
 
