@@ -39,14 +39,12 @@ myst_heading_anchors = 4
 autodoc_member_order = 'bysource'
 autodoc_default_options = {'members': True, 'show-inheritance': True}
 
-# Types of other packages, aliases, type variables, and private types of this package.
-nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
-nitpick_ignore = [('py:class', name) for name in (
-    'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
-    'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
-    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
-    'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
-nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
+# References that lead to no page: to other modules than the public ones, to private names, to
+# aliases and to type variables.
+_PUBLIC = re.findall(r'automodule:: (\S+)', Path(__file__).with_name('api.rst').read_text())
+nitpick_ignore_regex = [
+    ('py:.*', rf'(?!(?:{"|".join(_PUBLIC)})\.)\w+\..*'), ('py:.*', r'.*\._\w+'),
+    ('py:.*', 'CameraRequest|CycleError|Matrix|Source|Vector'), ('py:.*', r'.*\.(ElementT|P)')]
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
