@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which frames are recorded: by their number, by their time, and until when."""
+"""Selection of frames by number, time and limits."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
     return ReceivedFrame(metadata=metadata, receive_ns=receive_ns)
 
 
-def wanted(selection: Selection, times: list[int]) -> list[int]:
+def selected(selection: Selection, times: list[int]) -> list[int]:
     return [number for number, time_ns in enumerate(times) if selection.selects(frame(time_ns))]
 
 
 def stamps(count: int, rate: float, jitter_ms: float = 0.0, start: int = 100 * NANO) -> list[int]:
-    trembling = np.random.default_rng(7).uniform(-jitter_ms, jitter_ms, count) * 1e6
-    return [start + int(number * NANO / rate + shift) for number, shift in enumerate(trembling)]
+    jitter = np.random.default_rng(7).uniform(-jitter_ms, jitter_ms, count) * 1e6
+    return [start + int(number * NANO / rate + shift) for number, shift in enumerate(jitter)]
 
 
 def test_every_nth_frame_is_selected() -> None:
-    assert wanted(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
-    assert wanted(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
+    assert selected(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
+    assert selected(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(('rate', 'max_rate', 'jitter_ms'), [
@@ -51,31 +51,32 @@ def test_every_nth_frame_is_selected() -> None:
     (29.97, 15, 2), (1000, 3, 0.4)])
 def test_rate_is_independent_of_jitter(rate: float, max_rate: float, jitter_ms: float) -> None:
     seconds = 60
-    taken = wanted(Selection(1, max_rate, Limits()), stamps(int(rate * seconds), rate, jitter_ms))
+    selection = Selection(1, max_rate, Limits())
+    taken = selected(selection, stamps(int(rate * seconds), rate, jitter_ms))
     expected = min(rate, max_rate) * seconds
     assert expected * 0.98 <= len(taken) <= expected + 1
 
 
 def test_third_of_the_rate_is_every_third_frame() -> None:
-    assert wanted(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
+    assert selected(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
 
 
 def test_pause_or_clock_change_restarts_the_grid() -> None:
     selection = Selection(1, 1.0, Limits())
     times = [100, 100.5, 101, 500, 500.5, 501, 20, 20.5, 21]
-    assert wanted(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
+    assert selected(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
 
 
 @pytest.mark.parametrize(('times', 'expected'), [
-    ([100, 102, 102.5, 103.5], [0, 1, 2, 3]),  # a period too late is on the grid, ...
-    ([100, 102.01, 102.5, 103.5], [0, 1, 3]),  # and what comes later begins another one
-    ([100, 100.75, 101.75, 102.7], [0, 1, 2]),  # a quarter too early is on it as well
+    ([100, 102, 102.5, 103.5], [0, 1, 2, 3]),  # one period late: on the grid
+    ([100, 102.01, 102.5, 103.5], [0, 1, 3]),  # later: a new grid
+    ([100, 100.75, 101.75, 102.7], [0, 1, 2]),  # a quarter early: on the grid
     ([100, 100.74, 101.7, 102.7], [0, 2, 3]),
-    ([100, 99, 100.75], [0, 2]),  # two periods early is early, ...
-    ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # and more is a clock that was set
+    ([100, 99, 100.75], [0, 2]),  # two periods early: skipped
+    ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # more: the clock was set
 def test_frames_off_the_grid(times: list[float], expected: list[int]) -> None:
     selection = Selection(1, 1.0, Limits())
-    assert wanted(selection, [round(time * NANO) for time in times]) == expected
+    assert selected(selection, [round(time * NANO) for time in times]) == expected
 
 
 def test_frames_without_a_stamp_use_the_receive_time() -> None:
@@ -115,7 +116,7 @@ def entry(name: str, size: int = 10, receive_ns: int = 0) -> ManifestEntry:
 
 
 def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:
-    """Let files come; the names of those that had to go."""
+    """Add files and return the names of the files to delete."""
     gone = []
     for coming in entries:
         going = budget.make_room(coming, arrival_ns)
