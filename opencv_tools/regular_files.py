@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Safe access to files that other users can replace: only regular files of limited size."""
+"""Safe reading of regular files that other users can replace, and atomic writing of files."""
 
 from __future__ import annotations
 
