@@ -139,7 +139,7 @@ def chain(links: int) -> str:
 
 
 def seconds(command: Sequence[str]) -> float:
-    """Run a command; it has to end well."""
+    """Return the time of a command in seconds; a failed command ends the benchmark."""
     began = time.perf_counter()
     finished = subprocess.run(command, capture_output=True, text=True, check=False)
     elapsed = time.perf_counter() - began
@@ -150,7 +150,7 @@ def seconds(command: Sequence[str]) -> float:
 
 
 def medians(runs: int, *commands: Sequence[str]) -> list[float]:
-    """Run commands in turn, once to warm up, and give the median time of each."""
+    """Return the median time of each command in seconds, after one run of each."""
     for command in commands:
         seconds(command)
     times = [[seconds(command) for command in commands] for _ in range(runs)]
@@ -168,14 +168,14 @@ def in_process(path: Path, runs: int) -> tuple[float, float]:
     return 1e3 * statistics.median(times[1:]), 1e3 * min(times)
 
 
-def measure(folder: Path, runs: int, say: Callable[[str], None]) -> list[Figure]:
-    """Measure all, and say each figure as it comes."""
+def measure(folder: Path, runs: int, log: Callable[[str], None]) -> list[Figure]:
+    """Return all figures, and report each figure at once."""
     figures: list[Figure] = []
 
     def note(name: str, value: float, unit: str, goal: float, aim: str = '') -> None:
         figures.append(Figure('robot', name, value, unit, f'at most {goal:g}{aim}', value <= goal))
         verdict = 'met' if value <= goal else 'missed'
-        say(f'{name}: {value:.3g} {unit} (goal: at most {goal:g}{aim}; {verdict})')
+        log(f'{name}: {value:.3g} {unit} (goal: at most {goal:g}{aim}; {verdict})')
 
     command = shutil.which('urdf_to_sdf')
     if command is None:
@@ -183,19 +183,19 @@ def measure(folder: Path, runs: int, say: Callable[[str], None]) -> list[Figure]
     robot, output = folder / 'robot.urdf', str(folder / 'robot.sdf')
     robot.write_text(legged(LINKS))
     size = robot.stat().st_size / 1000
-    say(f'{LINKS} links, {size:.0f} kB, median of {runs} runs in turn')
+    log(f'{LINKS} links, {size:.0f} kB, median of {runs} runs in turn')
     ours = [command, str(robot), '-o', output]
     if shutil.which('ign'):
         theirs = [shutil.which('ign') or 'ign', 'sdf', '-p', str(robot)]
         own, other = medians(runs, ours, theirs)
-        say(f'urdf_to_sdf {1e3 * own:.0f} ms, ign sdf -p {1e3 * other:.0f} ms')
+        log(f'urdf_to_sdf {1e3 * own:.0f} ms, ign sdf -p {1e3 * other:.0f} ms')
         note(f'urdf_to_sdf to ign sdf -p, {LINKS} links', own / other, 'x', RATIO_GOAL,
              f', aim {AIM:g}')
     else:
-        say('ign is missing, so there is nothing to compare with: '
+        log('ign is missing, so there is nothing to compare with: '
             'sudo apt install ignition-tools libsdformat-dev')
     median, least = in_process(robot, max(runs, 20))
-    say(f'in process: {least:.0f} ms at least, {median:.0f} ms in the median')
+    log(f'in process: {least:.0f} ms at least, {median:.0f} ms in the median')
     note(f'conversion in process, {LINKS} links', median, 'ms', IN_PROCESS_GOAL)
     note('urdf_to_sdf --help', medians(runs, [command, '--help'])[0], 's', HELP_GOAL)
 
@@ -209,7 +209,7 @@ def measure(folder: Path, runs: int, say: Callable[[str], None]) -> list[Figure]
 
 
 def main() -> int:
-    """Print the figures; the exit status is 1 when a goal was missed."""
+    """Print the figures and return the exit status, which is 1 if a goal was missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--runs', type=int, default=15, help='runs to take the median of')
     add_json_option(parser)

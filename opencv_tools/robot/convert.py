@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a robot as it was read to the XML of the other format."""
+"""Conversion of a robot to the XML of the other format."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
-from opencv_tools.robot.sdf.rules import keep_sdf_rules, note_inertials
-from opencv_tools.robot.sdf.values import FRAMES, version_text, written_version
+from opencv_tools.robot.sdf.rules import keep_sdf_rules, report_inertials
+from opencv_tools.robot.sdf.values import FRAMES, written_version
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
@@ -33,38 +33,38 @@ from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.report import Report
 
-# What a link without <inertial> gets.
+# Mass and moments of inertia of links without <inertial>.
 INERTIALS = {
     'keep': None,
     'zero': (0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    # What simulators take an SDF link for that does not say.
-    'default': (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+    'default': (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),  # the default of simulators for SDF
 }
-_SCHEMES = ('package://', 'model://')
+_SCHEMES = {'model': 'model://', 'package': 'package://'}
 
 
 def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
                    relative: bool = False, inertial: str = 'keep', lump: bool = False,
                    mesh_uri: str = 'model') -> Element:
     """
-    Write a robot as SDF.
+    Return a robot as SDF.
 
-    :param version: of SDF, ``1.4`` to ``1.12``.
-    :param relative: whether each link is placed in the one it hangs on, its numbers untouched,
-        and not in the frame of the model, as the tutorial does.
+    :param version: SDF version, ``1.4`` to ``1.12``.
+    :param relative: whether the pose of each link is relative to its parent link, with the
+        numbers of the file; otherwise poses are relative to the model, as in the tutorial.
     :param inertial: a key of ``INERTIALS``.
-    :param lump: whether links that fixed joints hold together become one.
+    :param lump: whether links that fixed joints connect are merged.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
     :returns: the element ``<sdf>``.
-    :raises DescriptionError: it cannot be written so.
+    :raises DescriptionError: SDF of this version does not support the robot.
     """
     if lump:
         if written_version(version) < FRAMES:
-            raise DescriptionError(f'--fixed lump leaves frames, which SDF {version} has not; '
-                                   f'take {version_text(FRAMES)} or newer', source=robot.source)
+            raise DescriptionError(f'--fixed lump needs <frame>, which SDF {version} does not '
+                                   f'support; give --sdf-version {FRAMES} or newer',
+                                   source=robot.source)
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
-    note_inertials(robot, report)
+    report_inertials(robot, report)
     robot = with_valid_sdf_names(robot, report)
     root = write_sdf(robot, report, version=version, relative=relative)
     keep_sdf_rules(root, robot.source, report)
@@ -74,12 +74,12 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
 def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
                     mesh_uri: str = 'package') -> Element:
     """
-    Write a robot as URDF.
+    Return a robot as URDF.
 
     :param inertial: a key of ``INERTIALS``.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
     :returns: the element ``<robot>``.
-    :raises DescriptionError: it cannot be written so.
+    :raises DescriptionError: URDF does not support the robot.
     """
     robot = with_inertials(select_root(robot, '', report), inertial, report)
     robot = with_mesh_uris(robot, mesh_uri)
@@ -90,17 +90,18 @@ def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
 
 def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
     """
-    Say what links weigh that do not say it themselves.
+    Return a robot with an inertial for each link that has none, except the world.
 
-    :param choice: a key of ``INERTIALS``; with ``keep`` they stay as they are, and are reported.
+    :param choice: a key of ``INERTIALS``; ``keep`` adds nothing and warns instead.
     """
-    silent = [link for link in robot.links if link.inertial is None and not link.is_world]
+    without = [link for link in robot.links if link.inertial is None and not link.is_world]
     values = INERTIALS[choice]
     if values is None:
-        if silent:
-            report.warn('link', silent[0].name, silent[0].line, (
-                f'{shortened([link.name for link in silent])} without <inertial>: URDF means no '
-                'mass, SDF 1 kg; --inertial zero or default writes which'))
+        if without:
+            verb = 'has' if len(without) == 1 else 'have'
+            report.warn('link', without[0].name, without[0].line, (
+                f'{shortened([link.name for link in without])} {verb} no <inertial>: massless in '
+                'URDF, 1 kg in SDF; choose with --inertial zero or --inertial default'))
         return robot
     return replace(robot, links=tuple(
         replace(link, inertial=Inertial(Placement(Pose(), FrameId('link', link.name)), *values))
@@ -109,25 +110,26 @@ def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
 
 def with_mesh_uris(robot: Robot, choice: str) -> Robot:
     """
-    Write the places of meshes and textures as the other format does.
+    Return a robot with the URIs of meshes and textures in the scheme of a format.
 
-    :param choice: ``package`` or ``model`` for ``package://`` or ``model://`` wherever the other
-        one stands; ``keep`` for what stands there.
+    :param choice: ``package`` or ``model`` to replace the other of both schemes; ``keep`` to
+        keep all URIs.
     """
     if choice == 'keep':
         return robot
-    new = f'{choice}://'
-    old, = {*_SCHEMES} - {new}
+    new = _SCHEMES[choice]
+    old, = {*_SCHEMES.values()} - {new}
 
-    def shape(one: Shape) -> Shape:
-        if isinstance(one.geometry, Mesh) and one.geometry.uri.startswith(old):
-            uri = new + one.geometry.uri[len(old):]
-            one = replace(one, geometry=replace(one.geometry, uri=uri))
-        if one.material and one.material.texture.startswith(old):
-            texture = new + one.material.texture[len(old):]
-            one = replace(one, material=replace(one.material, texture=texture))
-        return one
+    def uri(value: str) -> str:
+        return new + value.removeprefix(old) if value.startswith(old) else value
+
+    def converted(shape: Shape) -> Shape:
+        geometry, material = shape.geometry, shape.material
+        if isinstance(geometry, Mesh):
+            geometry = replace(geometry, uri=uri(geometry.uri))
+        return replace(shape, geometry=geometry, material=material and replace(
+            material, texture=uri(material.texture)))
 
     return replace(robot, links=tuple(
-        replace(link, visuals=tuple(map(shape, link.visuals)),
-                collisions=tuple(map(shape, link.collisions))) for link in robot.links))
+        replace(link, visuals=tuple(map(converted, link.visuals)),
+                collisions=tuple(map(converted, link.collisions))) for link in robot.links))

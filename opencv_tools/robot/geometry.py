@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a visual or a collision is made of, and what it looks like; where it is says the model."""
+"""Geometries and materials of visuals and collisions."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ Color = tuple[float, float, float, float]  # red, green, blue, alpha from 0 to 1
 
 @dataclass(frozen=True)
 class Box:
-    """A box with its centre in the origin; its lengths along x, y and z in metres."""
+    """A box with its centre at the origin; lengths along x, y and z in metres."""
 
     size: Vector
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere with its centre in the origin; metres."""
+    """A sphere with its centre at the origin; metres."""
 
     radius: float
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder along z with its centre in the origin; metres."""
+    """A cylinder along z with its centre at the origin; metres."""
 
     radius: float
     length: float
@@ -47,7 +47,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A cylinder along z with half a sphere on either end, which ``length`` leaves out; metres."""
+    """A cylinder along z with a hemisphere at both ends; ``length`` is without them; metres."""
 
     radius: float
     length: float
@@ -55,28 +55,25 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh, scaled along x, y and z; None where no scale is written."""
+    """A mesh and its scale along x, y and z; None if the file has no scale."""
 
     uri: str
     scale: Vector | None = None
 
 
 Geometry = Box | Sphere | Cylinder | Capsule | Mesh
-
-
-# What SDF takes a light of a material for that is not written: none.
-DARK: Color = (0.0, 0.0, 0.0, 1.0)
-# The colours of SDF that URDF has no word for.
+BLACK: Color = (0.0, 0.0, 0.0, 1.0)  # SDF's default for each of ``LIGHT_COLORS``
+# Colours of SDF that URDF does not support.
 LIGHT_COLORS = ('ambient', 'specular', 'emissive')
 
 
 @dataclass(frozen=True)
 class Material:
     """
-    What a surface looks like.
+    Appearance of a surface.
 
-    URDF has ``name``, ``color`` and ``texture`` only. A colour of URDF is SDF's diffuse and
-    ambient one, without any specular or emissive light.
+    URDF has only ``name``, ``color`` and ``texture``. A colour of URDF corresponds to the same
+    diffuse and ambient colours in SDF and to no specular or emissive light.
     """
 
     name: str = ''

@@ -12,107 +12,127 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the frames of a robot are, at zero and at any position of its joints."""
+"""Poses of the frames of a robot at zero and at any joint positions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
+from typing import TypeVar
 
-from opencv_tools.robot.model import FrameId, Joint, JOINT_TYPES, MODEL, Placement, Robot
+from opencv_tools.robot.model import FrameId, Joint, MODEL, Placement, Robot
 from opencv_tools.robot.pose import (
     IDENTITY, normalised, Pose, rotation_about, rotation_of_rpy, Transform, Vector, ZERO)
 from opencv_tools.robot.xml.document import DescriptionError
 
-# How many numbers say where a joint of each kind is.
-DOF = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 3, 'plane': 3, 'free': 6}
-# How many of a joint's axes each kind turns about or moves along.
-AXES = {'': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'ball': 0, 'plane': 1, 'free': 0}
+_Node = TypeVar('_Node', bound=Hashable)
+Positions = Mapping[str, Sequence[float]]  # by name of the joint
+
+
+def resolve_chain(start: _Node, step: Callable[[_Node], _Node | None]) -> list[_Node]:
+    """
+    Return a node and all nodes that follow it.
+
+    :param step: returns the next node, or None at the end of the chain.
+    :raises CycleError: the chain returns to one of its nodes; ``args`` as those of `graphlib`.
+    """
+    chain, node = {start: None}, step(start)
+    while node is not None:
+        if node in chain:
+            nodes = [*chain, node]
+            raise CycleError('nodes are in a cycle', nodes[nodes.index(node):])
+        chain[node] = None
+        node = step(node)
+    return [*chain]
+
+
+def cycle_text(err: CycleError) -> str:
+    """Return the names of a cycle's nodes, such as ``'a' -> 'b' -> 'a'``; some if it is long."""
+    names = [repr(node.name if isinstance(node, FrameId) else node) for node in err.args[1]]
+    return ' -> '.join(names if len(names) < 8 else [*names[:5], '...', names[-1]])
 
 
 class Kinematics:
-    """The frames of a robot, each placed in another one, and the tree of its links."""
+    """Poses of the frames of a robot, and the tree of its links."""
 
     def __init__(self, robot: Robot) -> None:
         """
-        Lay out the frames.
+        Create the tree of links.
 
-        :param robot: its links and joints fit each other, as the readers see to.
+        :param robot: robot whose joints connect links of its own.
         """
         self.robot = robot
-        self._placements = {frame: thing.placement for frame, thing in robot.framed()}
+        self._placements = {frame: owner.placement for frame, owner in robot.frame_owners()}
         self._poses: dict[FrameId, Transform] = {MODEL: IDENTITY}
         self._origins: dict[FrameId, FrameId] = {MODEL: MODEL}
         self._steps: dict[tuple[FrameId, FrameId], Transform] = {}
-        self.joint_above = {joint.child: joint for joint in robot.joints if not joint.is_loop}
-        self.joints_below: dict[str, list[Joint]] = {link.name: [] for link in robot.links}
-        for joint in self.joint_above.values():
-            self.joints_below[joint.parent].append(joint)
+        self.parent_joint = {joint.child: joint for joint in robot.joints if not joint.is_loop}
+        self.child_joints: dict[str, list[Joint]] = {link.name: [] for link in robot.links}
+        for joint in self.parent_joint.values():
+            self.child_joints[joint.parent].append(joint)
 
     @property
     def roots(self) -> list[str]:
-        """Name the links that no joint places."""
-        return [link.name for link in self.robot.links if link.name not in self.joint_above]
+        """Names of the links without a parent joint."""
+        return [link.name for link in self.robot.links if link.name not in self.parent_joint]
 
-    def links_below(self, roots: Iterable[str]) -> list[str]:
-        """Name links and all that hang on them, each after the one it hangs on."""
+    def subtree(self, roots: Iterable[str]) -> list[str]:
+        """Return the names of links and all their descendants, parents first."""
         names = list(roots)
         for name in names:
-            names.extend(joint.child for joint in self.joints_below[name])
+            names.extend(joint.child for joint in self.child_joints[name])
         return names
 
     def pose(self, frame: FrameId) -> Transform:
         """
-        Give where a frame is in the model, with every joint at zero.
+        Return the pose of a frame in the model, with every joint at zero.
 
-        :raises DescriptionError: it is placed in a frame that there is not, or in itself.
+        :raises DescriptionError: a frame is missing, or the placements have a cycle.
         """
-        chain = []
-        while frame not in self._poses:
-            chain.append(frame)
-            frame = self._placed_in(frame)
-            if len(chain) > len(self._placements):
-                raise self._error(f'{_text(frame)} is placed relative to itself, by way of others')
-        for step in reversed(chain):
-            placement = self._placements[step]
-            self._poses[step] = self._poses[placement.relative_to] @ placement.pose.transform()
-        return self._poses[chain[0] if chain else frame]
+        chain = self._chain('placement', frame, lambda name: (
+            None if name in self._poses else self._placement(name).relative_to))
+        for name in reversed(chain[:-1]):
+            placement = self._placements[name]
+            self._poses[name] = self._poses[placement.relative_to] @ placement.pose.transform()
+        return self._poses[frame]
 
-    def placed(self, placement: Placement) -> Transform:
-        """Give where a placement is in the model, with every joint at zero."""
+    def placement_pose(self, placement: Placement) -> Transform:
+        """Return the pose of a placement in the model, with every joint at zero."""
         return self.pose(placement.relative_to) @ placement.pose.transform()
 
     def between(self, base: FrameId, frame: FrameId) -> Pose:
         """
-        Give where a frame is in another one, with every joint at zero.
+        Return the pose of a frame in another frame, with every joint at zero.
 
-        :returns: the numbers as they were written, where they were written in that other frame.
+        :returns: the numbers of the file, if the file places the frame in that other frame.
         """
         return self.within(base, Placement(Pose(), frame))
 
     def within(self, base: FrameId, placement: Placement) -> Pose:
-        """Give where a placement is in a frame, by `between`'s rule."""
-        origin, home = self._origin(placement.relative_to), self._origin(base)
-        if origin == home:
+        """Return the pose of a placement in a frame, in the manner of `between`."""
+        origin, base_origin = self._origin(placement.relative_to), self._origin(base)
+        if origin == base_origin:
             return placement.pose
         if placement.pose.is_identity and origin != MODEL:
             written = self._placements[origin]
-            if self._origin(written.relative_to) == home:
+            if self._origin(written.relative_to) == base_origin:
                 return written.pose
-        return (self.pose(base).inverse() @ self.placed(placement)).pose()
+        return (self.pose(base).inverse() @ self.placement_pose(placement)).pose()
 
-    def at(self, positions: Mapping[str, Sequence[float]]) -> dict[FrameId, Transform]:
+    def forward(self, positions: Positions) -> dict[FrameId, Transform]:
         """
-        Give where links, joints and frames are in the model, the root where it is at zero.
+        Return the poses of links, joints and frames in the model, by forward kinematics.
 
-        :param positions: of each joint by name, as many numbers as `DOF` says; where none
-            are given the joint is at zero. What mimics has to be in it: see `with_mimics`.
-        :returns: a joint's frame is the one that it moves; that of a joint that closes a loop
-            moves with the child.
+        The roots stay at their poses of zero.
+
+        :param positions: values of each joint, as many as its degrees of freedom; joints that
+            are missing are at zero. `with_mimics` adds the positions of mimic joints.
+        :returns: poses by frame. The frame of a joint is the frame that moves with its child.
         """
         poses = {FrameId('link', name): self.pose(FrameId('link', name)) for name in self.roots}
-        for name in self.links_below(self.roots):
+        for name in self.subtree(self.roots):
             link = FrameId('link', name)
-            for joint in self.joints_below[name]:
+            for joint in self.child_joints[name]:
                 frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
                 poses[frame] = (poses[link] @ self._step(link, frame)
                                 @ joint_transform(joint, positions.get(joint.name, ())))
@@ -121,59 +141,64 @@ class Kinematics:
             if joint.is_loop:
                 frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
                 poses[frame] = poses[child] @ self._step(child, frame)
-        for frame, link in (self.carriers().items() if self.robot.frames else ()):
+        for frame, link in self.attached_links().items():
             poses[frame] = poses[link] @ self._step(link, frame)
         return poses
 
     def _step(self, base: FrameId, frame: FrameId) -> Transform:
-        """Give `between` as a transform, worked out once."""
+        """Return `between` as a transform, computed once."""
         if (base, frame) not in self._steps:
             self._steps[base, frame] = self.between(base, frame).transform()
         return self._steps[base, frame]
 
-    def carriers(self) -> dict[FrameId, FrameId]:
-        """Give the link that each of the robot's own frames moves with."""
+    def attached_links(self) -> dict[FrameId, FrameId]:
+        """Return the link that each of ``robot.frames`` moves with."""
         robot = self.robot
+        if not robot.frames:
+            return {}
         bodies = [link.name for link in robot.links if not link.is_world]
         canonical = robot.canonical_link or (bodies or [link.name for link in robot.links])[0]
-        above = {FrameId('frame', frame.name): frame.attached_to for frame in robot.frames}
-        above.update((FrameId('joint', joint.name), FrameId('link', joint.child))
-                     for joint in robot.joints)
-        above[MODEL] = FrameId('link', canonical)
-        carriers: dict[FrameId, FrameId] = {}
-        for own in robot.frames:
-            chain = [FrameId('frame', own.name)]
-            while chain[-1] in above and chain[-1] not in carriers:
-                chain.append(above[chain[-1]])
-                if len(chain) > len(above) + 1:
-                    raise self._error(f'{_text(chain[0])} is attached to itself, by way of others')
-            link = carriers.get(chain[-1], chain[-1])
-            if link.kind != 'link' or link.name not in self.joints_below:
-                raise self._error(f'there is no {_text(link)} to attach {_text(chain[0])} to')
-            carriers.update((frame, link) for frame in chain if frame.kind == 'frame')
-        return carriers
+        attached_to = {FrameId('frame', frame.name): frame.attached_to for frame in robot.frames}
+        attached_to.update((FrameId('joint', joint.name), FrameId('link', joint.child))
+                           for joint in robot.joints)
+        attached_to[MODEL] = FrameId('link', canonical)
+        links: dict[FrameId, FrameId] = {}
+        for frame in robot.frames:
+            chain = self._chain('attachment', FrameId('frame', frame.name), lambda name: (
+                None if name in links else attached_to.get(name)))
+            link = links.get(chain[-1], chain[-1])
+            if link.kind != 'link' or link.name not in self.child_joints:
+                raise self._error(f'frame {frame.name!r} is attached to {link.kind} '
+                                  f'{link.name!r}, which does not exist')
+            links.update((name, link) for name in chain if name.kind == 'frame')
+        return links
 
-    def _placed_in(self, frame: FrameId) -> FrameId:
+    def _placement(self, frame: FrameId) -> Placement:
         try:
-            return self._placements[frame].relative_to
+            return self._placements[frame]
         except KeyError:
-            raise self._error(f'there is no {_text(frame)} to be placed relative to') from None
+            raise self._error(f'{frame.kind} {frame.name!r} does not exist, but a placement is '
+                              'relative to it') from None
 
     def _origin(self, frame: FrameId) -> FrameId:
-        """Name the first of the frames that lie exactly where a frame does."""
-        chain = []
-        while frame not in self._origins:
-            chain.append(frame)
-            placed_in = self._placed_in(frame)
-            if not self._placements[frame].pose.is_identity:
-                self._origins[frame] = frame
-            elif len(chain) > len(self._placements):
-                raise self._error(f'{_text(frame)} is placed relative to itself, by way of others')
-            else:
-                frame = placed_in
-        for step in chain:
-            self._origins[step] = self._origins[frame]
-        return self._origins[frame]
+        """Return the first of the frames that coincide with a frame by identity placements."""
+        def next_frame(name: FrameId) -> FrameId | None:
+            if name in self._origins:
+                return None
+            placement = self._placement(name)
+            return placement.relative_to if placement.pose.is_identity else None
+
+        chain = self._chain('placement', frame, next_frame)
+        origin = self._origins.get(chain[-1], chain[-1])
+        self._origins.update((name, origin) for name in chain)
+        return origin
+
+    def _chain(self, relation: str, start: FrameId, step: Callable[[FrameId], FrameId | None]
+               ) -> list[FrameId]:
+        try:
+            return resolve_chain(start, step)
+        except CycleError as err:
+            raise self._error(f'{relation} cycle: {cycle_text(err)}') from err
 
     def _error(self, message: str) -> DescriptionError:
         return DescriptionError(message, source=self.robot.source)
@@ -181,68 +206,73 @@ class Kinematics:
 
 def joint_transform(joint: Joint, position: Sequence[float]) -> Transform:
     """
-    Give where the moving frame of a joint is in its frame at zero.
+    Return the transform from the frame of a joint at a position to its frame at zero.
 
-    :param position: radians for turns, metres for shifts; a ball joint's roll, pitch and yaw, a
-        floating one's x, y, z and those, and a planar one's two shifts in its plane and turn.
-        Empty for zero.
+    :param position: angles in radians and distances in metres; of a ball joint roll, pitch and
+        yaw; of a floating joint x, y, z, roll, pitch and yaw; of a planar joint two distances in
+        the plane and an angle. Empty for zero.
     """
-    kind = JOINT_TYPES[joint.type]
-    if not position or not kind:
+    kind = joint.kind.name
+    if not position or kind == 'fixed':
         return IDENTITY
     axes = [axis.xyz for axis in joint.axes] or [(0.0, 0.0, 1.0)]
-    if kind == 'turn':
+    if kind == 'revolute':
         return Transform(rotation_about(axes[0], position[0]))
-    if kind == 'two turns':
+    if kind == 'universal':
         return (Transform(rotation_about(axes[0], position[0]))
                 @ Transform(rotation_about(axes[-1], position[1])))
-    if kind == 'shift':
+    if kind == 'prismatic':
         return Transform(translation=_scaled_axis(axes[0], position[0]))
-    if kind == 'plane':
-        one, other = _plane(axes[0])
-        return (Transform(translation=_scaled_axis(one, position[0]))
-                @ Transform(translation=_scaled_axis(other, position[1]))
+    if kind == 'planar':
+        u, v = _plane(axes[0])
+        return (Transform(translation=_scaled_axis(u, position[0]))
+                @ Transform(translation=_scaled_axis(v, position[1]))
                 @ Transform(rotation_about(axes[0], position[2])))
-    x, y, z = position[:3] if kind == 'free' else ZERO
+    x, y, z = position[:3] if kind == 'floating' else ZERO
     roll, pitch, yaw = position[-3:]
     return Transform(rotation_of_rpy((roll, pitch, yaw)), (x, y, z))
 
 
-def with_mimics(robot: Robot, positions: Mapping[str, Sequence[float]]
-                ) -> dict[str, Sequence[float]]:
+def with_mimics(robot: Robot, positions: Positions) -> dict[str, Sequence[float]]:
     """
-    Give the positions of all joints: those that mimic follow, whatever was given for them.
+    Return joint positions with those of mimic joints computed from the joints that they follow.
 
-    :raises DescriptionError: joints mimic each other in a circle.
+    :raises DescriptionError: joints mimic each other in a cycle.
     """
-    joints = {joint.name: joint for joint in robot.joints}
     result = dict(positions)
-    done = {joint.name for joint in robot.joints if not any(axis.mimic for axis in joint.axes)}
-    for first in joints:
-        # A leader is worked out before those that follow it; a stack, for chains can be long.
-        stack: dict[str, None] = {} if first in done else {first: None}
-        while stack:
-            name = next(reversed(stack))
-            leaders = [axis.mimic.joint for axis in joints[name].axes if axis.mimic]
-            leader = next((leader for leader in leaders
-                           if leader in joints and leader not in done), None)
-            if leader is None:
-                result[name] = _following(joints[name], result)
-                done.add(name)
-                stack.popitem()
-            elif leader in stack:
-                circle = [*stack][[*stack].index(leader):]
-                raise DescriptionError(f'mimics itself, by way of {", ".join(sorted(circle))}',
-                                       source=robot.source, line=joints[name].line, tag='joint')
-            else:
-                stack[leader] = None
+    for joint in _mimic_order(robot):
+        if any(axis.mimic for axis in joint.axes):
+            result[joint.name] = _mimic_position(joint, result)
     return result
 
 
-def _following(joint: Joint, positions: Mapping[str, Sequence[float]]) -> tuple[float, ...]:
-    """Give the position of a joint that mimics, from those that it follows."""
+def check_mimic_cycles(robot: Robot) -> None:
+    """
+    Check that no joint mimics itself, directly or through other joints.
+
+    :raises DescriptionError: there is such a cycle.
+    """
+    _mimic_order(robot)
+
+
+def _mimic_order(robot: Robot) -> list[Joint]:
+    """Return all joints, each after the joints that it mimics."""
+    joints = {joint.name: joint for joint in robot.joints}
+    leaders = {joint.name: [axis.mimic.joint for axis in joint.axes
+                            if axis.mimic and axis.mimic.joint in joints]
+               for joint in robot.joints}
+    try:
+        return [joints[name] for name in TopologicalSorter(leaders).static_order()]
+    except CycleError as err:
+        err.args[1].reverse()  # each joint before the joint that it mimics
+        raise DescriptionError(f'mimic cycle: {cycle_text(err)}', source=robot.source,
+                               line=joints[err.args[1][0]].line, tag='joint') from err
+
+
+def _mimic_position(joint: Joint, positions: Positions) -> tuple[float, ...]:
+    """Return the position of a mimic joint."""
     position = [*positions.get(joint.name, ())]
-    position += [0.0] * (DOF[JOINT_TYPES[joint.type]] - len(position))
+    position += [0.0] * (joint.kind.dof - len(position))
     for index, axis in enumerate(joint.axes[:len(position)]):
         if axis.mimic:
             leader = (positions.get(axis.mimic.joint) or (0.0,))[0]
@@ -256,12 +286,8 @@ def _scaled_axis(axis: Vector, distance: float) -> Vector:
 
 
 def _plane(normal: Vector) -> tuple[Vector, Vector]:
-    """Give two directions across a normal, the same for the same normal."""
+    """Return two directions across a normal, the same for the same normal."""
     x, y, z = normalised(normal)
-    # 0.55 because no axis that people write lies near it: rounding must not change the choice.
-    one = (0.0, z, -y) if abs(x) < 0.55 else (-z, 0.0, x)
-    return one, (y * one[2] - z * one[1], z * one[0] - x * one[2], x * one[1] - y * one[0])
-
-
-def _text(frame: FrameId) -> str:
-    return f'{frame.kind} {frame.name!r}' if frame.name else 'model frame'
+    # No usual axis has a component near 0.55, so rounding does not change the choice.
+    u = (0.0, z, -y) if abs(x) < 0.55 else (-z, 0.0, x)
+    return u, (y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files of robots, whichever format they are in."""
+"""Reading of robot files of any format."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ URDF = 'urdf'
 SDF = 'sdf'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadOptions:
     """
-    What to take from a file, and where to look for others.
+    Options for reading a robot file.
 
-    :param arguments: of xacro, by name.
-    :param model: the model, where a file of SDF has several.
-    :param root: the link that all hangs on, where several links hang on nothing.
-    :param search: folders with models that are included.
+    :param arguments: xacro arguments by name.
+    :param model: name of the model to read; may be empty if an SDF file has only one.
+    :param root: root link of the tree to read; empty for all trees.
+    :param search: folders in which included models are searched.
     """
 
     arguments: Mapping[str, str] = field(default_factory=dict)
@@ -52,40 +52,41 @@ class LoadOptions:
     search: Sequence[str] = ()
 
 
-def read_robot(path: str, report: Report, choices: LoadOptions = LoadOptions()
+def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
                ) -> tuple[Robot, str]:
     """
-    Read a robot of either format; xacro is expanded where the root declares it.
+    Read a robot from URDF, xacro or SDF. The content of the file determines the format.
 
-    :param path: a file, a model's folder, or ``-`` for standard input.
-    :returns: the robot under the names of the file, and the format: ``URDF`` or ``SDF``.
-    :raises DescriptionError: there is no robot to be read.
+    :param path: a file, the folder of a model, or ``-`` for standard input.
+    :returns: the robot with the names of the file, and the format: ``URDF`` or ``SDF``.
+    :raises DescriptionError: the file is not a valid robot description.
     """
     path = file_of_model(path)
     report.source = display_name(path)
-    root = _root(path, report, choices)
+    root = _parse_root(path, report, options)
     tag = local_name(root)
     if tag == 'robot':
-        return read_urdf(root, report, root_link=choices.root), URDF
+        return read_urdf(root, report, root_link=options.root), URDF
     if tag != 'sdf':
-        raise DescriptionError('is no robot; URDF begins with <robot>, SDF with <sdf>', root)
-    robot = read_sdf(root, report, model=choices.model, search=choices.search)
-    return (select_root(robot, choices.root, report) if choices.root else robot), SDF
+        raise DescriptionError('is not a robot description; URDF has the root element <robot>, '
+                               'SDF <sdf>', root)
+    robot = read_sdf(root, report, model=options.model, search=options.search)
+    return (select_root(robot, options.root, report) if options.root else robot), SDF
 
 
-def _root(path: str, report: Report, choices: LoadOptions) -> Element:
-    """Parse a file; of xacro, what it expands to."""
+def _parse_root(path: str, report: Report, options: LoadOptions) -> Element:
+    """Return the root element of a file, with xacro expanded."""
     data, source = read_bytes(path), display_name(path)
     root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
-        expanded = expand_apart(path, data, choices.arguments, report)
+        expanded = expand_apart(path, data, options.arguments, report)
         return parse(expanded, source, report)
     namespace = etree.QName(root).namespace
     if namespace:
-        # As old files of ROS have it; neither format is in one.
-        report.warn(local_name(root), '', line_of(root), f'is read without xmlns="{namespace}"')
+        # Old files of ROS have a default namespace, but no format has one.
+        report.warn(local_name(root), '', line_of(root), f'ignored xmlns="{namespace}"')
         for element in root.iter(f'{{{namespace}}}*'):
             element.tag = local_name(element)
-    for name in choices.arguments:
-        report.warn(local_name(root), name, 0, 'is no argument of it: the file is not xacro')
+    for name in options.arguments:
+        report.warn(local_name(root), name, 0, 'ignored this --arg, because the file is not xacro')
     return root

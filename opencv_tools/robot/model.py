@@ -13,45 +13,33 @@
 # limitations under the License.
 
 """
-A robot as both formats mean it: links, joints and frames, each placed in another frame.
+A robot in terms of both formats: links, joints and frames, each placed in another frame.
 
-A pose is kept as it is written together with the frame that it is written in, so that numbers
-can go from one format to the other untouched. What only one of the formats has is kept as XML.
+The model keeps each pose with the numbers of the file and with the frame that the file places it
+in. A conversion can therefore copy the numbers. XML that the model does not represent is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from lxml import etree
 from opencv_tools.robot.geometry import Geometry, Material
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, JointKind
 from opencv_tools.robot.pose import Pose, Tensor, Vector
 
-WORLD = 'world'  # of this name both formats understand the world; SDF has no such link
-# |limit| from here on means none, as older SDF has it and as URDF, which has no infinity, is told.
-UNLIMITED = 1e16
-
-# Degrees of freedom of each type of joint: how many turns and shifts, by way of its axes.
-JOINT_TYPES: Mapping[str, str] = {
-    'fixed': '', 'revolute': 'turn', 'continuous': 'turn', 'prismatic': 'shift',
-    'screw': 'turn', 'floating': 'free', 'planar': 'plane', 'ball': 'ball',
-    'universal': 'two turns', 'revolute2': 'two turns', 'gearbox': 'two turns',
-}
-URDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'floating', 'planar')
-WITHOUT_AXIS = ('fixed', 'floating')  # of those of URDF
-SDF_TYPES = ('fixed', 'revolute', 'continuous', 'prismatic', 'screw', 'ball', 'universal',
-             'revolute2', 'gearbox')
+WORLD = 'world'  # name of the inertial frame in both formats; SDF does not declare it as a link
 
 
 class FrameId(NamedTuple):
     """
-    What names a frame: links and joints of URDF may have one name.
+    Identifier of a frame. It has a kind, because a link and a joint of URDF may share a name.
 
     :param kind: ``model``, ``link``, ``joint`` or ``frame``.
-    :param name: of the link, joint or frame; empty for the model.
+    :param name: name of the link, joint or frame; empty for the model.
     """
 
     kind: str
@@ -63,7 +51,7 @@ MODEL = FrameId('model', '')
 
 @dataclass(frozen=True)
 class Placement:
-    """A pose and the frame in which it is written."""
+    """A pose and the frame that it is relative to."""
 
     pose: Pose
     relative_to: FrameId
@@ -72,13 +60,13 @@ class Placement:
 @dataclass(frozen=True)
 class Extension:
     """
-    What a format says beyond the fields here: elements with all that was read taken out.
+    Source XML that the model does not represent, kept for the round trip.
 
-    Each is an element of the object's own tag that has only attributes and children that were
-    not read; None when there are none. They are never changed, only copied.
+    Each element has the tag of its object and only the attributes and children that the reader
+    did not consume. It is None if there are none. The elements are copied and never changed.
 
-    :param urdf: in the words of URDF.
-    :param sdf: in the words of SDF.
+    :param urdf: URDF attributes and children.
+    :param sdf: SDF attributes and children.
     """
 
     urdf: etree._Element | None = None
@@ -91,9 +79,11 @@ NO_EXTENSION = Extension()
 @dataclass(frozen=True)
 class Inertial:
     """
-    Mass in kg, and the moments of inertia in kg m2 about the frame that ``placement`` places.
+    Inertial properties of a link.
 
-    :param inertia: ixx, ixy, ixz, iyy, iyz, izz.
+    :param placement: pose of the centre of mass, with the axes of the moments of inertia.
+    :param mass: mass in kg.
+    :param inertia: moments of inertia ixx, ixy, ixz, iyy, iyz, izz in kg m2.
     """
 
     placement: Placement
@@ -106,9 +96,9 @@ class Shape:
     """
     A visual or a collision of a link.
 
-    :param name: may be empty, and need not be unique, where it comes from URDF.
-    :param geometry: None for one that URDF has no word for; it is in ``extension.sdf`` then.
-    :param material: None for a collision, and for a visual without one.
+    :param name: name of the shape; in URDF it may be empty or not unique.
+    :param geometry: None for a geometry that URDF does not support; ``extension.sdf`` has it.
+    :param material: None for a collision and for a visual without a material.
     """
 
     name: str
@@ -121,7 +111,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body. In URDF its frame is that of the joint above it."""
+    """A rigid body. In URDF its frame is the frame of its parent joint."""
 
     name: str
     placement: Placement
@@ -133,7 +123,7 @@ class Link:
 
     @property
     def is_world(self) -> bool:
-        """Tell whether this stands for the world, to which joints may be fastened."""
+        """Whether the link stands for the world, to which joints may be fixed."""
         return (self.name == WORLD and self.inertial is None and self.extension == NO_EXTENSION
                 and not self.visuals and not self.collisions)
 
@@ -141,11 +131,12 @@ class Link:
 @dataclass(frozen=True)
 class Limit:
     """
-    How far, how strongly and how fast a joint moves; infinite where there is no limit.
+    Limits of a joint; infinite for no limit.
 
-    :param lower: in radians or metres, ``upper`` too.
-    :param effort: in N m or N; a negative one means no limit, too, and is kept as URDF has it.
-    :param velocity: in rad/s or m/s; as ``effort``.
+    :param lower: lowest position in radians or metres.
+    :param upper: highest position in radians or metres.
+    :param effort: greatest effort in N m or N; a negative value means no limit.
+    :param velocity: greatest velocity in rad/s or m/s; a negative value means no limit.
     """
 
     lower: float = -math.inf
@@ -156,7 +147,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Damping in N m s/rad or N s/m and friction in N m or N; None where nothing is written."""
+    """Damping in N m s/rad or N s/m and friction in N m or N; None if the file has no value."""
 
     damping: float | None = None
     friction: float | None = None
@@ -164,7 +155,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another one: position = multiplier * the other's + offset."""
+    """Rule of a mimic joint: position = multiplier * position of ``joint`` + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -174,9 +165,9 @@ class Mimic:
 @dataclass(frozen=True)
 class Axis:
     """
-    An axis of a joint, in the joint's own frame.
+    An axis of a joint.
 
-    :param xyz: its direction as it is written, of any length but 0.
+    :param xyz: direction in the frame of the joint, with the numbers of the file; not 0 0 0.
     """
 
     xyz: Vector
@@ -190,10 +181,10 @@ class Joint:
     """
     A joint between two links.
 
-    :param type: one of ``JOINT_TYPES``.
-    :param child: the link that moves with the joint's frame.
-    :param axes: none, one, or two for those types that have two.
-    :param is_loop: whether it closes a loop of links, of which URDF has none.
+    :param type: a key of ``JOINT_KINDS``.
+    :param child: name of the link that moves with the frame of the joint.
+    :param axes: at most ``kind.max_axes`` axes.
+    :param is_loop: whether the joint closes a kinematic loop, which URDF does not support.
     """
 
     name: str
@@ -206,10 +197,26 @@ class Joint:
     extension: Extension = NO_EXTENSION
     line: int = field(default=0, compare=False)
 
+    @property
+    def kind(self) -> JointKind:
+        """Kind of the joint's motion."""
+        return JOINT_KINDS[self.type]
+
+    @property
+    def limit(self) -> Limit:
+        """Limit of the first axis; a limit without bounds if there is none."""
+        return (self.axes[0].limit if self.axes else None) or Limit()
+
+    @property
+    def has_position_limits(self) -> bool:
+        """Whether the limits of the axes bound the position of the joint."""
+        return self.type != 'continuous' and self.kind.name in (
+            'revolute', 'prismatic', 'universal')
+
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that is neither link nor joint; it moves with what it is attached to."""
+    """A frame beside those of links and joints; it moves with the frame that it is attached to."""
 
     name: str
     attached_to: FrameId
@@ -218,13 +225,16 @@ class Frame:
     line: int = field(default=0, compare=False)
 
 
+_Placed = TypeVar('_Placed', Shape, Link, Joint, Frame)
+
+
 @dataclass(frozen=True)
 class Robot:
     """
-    A robot, or any other model.
+    A robot or another model.
 
-    :param canonical_link: the link that the model's frame moves with; empty for the first one.
-    :param source: the file that it comes from, for messages.
+    :param canonical_link: link that the frame of the model moves with; empty for the first link.
+    :param source: name of the file for messages.
     """
 
     name: str
@@ -235,25 +245,30 @@ class Robot:
     extension: Extension = NO_EXTENSION
     source: str = ''
 
-    def framed(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
-        """Give all that has a frame of its own, with what names it."""
-        for kind, things in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
-            for thing in things:
-                yield FrameId(kind, thing.name), thing
+    def frame_owners(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
+        """Return all links, joints and frames, each with the identifier of its frame."""
+        for kind, owners in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
+            for owner in owners:
+                yield FrameId(kind, owner.name), owner
 
-    def placed(self, place: Callable[[Placement], Placement]) -> Robot:
-        """Give the robot with every placement in it as a function has it."""
-        def shapes(things: tuple[Shape, ...]) -> tuple[Shape, ...]:
-            return tuple(replace(shape, placement=place(shape.placement)) for shape in things)
+    def extension_elements(self) -> Iterator[etree._Element]:
+        """Return the XML that the model does not represent, of the robot and of all its parts."""
+        shapes = (shape for link in self.links for shape in (*link.visuals, *link.collisions))
+        parts: tuple[Robot | Link | Joint | Frame | Shape, ...] = (
+            self, *self.links, *self.joints, *self.frames, *shapes)
+        for extension in (part.extension for part in parts):
+            yield from (element for element in (extension.urdf, extension.sdf)
+                        if element is not None)
+
+    def map_placements(self, change: Callable[[Placement], Placement]) -> Robot:
+        """Return the robot with every placement replaced by the result of a function."""
+        def changed(owners: tuple[_Placed, ...]) -> tuple[_Placed, ...]:
+            return tuple(replace(owner, placement=change(owner.placement)) for owner in owners)
 
         return replace(
-            self,
+            self, joints=changed(self.joints), frames=changed(self.frames),
             links=tuple(replace(
-                link, placement=place(link.placement), visuals=shapes(link.visuals),
-                collisions=shapes(link.collisions), inertial=link.inertial and replace(
-                    link.inertial, placement=place(link.inertial.placement)))
-                for link in self.links),
-            joints=tuple(replace(joint, placement=place(joint.placement))
-                         for joint in self.joints),
-            frames=tuple(replace(frame, placement=place(frame.placement))
-                         for frame in self.frames))
+                link, visuals=changed(link.visuals), collisions=changed(link.collisions),
+                inertial=link.inertial and replace(
+                    link.inertial, placement=change(link.inertial.placement)))
+                for link in changed(self.links)))

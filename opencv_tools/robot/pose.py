@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Poses in space, as both formats write them and as rigid transforms that can be composed."""
+"""Poses with the numbers of a file, and rigid transforms."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from typing import NamedTuple
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w, x, y, z
-# Rows of a 3 x 3 matrix, one after the other.
+# 3 x 3 matrix in row-major order.
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 Tensor = tuple[float, float, float, float, float, float]  # xx, xy, xz, yy, yz, zz
 
 ZERO: Vector = (0.0, 0.0, 0.0)
-_UNTURNED: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_NO_ROTATION: Matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Pose:
     """
-    A pose as it is written: the numbers of the file, untouched.
+    A pose with the unchanged numbers of a file.
 
-    :param xyz: the position in metres.
+    :param xyz: position in metres.
     :param rpy: roll, pitch and yaw in radians about the fixed axes x, y and z, in this order.
     """
 
@@ -46,71 +46,70 @@ class Pose:
 
     @property
     def is_identity(self) -> bool:
-        """Tell whether it moves nothing, by the numbers as they are written."""
+        """Whether all numbers of the pose are zero."""
         return self.xyz == ZERO and self.rpy == ZERO
 
     def transform(self) -> Transform:
-        """Give the rigid transform from the frame that is placed to the one it is placed in."""
+        """Return the rigid transform from the placed frame to the frame of reference."""
         return Transform(rotation_of_rpy(self.rpy), self.xyz)
 
 
 class Transform(NamedTuple):
     """
-    A rigid transform: where a frame is, seen from another one.
+    A rigid transform: the position and orientation of a frame in another frame.
 
-    :param rotation: rows of the rotation matrix; its columns are the axes of the frame.
-    :param translation: the origin of the frame in metres.
+    :param rotation: rotation matrix; its columns are the axes of the frame.
+    :param translation: origin of the frame in metres.
     """
 
-    rotation: Matrix = _UNTURNED
+    rotation: Matrix = _NO_ROTATION
     translation: Vector = ZERO
 
     def __matmul__(self, other: Transform) -> Transform:
-        """Give the transform that does the other one first, then this one."""
-        if self.rotation is _UNTURNED:
+        """Return the composed transform, which applies the other transform first."""
+        if self.rotation is _NO_ROTATION:
             return Transform(other.rotation, _sum(self.translation, other.translation))
         return Transform(_product(self.rotation, other.rotation), self.apply(other.translation))
 
     def inverse(self) -> Transform:
-        """Give the transform the other way round."""
+        """Return the inverse transform."""
         x, y, z = self.translation
-        if self.rotation is _UNTURNED:
-            return Transform(_UNTURNED, (0.0 - x, 0.0 - y, 0.0 - z))
+        if self.rotation is _NO_ROTATION:
+            return Transform(_NO_ROTATION, (0.0 - x, 0.0 - y, 0.0 - z))
         a, b, c, d, e, f, g, h, i = self.rotation
         return Transform((a, d, g, b, e, h, c, f, i), (
             -(a * x + d * y + g * z), -(b * x + e * y + h * z), -(c * x + f * y + i * z)))
 
     def rotate(self, vector: Vector) -> Vector:
-        """Turn a direction."""
+        """Return a direction rotated."""
         a, b, c, d, e, f, g, h, i = self.rotation
         x, y, z = vector
         return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
     def apply(self, point: Vector) -> Vector:
-        """Move a point."""
+        """Return a point rotated and translated."""
         return _sum(self.rotate(point), self.translation)
 
     def pose(self) -> Pose:
         """
-        Give the pose that writes this transform, exact to the last bits at every pitch.
+        Return the pose of this transform, exact to the last bits at every pitch.
 
-        Near a pitch of 90 degrees roll and yaw turn about one axis. The yaw is read off what the
-        matrix has, or is 0 where there is nothing to read, and the roll is what remains once that
-        yaw is undone; so both together are right whatever the yaw is.
+        Near a pitch of 90 degrees roll and yaw rotate about the same axis. Any yaw is then
+        correct, because the roll is computed from the matrix after the yaw has been undone.
         """
-        if self.rotation is _UNTURNED:
+        if self.rotation is _NO_ROTATION:
             return Pose(self.translation)
         a, b, c, d, e, f, g, _, _ = self.rotation
-        level = math.hypot(a, d)
-        yaw = math.atan2(d, a) if level > 1e-15 else 0.0
+        cos_pitch = math.hypot(a, d)
+        yaw = math.atan2(d, a) if cos_pitch > 1e-15 else 0.0
         sine, cosine = math.sin(yaw), math.cos(yaw)
         roll = math.atan2(sine * c - cosine * f, cosine * e - sine * b)
-        return Pose(self.translation, (roll + 0.0, math.atan2(-g, level) + 0.0, yaw + 0.0))
+        return Pose(self.translation, (roll + 0.0, math.atan2(-g, cos_pitch) + 0.0, yaw + 0.0))
 
     def quaternion(self) -> Quaternion:
-        """Give the rotation as a unit quaternion w, x, y, z with w not below 0."""
+        """Return the rotation as a unit quaternion w, x, y, z with w >= 0."""
         a, b, c, d, e, f, g, h, i = self.rotation
-        # Of the four squares the largest is taken, so that nothing small is divided by.
+        # The largest of the four squares avoids a division by a small number.
         squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
         largest = max(range(4), key=squares.__getitem__)
         quaternion = (
@@ -124,9 +123,9 @@ IDENTITY = Transform()
 
 
 def rotation_of_rpy(rpy: Vector) -> Matrix:
-    """Give R = Rz(yaw) Ry(pitch) Rx(roll), the rotation that URDF and SDF mean."""
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), the convention of URDF and SDF."""
     if rpy == ZERO:
-        return _UNTURNED
+        return _NO_ROTATION
     roll, pitch, yaw = rpy
     sr, cr = math.sin(roll), math.cos(roll)
     sp, cp = math.sin(pitch), math.cos(pitch)
@@ -137,7 +136,7 @@ def rotation_of_rpy(rpy: Vector) -> Matrix:
 
 
 def rotation_of_quaternion(quaternion: Quaternion) -> Matrix:
-    """Give the rotation of a quaternion w, x, y, z of any length but 0."""
+    """Return the rotation of a quaternion w, x, y, z of any length except 0."""
     w, x, y, z = normalised(quaternion)
     return (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
             2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -145,15 +144,15 @@ def rotation_of_quaternion(quaternion: Quaternion) -> Matrix:
 
 
 def rotation_about(axis: Vector, angle: float) -> Matrix:
-    """Give the rotation by an angle in radians about an axis of any length but 0."""
+    """Return the rotation by an angle in radians about an axis of any length except 0."""
     x, y, z = normalised(axis)
     sine = math.sin(angle / 2)
     return rotation_of_quaternion((math.cos(angle / 2), x * sine, y * sine, z * sine))
 
 
 def normalised(vector: Sequence[float]) -> tuple[float, ...]:
-    """Give a vector of length 1; one that is so to the last bits stays as it is."""
-    # Scaled first, so that the squares of what is very large or small do not overflow or vanish.
+    """Return a vector scaled to length 1; a vector of length 1 to the last bits is unchanged."""
+    # Scaled by the largest value first, so that squares neither overflow nor underflow.
     largest = max(map(abs, vector))
     scaled = [value / largest for value in vector]
     length = math.hypot(*scaled)
@@ -162,25 +161,25 @@ def normalised(vector: Sequence[float]) -> tuple[float, ...]:
     return tuple(value / length for value in scaled)
 
 
-def turned_tensor(tensor: Tensor, rotation: Matrix) -> Tensor:
-    """Give R T R', a symmetric tensor seen along the axes that its own are turned from by R."""
+def rotated_tensor(tensor: Tensor, rotation: Matrix) -> Tensor:
+    """Return R T R', a symmetric tensor rotated by R."""
     xx, xy, xz, yy, yz, zz = tensor
     rows = [rotation[start:start + 3] for start in (0, 3, 6)]
     columns = [(row[0] * xx + row[1] * xy + row[2] * xz, row[0] * xy + row[1] * yy + row[2] * yz,
                 row[0] * xz + row[1] * yz + row[2] * zz) for row in rows]
     ixx, ixy, ixz, iyy, iyz, izz = (
-        sum(map(operator.mul, columns[one], rows[other]))
-        for one, other in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+        sum(map(operator.mul, columns[i], rows[j]))
+        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
     return ixx, ixy, ixz, iyy, iyz, izz
 
 
-def _sum(one: Vector, other: Vector) -> Vector:
-    return (one[0] + other[0], one[1] + other[1], one[2] + other[2])
+def _sum(u: Vector, v: Vector) -> Vector:
+    return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
 
 
-def _product(one: Matrix, other: Matrix) -> Matrix:
-    a, b, c, d, e, f, g, h, i = one
-    j, k, l, m, n, o, p, q, r = other  # noqa: E741
+def _product(left: Matrix, right: Matrix) -> Matrix:
+    a, b, c, d, e, f, g, h, i = left
+    j, k, l, m, n, o, p, q, r = right  # noqa: E741
     return (a * j + b * m + c * p, a * k + b * n + c * q, a * l + b * o + c * r,
             d * j + e * m + f * p, d * k + e * n + f * q, d * l + e * o + f * r,
             g * j + h * m + i * p, g * k + h * n + i * q, g * l + h * o + i * r)

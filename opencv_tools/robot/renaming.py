@@ -12,244 +12,228 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names that the other format accepts, and those of before where they are known."""
+"""Names that are valid in the other format, and the original names of converted robots."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
-import itertools
 from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.model import (
     Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached
+from opencv_tools.robot.xml.tracked import detached
 
-Named = TypeVar('Named', Robot, Link, Joint, Frame, Shape)
+_Named = TypeVar('_Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
 
 
 def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
     """
-    Give a robot, its links, joints and frames names that SDF allows, and shapes any at all.
+    Return a robot with names that SDF allows, and with a name for each visual and collision.
 
-    SDF has each name but once, and keeps ``world``, ``__name__`` and what has ``::`` in it for
-    itself. The names of before are kept for the way back.
+    SDF requires unique names and reserves ``world``, ``__name__`` and names with ``::``. The
+    original names are kept for the round trip.
     """
-    name = free_name(allowed_name(robot.name), {WORLD}, '_model')
+    name = _free_name(allowed_name(robot.name), {WORLD}, '_model')
     if name != robot.name:
-        _note(report, 'robot', robot.name, 0, name)
-        robot = replace(robot, name=name,
-                        extension=_keeping_name('robot', robot.name, robot.extension))
+        _warn_renamed(report, 'robot', robot.name, 0, name)
+        robot = _with_original_name('robot', robot, name)
     taken = {WORLD}
     names: dict[FrameId, str] = {}
-    for frame, thing in robot.framed():
-        if isinstance(thing, Link) and thing.is_world:
+    for frame, owner in robot.frame_owners():
+        if isinstance(owner, Link) and owner.is_world:
             continue
-        name = free_name(allowed_name(thing.name), taken, f'_{frame.kind}')
+        name = _free_name(allowed_name(owner.name), taken, f'_{frame.kind}')
         taken.add(name)
-        if name != thing.name:
+        if name != owner.name:
             names[frame] = name
-            _note(report, frame.kind, thing.name, thing.line, name)
+            _warn_renamed(report, frame.kind, owner.name, owner.line, name)
     robot = renamed(robot, names, keep=True)
     return replace(robot, links=tuple(_with_shape_names(link, report) for link in robot.links))
 
 
-def _note(report: Report, kind: str, name: str, line: int, new: str) -> None:
-    report.warn(kind, name, line, 'SDF wants each name once and has some for itself; it is called '
-                f'{new!r} there')
+def _warn_renamed(report: Report, kind: str, name: str, line: int, new: str) -> None:
+    report.warn(kind, name, line,
+                f'renamed to {new!r}, because SDF requires unique names and reserves some')
 
 
 def with_valid_urdf_names(robot: Robot, report: Report) -> Robot:
     """Return a robot without ``::`` in its names, because tf and other tools do not read it."""
+    message = 'renamed to {!r}, because URDF does not support nested models'
     if '::' in robot.name:
         name = flat_name(robot.name)
-        report.warn('model', robot.name, 0, f'URDF has no nested models; it is called {name!r} '
-                    'there')
+        report.warn('model', robot.name, 0, message.format(name))
         robot = replace(robot, name=name)
     names: dict[FrameId, str] = {}
     taken: dict[str, set[str]] = defaultdict(set)
-    for frame, _ in robot.framed():
+    for frame, _ in robot.frame_owners():
         taken[frame.kind].add(frame.name)
-    for frame, thing in robot.framed():
-        if '::' in thing.name:
-            name = free_name(flat_name(thing.name), taken[frame.kind], f'_{frame.kind}')
+    for frame, owner in robot.frame_owners():
+        if '::' in owner.name:
+            name = _free_name(flat_name(owner.name), taken[frame.kind], f'_{frame.kind}')
             taken[frame.kind].add(name)
             names[frame] = name
             if not name.endswith('__model__'):
-                report.warn(frame.kind, thing.name, thing.line, 'URDF has no nested models; it is '
-                            f'called {name!r} there')
+                report.warn(frame.kind, owner.name, owner.line, message.format(name))
     return renamed(robot, names)
 
 
 def with_original_names(robot: Robot) -> Robot:
     """
-    Give what `with_valid_sdf_names` renamed the names of before.
+    Return a robot with the names from before `with_valid_sdf_names`.
 
-    :raises DescriptionError: one of them is taken.
+    :raises DescriptionError: an original name is also the name of another element.
     """
-    names = {frame: own for frame, thing in robot.framed() if (own := _own_name(thing.extension))}
+    names = {frame: name for frame, owner in robot.frame_owners()
+             if (name := _original_name(owner.extension))}
     taken: set[FrameId] = set()
-    for frame, thing in robot.framed():
-        named = _id(frame, names)
-        if named in taken:
-            raise DescriptionError(f'urdf:name={named.name!r} is the name of another {frame.kind} '
-                                   'too', source=robot.source, line=thing.line, tag=frame.kind)
-        taken.add(named)
-    robot, = _without_own_names((renamed(robot, names),))
-    return replace(
-        robot, joints=_without_own_names(robot.joints), frames=_without_own_names(robot.frames),
-        links=tuple(map(_with_own_shape_names, _without_own_names(robot.links))))
+    for frame, owner in robot.frame_owners():
+        original = _new_id(frame, names)
+        if original in taken:
+            raise DescriptionError(
+                f'urdf:name={original.name!r} is also the name of another {frame.kind}; change '
+                'one of them', source=robot.source, line=owner.line, tag=frame.kind)
+        taken.add(original)
+    robot, = _restored((renamed(robot, names),))
+    return replace(robot, joints=_restored(robot.joints), frames=_restored(robot.frames),
+                   links=tuple(map(_with_original_shape_names, _restored(robot.links))))
 
 
-def _with_own_shape_names(link: Link) -> Link:
-    """Return a link whose shapes have the names of before, in its contact sensors too."""
-    own_names = {shape.name: own for shape in link.collisions
-                 if (own := _own_name(shape.extension))}
-    return replace(link, visuals=_without_own_names(link.visuals),
-                   collisions=_without_own_names(link.collisions),
-                   extension=_with_contacts(link.extension, own_names))
+def _with_original_shape_names(link: Link) -> Link:
+    """Return a link with the original names of its shapes, also in its contact sensors."""
+    names = {shape.name: name for shape in link.collisions
+             if (name := _original_name(shape.extension))}
+    return replace(link, visuals=_restored(link.visuals), collisions=_restored(link.collisions),
+                   extension=_with_contacts(link.extension, names))
 
 
 def flat_name(name: str) -> str:
-    """Write a name of a nested model without ``::``."""
+    """Return a name of a nested model without ``::``."""
     return name.replace('::', '__')
 
 
 def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
     """
-    Rename links, joints and frames wherever they are named.
+    Return a robot with links, joints and frames renamed, also where others refer to them.
 
-    :param keep: whether the names of before are kept for the way back.
+    :param keep: whether to keep the original names for the round trip.
     """
     if not names:
         return robot
 
-    def named(kind: str, thing: Named) -> Named:
-        new = names.get(FrameId(kind, thing.name))
-        if new is None:
-            return thing
-        carried = _keeping_name(kind, thing.name, thing.extension) if keep else thing.extension
-        return replace(thing, name=new, extension=carried)
+    def rename(kind: str, owner: _Named) -> _Named:
+        name = names.get(FrameId(kind, owner.name), owner.name)
+        if name == owner.name or not keep:
+            return replace(owner, name=name)
+        return _with_original_name(kind, owner, name)
 
-    def axis(one: Axis) -> Axis:
-        mimic = one.mimic
-        return replace(one, mimic=mimic and replace(
-            mimic, joint=names.get(FrameId('joint', mimic.joint), mimic.joint)))
+    def axis(old: Axis) -> Axis:
+        return replace(old, mimic=old.mimic and replace(
+            old.mimic, joint=names.get(FrameId('joint', old.mimic.joint), old.mimic.joint)))
 
-    def link_name(old: str) -> str:
-        return names.get(FrameId('link', old), old)
+    def link_name(name: str) -> str:
+        return names.get(FrameId('link', name), name)
 
     robot = replace(
         robot,
         canonical_link=link_name(robot.canonical_link),
-        links=tuple(named('link', link) for link in robot.links),
+        links=tuple(rename('link', link) for link in robot.links),
         joints=tuple(replace(
-            named('joint', joint), parent=link_name(joint.parent), child=link_name(joint.child),
+            rename('joint', joint), parent=link_name(joint.parent), child=link_name(joint.child),
             axes=tuple(map(axis, joint.axes))) for joint in robot.joints),
-        frames=tuple(replace(named('frame', frame), attached_to=_id(frame.attached_to, names))
+        frames=tuple(replace(rename('frame', frame),
+                             attached_to=_new_id(frame.attached_to, names))
                      for frame in robot.frames))
-    return robot.placed(lambda placement: replace(
-        placement, relative_to=_id(placement.relative_to, names)))
+    return robot.map_placements(lambda placement: replace(
+        placement, relative_to=_new_id(placement.relative_to, names)))
 
 
-def _id(frame: FrameId, names: _Names) -> FrameId:
+def _new_id(frame: FrameId, names: _Names) -> FrameId:
     return FrameId(frame.kind, names.get(frame, frame.name))
 
 
 def allowed_name(name: str) -> str:
-    """Take from a name what SDF keeps for itself."""
+    """Return a name without ``::`` and without the form ``__name__``, which SDF reserves."""
     name = flat_name(name)
     if len(name) > 3 and name.startswith('__') and name.endswith('__'):
         name = name.strip('_') or 'unnamed'
     return name
 
 
-def free_name(name: str, taken: Container[str], suffix: str) -> str:
-    """Give a name that is not taken: as it is, with a suffix, or with a number too."""
-    return name if name not in taken else next_free(numbered(name + suffix), taken)
-
-
-def numbered(name: str) -> Iterator[str]:
-    """Return a name as it is, and then with the numbers from 1."""
-    yield name
-    for number in itertools.count(1):
-        yield f'{name}_{number}'
-
-
-def next_free(names: Iterator[str], taken: Container[str]) -> str:
-    """Return the next name that is not taken."""
-    return next(name for name in names if name not in taken)
+def _free_name(name: str, taken: Container[str], suffix: str) -> str:
+    return name if name not in taken else unique_name(name + suffix, taken)
 
 
 def _with_shape_names(link: Link, report: Report) -> Link:
     """
-    Give each visual and collision of a link a name that no other there has.
+    Return a link with a unique name for each visual and collision.
 
-    Of two of one name the visual gives way, for contact sensors name collisions.
+    Collisions keep their names before visuals, because contact sensors refer to collisions.
     """
     shapes = {'collision': link.collisions, 'visual': link.visuals}
-    others = {name for part in (link.extension.sdf if link.extension.sdf is not None else ())
-              if part.tag != 'plugin' and (name := part.get('name'))}
-    # What has a name of its own comes first, so that none that is made up takes it.
-    taken = {*others, *(shape.name for things in shapes.values() for shape in things)}
-    seen = set(others)
-    result: dict[str, tuple[Shape, ...]] = {}
-    collisions: dict[str, str] = {}  # new names by those of before
-    for tag, things in shapes.items():
-        named, made_up = [], numbered(f'{link.name}_{tag}')
-        for shape in things:
+    used = {name for element in (link.extension.sdf if link.extension.sdf is not None else ())
+            if element.tag != 'plugin' and (name := element.get('name'))}
+    # A made-up name must differ from all original names, also from those of later shapes.
+    taken = {*used, *(shape.name for owners in shapes.values() for shape in owners)}
+    counts: dict[str, int] = {}
+    result: dict[str, list[Shape]] = {'collision': [], 'visual': []}
+    new_collisions: dict[str, str] = {}
+    for tag, owners in shapes.items():
+        for shape in owners:
             name = allowed_name(shape.name)
-            if not name or name == WORLD or name in seen:
-                name = next_free(made_up, taken)
+            if not name or name == WORLD or name in used:
+                name = unique_name(f'{link.name}_{tag}', taken, counts)
             if tag == 'collision' and shape.name:
-                collisions.setdefault(shape.name, name)
+                new_collisions.setdefault(shape.name, name)
             if shape.name and name != shape.name:
-                report.warn(tag, shape.name, shape.line, 'SDF wants each name once in a link; it '
-                            f'is called {name!r} there')
-                shape = replace(shape, extension=_keeping_name(tag, shape.name, shape.extension))
+                report.warn(tag, shape.name, shape.line,
+                            f'renamed to {name!r}, because SDF requires unique names in a link')
+                shape = _with_original_name(tag, shape, name)
             taken.add(name)
-            seen.add(name)
-            named.append(replace(shape, name=name))
-        result[tag] = tuple(named)
-    return replace(link, visuals=result['visual'], collisions=result['collision'],
-                   extension=_with_contacts(link.extension, collisions))
+            used.add(name)
+            result[tag].append(replace(shape, name=name))
+    return replace(link, visuals=tuple(result['visual']), collisions=tuple(result['collision']),
+                   extension=_with_contacts(link.extension, new_collisions))
 
 
 def _with_contacts(extension: Extension, names: Mapping[str, str]) -> Extension:
-    """Rename the collisions that the contact sensors of a link name."""
+    """Return the extension of a link with the collisions of its contact sensors renamed."""
     if extension.sdf is None or all(old == new for old, new in names.items()):
         return extension
-    rest = detached(extension.sdf)
-    for collision in rest.iterfind('sensor/contact/collision'):
+    root = detached(extension.sdf)
+    for collision in root.iterfind('sensor/contact/collision'):
         name = (collision.text or '').strip()
         collision.text = names.get(name, collision.text)
-    return replace(extension, sdf=rest)
+    return replace(extension, sdf=root)
 
 
-def _keeping_name(tag: str, name: str, extension: Extension) -> Extension:
-    rest = etree.Element(tag) if extension.urdf is None else detached(extension.urdf)
-    rest.set('name', name)
-    return replace(extension, urdf=rest)
+def _with_original_name(tag: str, owner: _Named, name: str) -> _Named:
+    """Return an object with a new name, and with its original name in its extension."""
+    urdf = owner.extension.urdf
+    root = etree.Element(tag) if urdf is None else detached(urdf)
+    root.set('name', owner.name)
+    return replace(owner, name=name, extension=replace(owner.extension, urdf=root))
 
 
-def _own_name(extension: Extension) -> str:
+def _original_name(extension: Extension) -> str:
     return '' if extension.urdf is None else extension.urdf.get('name', '')
 
 
-def _without_own_names(things: tuple[Named, ...]) -> tuple[Named, ...]:
-    """Give shapes the names of before, and take from all what kept them."""
+def _restored(owners: tuple[_Named, ...]) -> tuple[_Named, ...]:
+    """Return objects with their original names, which are removed from their extensions."""
     result = []
-    for thing in things:
-        own = _own_name(thing.extension)
-        if own and thing.extension.urdf is not None:
-            rest = detached(thing.extension.urdf)
-            del rest.attrib['name']
-            kept = rest if len(rest) or rest.attrib else None
-            thing = replace(thing, name=own, extension=replace(thing.extension, urdf=kept))
-        result.append(thing)
+    for owner in owners:
+        name = _original_name(owner.extension)
+        if name and owner.extension.urdf is not None:
+            root = detached(owner.extension.urdf)
+            del root.attrib['name']
+            urdf = root if len(root) or root.attrib else None
+            owner = replace(owner, name=name, extension=replace(owner.extension, urdf=urdf))
+        result.append(owner)
     return tuple(result)

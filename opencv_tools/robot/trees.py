@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The trees of links that a robot has."""
+"""Selection of one kinematic tree of a robot."""
 
 from __future__ import annotations
 
@@ -27,67 +27,66 @@ from opencv_tools.robot.xml.report import Report
 
 def select_root(robot: Robot, root: str, report: Report) -> Robot:
     """
-    Give the part of a robot that hangs on one link, as URDF has it.
+    Return the tree of a robot below one root link, because URDF allows only one.
 
-    :param root: the link; empty where the robot has one root only.
-    :raises DescriptionError: it has several, or there is no such root.
+    :param root: name of the root link; may be empty if the robot has only one.
+    :raises DescriptionError: the robot has several root links, or ``root`` is not one of them.
     """
     kinematics = Kinematics(robot)
     roots = kinematics.roots
     if root and root not in roots:
-        raise DescriptionError(f'--root {root!r} is no root; there is {shortened(roots)}',
-                               source=robot.source)
+        raise DescriptionError(f'--root {root!r} is not a root link; give one of '
+                               f'{shortened(roots)}', source=robot.source)
     if not root and len(roots) > 1:
-        raise DescriptionError(f'has {len(roots)} links that hang on nothing, a robot of URDF has '
-                               f'one; choose by --root: {shortened(roots)}', source=robot.source)
+        raise DescriptionError(f'has {len(roots)} root links, URDF allows one; select it with '
+                               f'--root: {shortened(roots)}', source=robot.source)
     if len(roots) == 1:
         return robot
-    links = {link.name: link for link in robot.links}
+    lines = {link.name: link.line for link in robot.links}
     for other in roots:
         if other != root:
-            names = kinematics.links_below([other])
-            report.warn('link', other, links[other].line, f'left out: {shortened(names)}')
-    robot = _with_links(robot, set(kinematics.links_below([root])), kinematics)
+            names = kinematics.subtree([other])
+            report.warn('link', other, lines[other],
+                        f'not below --root {root!r}; dropped: {shortened(names)}')
+    robot = _with_links(robot, set(kinematics.subtree([root])), kinematics)
     return replace(robot, joints=_drop_orphan_mimics(robot.joints, report))
 
 
-def _with_links(robot: Robot, kept: set[str], kinematics: Kinematics) -> Robot:
-    """Leave out links, and the joints and frames that are on them."""
-    joints = tuple(joint for joint in robot.joints
-                   if joint.child in kept and joint.parent in kept)
-    links = tuple(link for link in robot.links if link.name in kept)
-    carriers = kinematics.carriers() if robot.frames else {}
-    frames = tuple(frame for frame in robot.frames if frame.attached_to == MODEL
-                   or carriers[FrameId('frame', frame.name)].name in kept)
-    there = {MODEL, *(FrameId('link', name) for name in kept),
-             *(FrameId('joint', joint.name) for joint in joints),
-             *(FrameId('frame', frame.name) for frame in frames)}
+def _with_links(robot: Robot, names: set[str], kinematics: Kinematics) -> Robot:
+    """Return a robot with only some of its links, and with the joints and frames on them."""
+    attached = kinematics.attached_links()
+    robot = replace(
+        robot, links=tuple(link for link in robot.links if link.name in names),
+        joints=tuple(joint for joint in robot.joints
+                     if joint.child in names and joint.parent in names),
+        frames=tuple(frame for frame in robot.frames if frame.attached_to == MODEL
+                     or attached[FrameId('frame', frame.name)].name in names),
+        canonical_link=robot.canonical_link if robot.canonical_link in names else '')
+    kept = {MODEL, *(frame for frame, _ in robot.frame_owners())}
 
     def place(placement: Placement) -> Placement:
-        if placement.relative_to in there:
+        if placement.relative_to in kept:
             return placement
-        return Placement(kinematics.placed(placement).pose(), MODEL)
+        return Placement(kinematics.placement_pose(placement).pose(), MODEL)
 
-    canonical = robot.canonical_link if robot.canonical_link in kept else ''
-    return replace(robot, links=links, joints=joints, frames=frames,
-                   canonical_link=canonical).placed(place)
+    return robot.map_placements(place)
 
 
 def _drop_orphan_mimics(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:
-    """Let no joint mimic one that is not there."""
+    """Return joints without mimics of joints that are not among them."""
     names = {joint.name for joint in joints}
     result = []
     for joint in joints:
-        alone = tuple(replace(axis, mimic=None) if axis.mimic and axis.mimic.joint not in names
-                      else axis for axis in joint.axes)
-        if alone != joint.axes:
-            report.warn('joint', joint.name, joint.line, 'mimics a joint that is left out; it is '
-                        'free now')
-        result.append(replace(joint, axes=alone))
+        axes = tuple(replace(axis, mimic=None) if axis.mimic and axis.mimic.joint not in names
+                     else axis for axis in joint.axes)
+        if axes != joint.axes:
+            report.warn('joint', joint.name, joint.line,
+                        'mimics a dropped joint; dropped its <mimic>')
+        result.append(replace(joint, axes=axes))
     return tuple(result)
 
 
 def shortened(names: Sequence[str]) -> str:
-    """Name a few things, and say how many more there are."""
+    """Return the first five names in quotes, and the number of the others."""
     few = ', '.join(map(repr, names[:5]))
     return f'{few} and {len(names) - 5} more' if len(names) > 5 else few

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots with something wrong in them, as an editor or a hurried person leaves it."""
+"""Random errors in the XML of a robot, such as typing errors leave."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TEXTS = ('', ' ', '0', '-1', '1', '0 0 0', '1 2', '1 2 3', '0 0 0 0 0 0', '1 2 
 
 
 def mutated(random: Random, root: Element) -> Element:
-    """Return a robot with one to three changes."""
+    """Return a copy of a robot with one to three changes."""
     root = deepcopy(root)
     for _ in range(1 + random.randrange(3)):
         random.choice(CHANGES)(random, root)
@@ -37,7 +37,7 @@ def mutated(random: Random, root: Element) -> Element:
 
 
 def _pair(random: Random, root: Element) -> tuple[Element, Element] | None:
-    """Return an element other than the root, after its parent."""
+    """Return a random parent and one of its children."""
     pairs = [(parent, child) for parent in root.iter() for child in parent]
     return random.choice(pairs) if pairs else None
 
@@ -96,7 +96,7 @@ def _shuffle(random: Random, root: Element) -> None:
 def _move(random: Random, root: Element) -> None:
     if pair := _pair(random, root):
         pair[0].remove(pair[1])
-        # Not into what has a text, which no parser understands.
+        # No parser accepts an element next to a text.
         random.choice([element for element in root.iter() if not (element.text or '').strip()]
                       ).append(pair[1])
 
@@ -117,18 +117,18 @@ def _drop_attribute(random: Random, root: Element) -> None:
         del found[0].attrib[found[1]]
 
 
-def _other_attribute(random: Random, root: Element) -> None:
-    """Give an attribute that stands elsewhere to any element."""
+def _copy_attribute(random: Random, root: Element) -> None:
+    """Copy a random attribute to another element."""
     if found := _attribute(random, root):
         _any(random, root).set(found[1], found[0].get(found[1], ''))
 
 
 def _swap_attributes(random: Random, root: Element) -> None:
-    one, other = _attribute(random, root), _attribute(random, root)
-    if one and other:
-        values = one[0].get(one[1], ''), other[0].get(other[1], '')
-        one[0].set(one[1], values[1])
-        other[0].set(other[1], values[0])
+    first, second = _attribute(random, root), _attribute(random, root)
+    if first and second:
+        values = first[0].get(first[1], ''), second[0].get(second[1], '')
+        first[0].set(first[1], values[1])
+        second[0].set(second[1], values[0])
 
 
 def _number_of_words(random: Random, root: Element) -> None:
@@ -139,5 +139,5 @@ def _number_of_words(random: Random, root: Element) -> None:
 
 CHANGES: tuple[Change, ...] = (
     _drop, _double, _double_with_other_text, _rename, _empty, _empty_of_children, _shuffle, _move,
-    _odd_text, _odd_attribute, _drop_attribute, _other_attribute, _swap_attributes,
+    _odd_text, _odd_attribute, _drop_attribute, _copy_attribute, _swap_attributes,
     _number_of_words)

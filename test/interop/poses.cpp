@@ -12,13 +12,13 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-// What libsdformat makes of files: poses FILE..., as JSON by file. With - for the files it reads
-// their names from its standard input, and answers each line with one.
+// Prints files as libsdformat reads them: poses FILE..., as one JSON object by file. With the
+// argument - it reads names of files from standard input and prints one line for each.
 //
-// Of each file: whether it is loaded without an error, whether it is valid by the checks of
-// `ign sdf -k`, too, and what it complains of; and of every model in it where it is in the world,
-// and where its links, joints, frames, visuals, collisions and centres of mass are in the frame
-// of the model, [x, y, z, qw, qx, qy, qz]. What is in a nested model is called arm::name.
+// The result of a file has "loaded" (no errors), "valid" (also by the checks of `ign sdf -k`),
+// "messages" and "models". A model has its pose in the world, and the poses of its links, joints,
+// frames, visuals, collisions and centres of mass in the model frame, [x, y, z, qw, qx, qy, qz].
+// Names in a nested model have the prefix arm::.
 
 #include <cmath>
 #include <filesystem>
@@ -83,22 +83,22 @@ std::string json(const Group & group)
   return out.empty() ? "{}" : out + "}";
 }
 
-// Give where something is in the frame of the model that it is in.
+// Returns the pose of an object in the frame of its model.
 template<typename Part>
-Pose placed(const Part & part, std::string & trouble)
+Pose placed(const Part & part, std::string & errors)
 {
   Pose pose;
   for (const auto & error : part.SemanticPose().Resolve(pose, "__model__")) {
-    trouble += error.Message() + "\n";
+    errors += error.Message() + "\n";
   }
   return pose;
 }
 
-std::string axis(const sdf::JointAxis & axis, const sdf::Joint & joint, std::string & trouble)
+std::string axis(const sdf::JointAxis & axis, const sdf::Joint & joint, std::string & errors)
 {
   ignition::math::Vector3d xyz;
   for (const auto & error : axis.ResolveXyz(xyz, joint.Name())) {
-    trouble += error.Message() + "\n";
+    errors += error.Message() + "\n";
   }
   return numbers({xyz.X(), xyz.Y(), xyz.Z(), axis.Lower(), axis.Upper(), axis.Effort(),
       axis.MaxVelocity(), axis.Damping(), axis.Friction()});
@@ -106,12 +106,12 @@ std::string axis(const sdf::JointAxis & axis, const sdf::Joint & joint, std::str
 
 void add(
   const sdf::Model & model, const std::string & prefix, const Pose & base, Groups & groups,
-  std::string & trouble)
+  std::string & errors)
 {
   for (uint64_t i = 0; i < model.LinkCount(); ++i) {
     const auto & link = *model.LinkByIndex(i);
     const auto name = prefix + link.Name();
-    const Pose pose = base * placed(link, trouble);
+    const Pose pose = base * placed(link, errors);
     groups["links"][name] = json(pose);
     const auto inertial = link.Inertial();
     groups["inertials"][name] = json(pose * inertial.Pose());
@@ -134,33 +134,33 @@ void add(
   for (uint64_t i = 0; i < model.JointCount(); ++i) {
     const auto & joint = *model.JointByIndex(i);
     const auto name = prefix + joint.Name();
-    groups["joints"][name] = json(base * placed(joint, trouble));
+    groups["joints"][name] = json(base * placed(joint, errors));
     for (unsigned int j = 0; j < 2; ++j) {
       if (joint.Axis(j) != nullptr) {
-        groups["axes"][name + "/" + std::to_string(j)] = axis(*joint.Axis(j), joint, trouble);
+        groups["axes"][name + "/" + std::to_string(j)] = axis(*joint.Axis(j), joint, errors);
       }
     }
   }
   for (uint64_t i = 0; i < model.FrameCount(); ++i) {
     const auto & frame = *model.FrameByIndex(i);
-    groups["frames"][prefix + frame.Name()] = json(base * placed(frame, trouble));
+    groups["frames"][prefix + frame.Name()] = json(base * placed(frame, errors));
   }
   for (uint64_t i = 0; i < model.ModelCount(); ++i) {
     const auto & inner = *model.ModelByIndex(i);
     const auto name = prefix + inner.Name() + "::";
-    const Pose pose = base * placed(inner, trouble);
+    const Pose pose = base * placed(inner, errors);
     groups["frames"][name + "__model__"] = json(pose);
-    add(inner, name, pose, groups, trouble);
+    add(inner, name, pose, groups, errors);
   }
 }
 
 std::string description(const sdf::Model & model)
 {
   Groups groups;
-  std::string trouble;
-  add(model, "", Pose::Zero, groups, trouble);
+  std::string errors;
+  add(model, "", Pose::Zero, groups, errors);
   Group out;
-  out["trouble"] = literal(trouble);
+  out["errors"] = literal(errors);
   out["in_world"] = json(model.RawPose());
   for (const auto & [name, group] : groups) {
     out[name] = json(group);
@@ -168,13 +168,13 @@ std::string description(const sdf::Model & model)
   return json(out);
 }
 
-// Collects what is written to a stream for as long as it lives.
-class Caught
+// Captures the output of a stream during its lifetime.
+class CapturedStream
 {
 public:
-  explicit Caught(std::ostream & stream)
+  explicit CapturedStream(std::ostream & stream)
   : stream(stream), before(stream.rdbuf(text.rdbuf())) {}
-  ~Caught() {stream.rdbuf(before);}
+  ~CapturedStream() {stream.rdbuf(before);}
   std::string str() const {return text.str();}
 
 private:
@@ -183,14 +183,14 @@ private:
   std::streambuf * before;
 };
 
-std::string judged(const std::string & path)
+std::string result_of(const std::string & path)
 {
   sdf::setFindCallback(
     [&](const std::string & uri) {
       const auto name = uri.substr(0, 8) == "model://" ? uri.substr(8) : uri;
       return (std::filesystem::path(path).parent_path() / name).string();
     });
-  Caught complaints(std::cerr);
+  CapturedStream messages(std::cerr);
   sdf::Root root;
   const auto errors = root.Load(path);
   for (const auto & error : errors) {
@@ -213,7 +213,7 @@ std::string judged(const std::string & path)
   }
   return json(
     Group{{"loaded", errors.empty() ? "true" : "false"}, {"valid", valid ? "true" : "false"},
-      {"complaints", literal(complaints.str())}, {"models", json(models)}});
+      {"messages", literal(messages.str())}, {"models", json(models)}});
 }
 
 int main(int count, char ** arguments)
@@ -221,13 +221,13 @@ int main(int count, char ** arguments)
   std::string path;
   if (count == 2 && std::string(arguments[1]) == "-") {
     while (std::getline(std::cin, path)) {
-      std::cout << json(Group{{path, judged(path)}}) << std::endl;
+      std::cout << json(Group{{path, result_of(path)}}) << std::endl;
     }
     return 0;
   }
   Group files;
   for (int i = 1; i < count; ++i) {
-    files[arguments[i]] = judged(arguments[i]);
+    files[arguments[i]] = result_of(arguments[i]);
   }
   std::cout << json(files) << std::endl;
   return 0;

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots in SDF with what public files have: odd numbers and names, words of other versions."""
+"""Random SDF with features of public files: odd numbers and names, mixed versions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VERSIONS = ('1.4', '1.5', '1.6', '1.7', '1.8', '1.9')
 for _prefix, _space in (('drake', DRAKE), ('gz', GZ)):
     ElementTree.register_namespace(_prefix, _space)
 _NUMBERS = ('0', '-1', '1', '0.5', '-0.5', '1e16', '-1e16', '1e20', '-1e20', '-0.0', '1e308')
-# Which some parsers refuse.
+# Numbers that some parsers reject.
 _ODD_NUMBERS = ('inf', '-inf', '1.7976931348623157e308', '1e-320')
 _COLORS = ('0.1 0.2 0.3 1', '1 1 1', '0 0 0 0')
 _ODD_COLORS = ('200 200 200 1', '1.5 0 0 2', '-0.1 0 0 1')
@@ -40,7 +40,7 @@ def some(random: Random, share: float = 0.3) -> bool:
 
 
 def odd_name(random: Random, plain: str) -> str:
-    """Return a name for what a simulator names: plain, or as C++ and nested models have it."""
+    """Return a plain name, or sometimes a name as in C++ and in nested models."""
     odd = f'pkg::{plain}', f'a::b::{plain}', f'__{plain}__', f'{plain} {plain}', f'::{plain}'
     return random.choice(odd) if some(random, 0.07) else plain
 
@@ -50,7 +50,7 @@ def odd_number(random: Random, odd: float) -> str:
 
 
 def plugin_element(random: Random, frames: list[str]) -> Element:
-    """Return a plugin with parameters that look like words of the format."""
+    """Return a plugin whose parameters have the names of SDF elements."""
     plugin = ElementTree.Element('plugin', name=odd_name(random, 'drive'), filename='libdrive.so')
     add(plugin, 'pose', '1 2 3 0 0 0', frame=random.choice(frames))
     turning = add(plugin, 'axis')
@@ -77,7 +77,7 @@ def sensor_element(random: Random, frames: list[str], collision: str) -> Element
 
 
 def sdf(random: Random) -> Element:
-    """Return a robot in SDF of any version, with what other versions have in it."""
+    """Return a robot in SDF of a random version, with elements of other versions."""
     version = random.choice(VERSIONS)
     root = ElementTree.Element('sdf', version=version)
     model = add(root, 'model', name=random.choice(('made_up', 'made_up', 'made up')))
@@ -89,13 +89,13 @@ def sdf(random: Random) -> Element:
 
 def _fill_model(random: Random, model: Element, links: int, prefix: str, version: str
                 ) -> list[str]:
-    """Fill a model; return the names of its links."""
+    """Fill a model and return the names of its links."""
     old = float(version) < 1.7
     names = [f'{prefix}link_{index}' for index in range(links)]
     frames = ['__model__', *names]
     for name in names:
         link = add(model, 'link', name=name)
-        # Before 1.7 nothing says in which order poses are read.
+        # Before 1.7 the order of evaluation of poses is not specified.
         _sdf_pose(random, link, frames[:names.index(name) + 1])
         _sdf_link(random, link, frames)
     if not prefix and some(random, 0.25):
@@ -107,7 +107,7 @@ def _fill_model(random: Random, model: Element, links: int, prefix: str, version
         _sdf_pose(random, frame, frames)
     for index in range(1, len(names)):
         if names[index] == 'inner::in_link_1':
-            continue  # the inner model has a joint for it
+            continue  # the nested model has this joint
         parent = names[random.randrange(index)]
         _sdf_joint(random, model, f'{prefix}joint_{index}', parent, names[index], frames)
     if not prefix and some(random, 0.15):
@@ -141,7 +141,7 @@ def _sdf_link(random: Random, link: Element, frames: list[str]) -> None:
             add(inertia, key, value)
     collision = ''
     for index, tag in enumerate(random.choices(('visual', 'collision'), k=random.randrange(4))):
-        # One name for both is what many tables and cupboards have.
+        # Many public files use one name for both.
         names = {shape.get('name') for shape in link.findall(tag)}
         shape = add(link, tag, name=f'{tag}_{index}' if 'body' in names else 'body')
         if tag == 'collision':
@@ -211,7 +211,7 @@ def _sdf_axis(random: Random, turning: Element, frames: list[str]) -> None:
         add(turning, 'use_parent_model_frame', random.choice(('0', '1', 'true', 'false')))
     if some(random, 0.7):
         limit = add(turning, 'limit')
-        lower, upper = reach(random, 0.02)
+        lower, upper = limit_range(random, 0.02)
         for tag, text in (('lower', lower), ('upper', upper), ('effort', odd_number(random, 0.02)),
                           ('velocity', odd_number(random, 0.02)), ('stiffness', '1e8')):
             if some(random, 0.7):
@@ -225,7 +225,7 @@ def _sdf_axis(random: Random, turning: Element, frames: list[str]) -> None:
         add(turning, 'initial_position', '0.5')
 
 
-def reach(random: Random, odd: float) -> list[str]:
-    """Return a lower limit and an upper one that is not below it; a huge one is on its side."""
+def limit_range(random: Random, odd: float) -> list[str]:
+    """Return a lower and an upper limit, in order; a huge limit has the sign of no limit."""
     lower, upper = sorted((odd_number(random, odd), odd_number(random, odd)), key=float)
     return ['-1e20' if float(lower) > 1e15 else lower, '1e20' if float(upper) < -1e15 else upper]

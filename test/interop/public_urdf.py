@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots in URDF with what other tools and simulators write into public files."""
+"""Random URDF with features of public files from other tools and simulators."""
 
 from __future__ import annotations
 
 from random import Random
 import xml.etree.ElementTree as ElementTree
 
-from public_sdf import (DRAKE, GZ, odd_name, odd_number, plugin_element, reach, sensor_element,
-                        some)
+from public_sdf import (
+    DRAKE, GZ, limit_range, odd_name, odd_number, plugin_element, sensor_element, some)
 from robots import add, axis, Element, pose
 
 _TYPES = ('fixed', 'revolute', 'revolute', 'continuous', 'continuous', 'prismatic', 'floating',
@@ -28,7 +28,7 @@ _TYPES = ('fixed', 'revolute', 'revolute', 'continuous', 'continuous', 'prismati
 
 
 def urdf(random: Random) -> Element:
-    """Return a robot in URDF, with what other tools and simulators write into it."""
+    """Return a robot in URDF with elements of other tools and simulators."""
     robot = ElementTree.Element('robot', name=random.choice(
         ('my::robot', '__world__', 'made up', 'world')) if some(random, 0.15) else 'made_up')
     if some(random):
@@ -59,7 +59,7 @@ def _sensor_of_link(random: Random, frames: list[str]) -> Element:
 
 
 def _foreign(random: Random) -> Element:
-    """Return what the format has no word for, some of it named as what SDF has."""
+    """Return elements that URDF does not define, some with names of SDF elements."""
     tag = random.choice(('frame', 'element', 'model', 'pose', 'mimic', 'carried', 'sensor', 'axis',
                          'name', f'{{{DRAKE}}}loop', f'{{{GZ}}}note', 'joint_state'))
     element = ElementTree.Element(tag, name=odd_name(random, 'hand'), link='link_0',
@@ -115,7 +115,7 @@ def _urdf_joint(random: Random, robot: Element, index: int, joints: list[str]) -
         limit = add(joint, 'limit', effort=odd_number(random, 0.05),
                     velocity=odd_number(random, 0.05))
         if some(random, 0.8):
-            for key, text in zip(('lower', 'upper'), reach(random, 0.05), strict=True):
+            for key, text in zip(('lower', 'upper'), limit_range(random, 0.05), strict=True):
                 limit.set(key, text)
         if some(random):
             limit.set(f'{{{DRAKE}}}acceleration', '2.5')

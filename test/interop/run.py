@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Run the tests with other parsers: python run.py [arguments for pytest].
+Run the tests with the parsers of Gazebo and ROS: python run.py [arguments of pytest].
 
-They are those that Gazebo and ROS read robots with, libsdformat and urdfdom. Where they are
-missing, they are installed from Debian if apt-get and root are there.
+The parsers are libsdformat and urdfdom. Missing ones are installed from Debian if apt-get is
+available and the user is root.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ import pytest
 
 SOURCE = Path(__file__).with_name('poses.cpp')
 LIBRARY = 'sdformat12'
-# What is needed, and the package of Debian that has it.
+# Required programs, with their Debian packages.
 TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++',
          'pkg-config': 'pkg-config'}
 LIBRARY_PACKAGE = 'libsdformat-dev'
 
 
 def missing() -> list[str]:
-    """Name the packages of what is not here."""
+    """Return the packages of missing programs and libraries."""
     packages = [package for name, package in TOOLS.items() if shutil.which(name) is None]
     if 'pkg-config' in packages or subprocess.run(
             ['pkg-config', '--exists', LIBRARY], check=False).returncode != 0:
@@ -49,7 +49,7 @@ def missing() -> list[str]:
 
 
 def install(packages: list[str]) -> None:
-    """Install packages, where root and apt-get are here."""
+    """Install packages if apt-get is available and the user is root."""
     if os.geteuid() == 0 and shutil.which('apt-get'):
         print(f'Installing {", ".join(packages)}', flush=True)
         environment = dict(os.environ, DEBIAN_FRONTEND='noninteractive')
@@ -60,22 +60,22 @@ def install(packages: list[str]) -> None:
 
 
 def build(program: Path) -> None:
-    """Compile the program that asks libsdformat."""
+    """Compile the program that calls libsdformat."""
     flags = subprocess.run(['pkg-config', '--cflags', '--libs', LIBRARY], stdout=subprocess.PIPE,
                            text=True, check=True).stdout.split()
     subprocess.run(['g++', '-std=c++17', '-o', str(program), str(SOURCE), *flags], check=True)
 
 
 class Figures:
-    """Adds up what the tests record, for the summary."""
+    """Figures that the tests record, for the summary: sums of integers and maxima of floats."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Create empty figures."""
         self._sums: Counter[str] = Counter()
         self._largest: dict[str, float] = {}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Take what a test recorded; a whole number is added, another one is a largest one."""
+        """Add the figures of a test."""
         if report.when != 'call':
             return
         for name, value in report.user_properties:
@@ -85,15 +85,15 @@ class Figures:
                 self._largest[name] = max(value, self._largest.get(name, 0.0))
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print it."""
+        """Print the figures."""
         for name, value in (*self._sums.items(), *self._largest.items()):
             terminalreporter.write_line(f'{value:{"6d" if isinstance(value, int) else "6.1e"}}  '
                                         f'{name}')
 
 
 def main() -> int:
-    """Return the exit status of pytest; 1 where a parser is missing."""
-    os.environ['PATH'] += ':/usr/bin:/bin'  # where Debian keeps the parsers
+    """Return the exit status of pytest; 1 if a parser is missing."""
+    os.environ['PATH'] += ':/usr/bin:/bin'  # the folders of Debian's programs
     if missing():
         install(missing())
     packages = missing()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What libsdformat and urdfdom say to the robots that are read and written here."""
+"""Robots that this package reads and writes, compared with libsdformat and urdfdom."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ import xml.etree.ElementTree as ElementTree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.model import (
-    Axis, FrameId, Inertial, Link, MODEL, Placement, Robot, UNLIMITED)
+from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.renaming import with_valid_sdf_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.numbers import UNLIMITED
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
@@ -51,25 +51,25 @@ ROBOTS = [*SHIPPED, *sorted(
     if path.name.startswith(('ok_', 'warning_', 'tutorial_')))]
 SDF = [path for path in ROBOTS if path.suffix == '.sdf']
 
-# 1.9 is the newest that Debian's libsdformat knows. Of 1.11 it says so, and goes on.
+# Debian's libsdformat supports up to 1.9. It reads 1.11 with a message.
 VERSIONS = ('1.9', '1.11')
 POSES = ('model', 'relative')
 UNKNOWN_VERSION = re.compile(
     r'Error \[Converter\.cc:\d+\] Unable to convert from SDF version 1\.11 to 1\.9')
 
-TOLERANCE = 1e-12  # metres, and lengths of differences of unit quaternions
+TOLERANCE = 1e-12  # metres, and norm of the difference of unit quaternions
 
-# SDF that is read here and that libsdformat does not read: what it says.
+# Messages of libsdformat for the SDF files that only this package reads.
 LIMITS_OF_LIBSDFORMAT: Mapping[str, str] = {
     'warning_color_above_1.sdf': 'The value <diffuse>200 200 200 1</diffuse> is invalid',
     'warning_text_before_the_declaration.sdf': 'Error parsing XML',
 }
-# Joints of files of others for which libsdformat has no axis at all: they do not say any.
+# Joints without an axis, for which libsdformat uses no default.
 WITHOUT_AXIS: Mapping[str, str] = {
     'warning_axis_missing.sdf': 'shoulder/0',
 }
-# What urdfdom says of some files, because they are so.
-SAID_BY_URDFDOM: Mapping[str, str] = {
+# Messages of urdfdom for the URDF files that it reads only in part.
+MESSAGES_OF_URDFDOM: Mapping[str, str] = {
     'warning_geometry_empty.urdf': 'Geometry tag contains no child element',
     'warning_geometry_unknown.urdf': "Unknown geometry type 'ellipsoid'",
     'warning_mesh_without_filename.urdf': 'Mesh must contain a filename attribute',
@@ -77,16 +77,16 @@ SAID_BY_URDFDOM: Mapping[str, str] = {
     'warning_visual_without_geometry.urdf': 'Could not parse visual element',
     'warning_undefined_material.urdf': r"material 'red' undefined",
 }
-# URDF has capsules since urdfdom 5. To have all else in such a file judged, they become cylinders.
+# urdfdom supports capsules since version 5. The tests replace them by cylinders.
 CAPSULE = "Unknown geometry type 'capsule'"
 
 
 @dataclass(frozen=True)
 class Case:
     """
-    A file that was written here, and what ought to be in it.
+    A file that was written, and the expected robot.
 
-    :param robot: with the names of the file.
+    :param robot: robot with the names of the file.
     """
 
     path: Path
@@ -95,7 +95,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Written:
-    """All that was written of one robot; ``original`` is the file where that is SDF."""
+    """All files written from one robot; ``original`` is its own file if that is SDF."""
 
     original: Case | None
     sdf: Sequence[Case]
@@ -103,7 +103,7 @@ class Written:
 
 
 def write_all(path: Path, folder: Path) -> Written:
-    """Read a robot and write it in every way; one of SDF by way of URDF."""
+    """Read a robot and write it in every way; from SDF to SDF through URDF."""
     robot, language = read_robot(str(path), Report())
     source, original = robot, None
     name = '_'.join(path.parts[-2:])  # several files are called model.sdf
@@ -129,81 +129,81 @@ def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
 
 @pytest.fixture(scope='session')
 def written(tmp_path_factory: pytest.TempPathFactory) -> Mapping[Path, Written]:
-    folder = tmp_path_factory.mktemp('judged')
+    folder = tmp_path_factory.mktemp('parsed')
     return {path: write_all(path, folder) for path in ROBOTS}
 
 
 @pytest.fixture(scope='session')
-def judge(written: Mapping[Path, Written]) -> Callable[[Path], dict[str, Any]]:
-    """Give what libsdformat says of a file: it has read all of them at once."""
+def libsdformat(written: Mapping[Path, Written]) -> Callable[[Path], dict[str, Any]]:
+    """Return a function for the result of libsdformat, which has read all files at once."""
     files = [case.path for one in written.values()
              for case in (*one.sdf, *([one.original] if one.original else []))]
-    verdicts = ask_libsdformat(files)
-    return lambda path: verdicts[str(path)]
+    results = run_libsdformat(files)
+    return lambda path: results[str(path)]
 
 
-def ask_libsdformat(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
-    """Have files read by libsdformat, 50 ms each, by as many processes as there are cores."""
+def run_libsdformat(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
+    """Read files with libsdformat, 50 ms each, in one process for each core."""
     cores = len(os.sched_getaffinity(0))
     processes = [
         subprocess.Popen([os.environ['OPENCV_TOOLS_INTEROP'], *map(str, files[number::cores])],
                          stdout=subprocess.PIPE) for number in range(cores)]
-    verdicts: dict[str, dict[str, Any]] = {}
+    results: dict[str, dict[str, Any]] = {}
     for process in processes:
-        verdicts.update(json.loads(process.communicate(timeout=300)[0]))
+        results.update(json.loads(process.communicate(timeout=300)[0]))
         assert process.returncode == 0
-    return verdicts
+    return results
 
 
-def complaints(verdict: Mapping[str, Any]) -> list[str]:
-    """Give what libsdformat complains of, without the version that it does not know."""
-    lines = re.sub(r'\x1b\[[\d;]*m', '', verdict['complaints']).splitlines()
+def messages(result: Mapping[str, Any]) -> list[str]:
+    """Return the messages of libsdformat except those about the unsupported version."""
+    lines = re.sub(r'\x1b\[[\d;]*m', '', result['messages']).splitlines()
     return [line for line in lines if line and not UNKNOWN_VERSION.fullmatch(line)]
 
 
 @pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
-def test_our_sdf_is_valid(path: Path, written: Mapping[Path, Written],
-                          judge: Callable[[Path], dict[str, Any]],
-                          record_property: Callable[[str, object], None]) -> None:
+def test_validity_of_written_sdf(
+        path: Path, written: Mapping[Path, Written], libsdformat: Callable[[Path], dict[str, Any]],
+        record_property: Callable[[str, object], None]) -> None:
     for case in written[path].sdf:
-        verdict = judge(case.path)
-        assert verdict['valid'], verdict['complaints'] + case.path.read_text()
-        assert complaints(verdict) == [], case.path.read_text()
-    record_property('files of SDF written here: valid, and nothing to complain of, says '
-                    'libsdformat', len(written[path].sdf))
+        result = libsdformat(case.path)
+        assert result['valid'], result['messages'] + case.path.read_text()
+        assert messages(result) == [], case.path.read_text()
+    record_property('written SDF files that libsdformat reads as valid and without messages',
+                    len(written[path].sdf))
 
 
 @pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
-def test_poses_in_our_sdf_are_libsdformats(
-        path: Path, written: Mapping[Path, Written], judge: Callable[[Path], dict[str, Any]],
+def test_poses_of_written_sdf(
+        path: Path, written: Mapping[Path, Written], libsdformat: Callable[[Path], dict[str, Any]],
         record_property: Callable[[str, object], None]) -> None:
     for case in written[path].sdf:
-        count, largest = compare(case.robot, judge(case.path))
-        record_property('poses in SDF written here that libsdformat resolves alike', count)
-        record_property('the largest difference, in metres or of unit quaternions', largest)
+        count, largest = compare(case.robot, libsdformat(case.path))
+        record_property('poses in written SDF files that libsdformat resolves alike', count)
+        record_property('largest difference, in metres or of unit quaternions', largest)
 
 
 @pytest.mark.parametrize('path', SDF, ids=lambda path: path.name)
-def test_sdf_is_read_as_libsdformat_reads_it(
-        path: Path, written: Mapping[Path, Written], judge: Callable[[Path], dict[str, Any]],
+def test_poses_of_read_sdf(
+        path: Path, written: Mapping[Path, Written], libsdformat: Callable[[Path], dict[str, Any]],
         record_property: Callable[[str, object], None]) -> None:
     original = written[path].original
     assert original is not None
     if path.name in LIMITS_OF_LIBSDFORMAT:
-        assert LIMITS_OF_LIBSDFORMAT[path.name] in judge(path)['complaints']
-        record_property('files of SDF that are read here and not by libsdformat', 1)
+        assert LIMITS_OF_LIBSDFORMAT[path.name] in libsdformat(path)['messages']
+        record_property('SDF files that libsdformat does not read', 1)
         return
-    verdict = judge(path)
+    result = libsdformat(path)
     if path.name in WITHOUT_AXIS:
-        axes = verdict['models'][original.robot.name].setdefault('axes', {})
+        axes = result['models'][original.robot.name].setdefault('axes', {})
         assert WITHOUT_AXIS[path.name] not in axes
         axes[WITHOUT_AXIS[path.name]] = expected(original.robot)[1][WITHOUT_AXIS[path.name]]
-    count, _ = compare(original.robot, verdict)
-    record_property('poses in SDF of others that are read as libsdformat reads them', count)
+    count, _ = compare(original.robot, result)
+    record_property('poses in other SDF files that libsdformat resolves alike', count)
 
 
 @pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
-def test_our_urdf_is_parsed_by_urdfdom(
+def test_tree_of_written_urdf(
         path: Path, written: Mapping[Path, Written], tmp_path: Path,
         record_property: Callable[[str, object], None]) -> None:
     for case in written[path].urdf:
@@ -214,49 +214,49 @@ def test_our_urdf_is_parsed_by_urdfdom(
             changed = tmp_path / case.path.name
             changed.write_text(text.replace('<capsule', '<cylinder'))
             finished = check_urdf(changed)
-            record_property('of them with capsules, which urdfdom 3 does not know', 1)
+            record_property('of these with capsules, which urdfdom 3 does not support', 1)
         assert 'Successfully Parsed XML' in finished.stdout, finished.stderr
-        if path.name in SAID_BY_URDFDOM:
-            assert re.search(SAID_BY_URDFDOM[path.name], finished.stderr)
+        if path.name in MESSAGES_OF_URDFDOM:
+            assert re.search(MESSAGES_OF_URDFDOM[path.name], finished.stderr)
         else:
             assert finished.stderr == ''
         assert tree(finished.stdout) == {
             joint.child: joint.parent for joint in case.robot.joints if not joint.is_loop}
-        record_property('files of URDF written here that urdfdom parses, with the same tree', 1)
+        record_property('written URDF files that urdfdom parses to the same tree', 1)
 
 
 @pytest.mark.parametrize('language', ['urdf', 'sdf'])
-def test_robots_that_are_made_up_are_taken_by_both_parsers(
+def test_random_robots(
         language: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
-    made: list[Written] = []
+    generated: list[Written] = []
     for seed in range(12):
         path = tmp_path / f'made_up_{seed}.{language}'
         path.write_bytes(ElementTree.tostring(getattr(robots, language)(Random(seed), 8)))
-        made.append(write_all(path, tmp_path))
-    verdicts = ask_libsdformat([case.path for one in made for case in one.sdf])
-    for one in made:
+        generated.append(write_all(path, tmp_path))
+    results = run_libsdformat([case.path for one in generated for case in one.sdf])
+    for one in generated:
         for case in one.sdf:
-            verdict = verdicts[str(case.path)]
-            assert verdict['valid'] and complaints(verdict) == [], (
-                verdict['complaints'] + case.path.read_text())
-            compare(case.robot, verdict)
+            result = results[str(case.path)]
+            assert result['valid'] and messages(result) == [], (
+                result['messages'] + case.path.read_text())
+            compare(case.robot, result)
         for case in one.urdf:
             text = case.path.read_text().replace('<capsule', '<cylinder')
             case.path.write_text(text)
             finished = check_urdf(case.path)
             assert 'Successfully Parsed XML' in finished.stdout, finished.stderr + text
             assert finished.stderr == '', text
-    record_property('files of SDF of made up robots that libsdformat takes', len(verdicts))
+    record_property('SDF files of random robots that libsdformat reads', len(results))
 
 
-def test_parts_that_libsdformat_refuses(tmp_path: Path) -> None:
+def test_rejected_values(tmp_path: Path) -> None:
     paths = [tmp_path / f'{number}.sdf' for number in range(len(robots.PARTS_OF_SDF))]
     for path, (content, _) in zip(paths, robots.PARTS_OF_SDF):
         path.write_text(f'<sdf version="1.9"><model name="m"><link name="a">{content}</link>'
                         '</model></sdf>')
-    verdicts = ask_libsdformat(paths)
+    results = run_libsdformat(paths)
     for path, (content, words) in zip(paths, robots.PARTS_OF_SDF):
-        assert verdicts[str(path)]['valid'] is not bool(words), content
+        assert results[str(path)]['valid'] is not bool(words), content
 
 
 @pytest.mark.parametrize(('mass', 'inertia'), [
@@ -267,7 +267,7 @@ def test_parts_that_libsdformat_refuses(tmp_path: Path) -> None:
     (1, (2, 0.5, 0.25, 2, -0.5, 3)), (1, (2, 0.5, 1.25, 2, -0.5, 3)),
     (1, (0.1, 0, 0, 0.2, 0, 0.3)),
 ])
-def test_moments_of_inertia_that_libsdformat_refuses(
+def test_rejected_moments_of_inertia(
         mass: float, inertia: Tensor, tmp_path: Path) -> None:
     placement = Placement(Pose(), FrameId('link', 'a'))
     xx, xy, xz, yy, yz, zz = map(float, inertia)
@@ -276,46 +276,46 @@ def test_moments_of_inertia_that_libsdformat_refuses(
     path = tmp_path / 'robot.sdf'
     report = Report()
     path.write_bytes(to_bytes(convert_to_sdf(robot, report, version='1.9')))
-    assert ask_libsdformat([path])[str(path)]['valid'] is not bool(report.warnings)
+    assert run_libsdformat([path])[str(path)]['valid'] is not bool(report.warnings)
 
 
-def test_the_command_says_the_same(written: Mapping[Path, Written],
-                                   judge: Callable[[Path], dict[str, Any]]) -> None:
+def test_command_and_library_agree(written: Mapping[Path, Written],
+                                   libsdformat: Callable[[Path], dict[str, Any]]) -> None:
     for path in SHIPPED:
         case = written[path].sdf[0]
         finished = ign_check(case.path)
         assert (finished.returncode, finished.stdout) == (0, 'Valid.\n')
-        assert judge(case.path)['valid']
+        assert libsdformat(case.path)['valid']
     wrong = sorted(DATA.glob('sdf/error_*_unknown*.sdf'))
     assert len(wrong) > 3
-    verdicts = ask_libsdformat(wrong)
+    results = run_libsdformat(wrong)
     for path in wrong:
-        assert ('Valid' in ign_check(path).stdout) == verdicts[str(path)]['valid'], path
+        assert ('Valid' in ign_check(path).stdout) == results[str(path)]['valid'], path
 
 
 def check_urdf(path: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command that people run."""
+    """Run the command of urdfdom."""
     return subprocess.run(['check_urdf', str(path)], capture_output=True, text=True, timeout=30,
                           check=False)
 
 
 def ign_check(path: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command that people run."""
+    """Run the command of Gazebo."""
     return subprocess.run(['ign', 'sdf', '-k', str(path)], capture_output=True, text=True,
                           timeout=60, check=False)
 
 
-def compare(robot: Robot, verdict: Mapping[str, Any]) -> tuple[int, float]:
-    """Compare all that a robot has with what libsdformat has; how many poses, how far apart."""
-    model = verdict['models'][robot.name]
-    assert model['trouble'] == ''
+def compare(robot: Robot, result: Mapping[str, Any]) -> tuple[int, float]:
+    """Compare a robot with that of libsdformat; return number and largest distance of poses."""
+    model = result['models'][robot.name]
+    assert model['errors'] == ''
     poses, axes, masses = expected(robot)
     assert {kind: set(group) for kind, group in poses.items() if kind != 'inertials'} == {
         kind: set(model.get(kind, {})) for kind in poses if kind != 'inertials'}
     largest = 0.0
     for kind, group in poses.items():
         for name, transform in group.items():
-            distance = apart(transform, model[kind][name])
+            distance = distance_of(transform, model[kind][name])
             assert distance <= TOLERANCE, (kind, name, transform, model[kind][name])
             largest = max(largest, distance)
     assert set(axes) <= set(model.get('axes', {}))
@@ -328,10 +328,10 @@ def compare(robot: Robot, verdict: Mapping[str, Any]) -> tuple[int, float]:
 
 def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, list[float]],
                                     dict[str, list[float]]]:
-    """Give poses in the model by kind and name, axes, and masses with their moments."""
+    """Return poses in the model by kind and name, axes, and masses with moments of inertia."""
     kinematics = Kinematics(robot)
     links = [link for link in robot.links if not link.is_world]
-    # SDF has neither, so that these are carried beside it; what they move is placed all the same.
+    # SDF does not support these joints; their links are placed without them.
     joints = [joint for joint in robot.joints if joint.type not in ('floating', 'planar')]
     poses = {
         'links': {link.name: kinematics.pose(FrameId('link', link.name)) for link in links},
@@ -341,7 +341,7 @@ def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, l
                    for frame in robot.frames},
         'visuals': shapes(kinematics, links, 'visuals'),
         'collisions': shapes(kinematics, links, 'collisions'),
-        'inertials': {link.name: kinematics.placed(link.inertial.placement)
+        'inertials': {link.name: kinematics.placement_pose(link.inertial.placement)
                       for link in links if link.inertial},
     }
     axes = {f'{joint.name}/{number}': axis_values(axis, joint.type) for joint in joints
@@ -352,13 +352,13 @@ def expected(robot: Robot) -> tuple[dict[str, dict[str, Transform]], dict[str, l
 
 
 def shapes(kinematics: Kinematics, links: Sequence[Link], kind: str) -> dict[str, Transform]:
-    """Give where visuals or collisions are in the model."""
-    return {f'{link.name}/{shape.name}': kinematics.placed(shape.placement)
+    """Return the poses of visuals or collisions in the model."""
+    return {f'{link.name}/{shape.name}': kinematics.placement_pose(shape.placement)
             for link in links for shape in getattr(link, kind)}
 
 
 def axis_values(axis: Axis, kind: str) -> list[float]:
-    """Give direction, limits, damping and friction of an axis as libsdformat has them."""
+    """Return direction, limits, damping and friction of an axis in the order of libsdformat."""
     limit, dynamics = axis.limit, axis.dynamics
     lower, upper = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
     if kind == 'continuous':
@@ -371,7 +371,7 @@ def axis_values(axis: Axis, kind: str) -> list[float]:
 
 
 def limited(values: Sequence[float]) -> list[float]:
-    """Give what libsdformat has of an axis, with infinity wherever there is no limit."""
+    """Return an axis of libsdformat, with infinity for no limit."""
     *xyz, lower, upper, effort, velocity, damping, friction = values
     return [*xyz, *(math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
                     for value in (lower, upper)),
@@ -379,16 +379,16 @@ def limited(values: Sequence[float]) -> list[float]:
               for value in (effort, velocity)), damping, friction]
 
 
-def apart(transform: Transform, judged: Sequence[float]) -> float:
-    """Give how far apart two poses are, of places or of unit quaternions."""
+def distance_of(transform: Transform, other: Sequence[float]) -> float:
+    """Return the distance of two poses, of positions or of unit quaternions."""
     quaternion = transform.quaternion()
-    return max(math.dist(transform.translation, judged[:3]),
-               min(math.dist(quaternion, judged[3:]),
-                   math.dist(quaternion, [-value for value in judged[3:]])))
+    return max(math.dist(transform.translation, other[:3]),
+               min(math.dist(quaternion, other[3:]),
+                   math.dist(quaternion, [-value for value in other[3:]])))
 
 
 def tree(output: str) -> dict[str, str]:
-    """Read the tree that check_urdf prints: the parent of each link."""
+    """Read the tree that check_urdf prints and return the parent of each link."""
     parents: dict[str, str] = {}
     above: list[str] = []
     for line in output.splitlines():

@@ -13,9 +13,9 @@
 # limitations under the License.
 
 """
-What libsdformat and urdfdom say to what becomes of robots as the public writes them.
+Round trips of random robots with features of public files, checked by libsdformat and urdfdom.
 
-``OPENCV_TOOLS_EXAMPLES`` is how many robots of each kind there are, for a longer search.
+``OPENCV_TOOLS_EXAMPLES`` is the number of robots of each kind.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.xml.document import DescriptionError, to_bytes
 from opencv_tools.robot.xml.report import Report
-import places
 import public_sdf
 import public_urdf
 import pytest
+from resolved_poses import flat, poses_of_sdf, poses_of_urdf, ResolvedPoses, root_link
 
 EXAMPLES = int(os.environ.get('OPENCV_TOOLS_EXAMPLES', '100'))
 PROPERTY = settings(max_examples=EXAMPLES, deadline=None, derandomize=True,
@@ -51,23 +51,23 @@ PROPERTY = settings(max_examples=EXAMPLES, deadline=None, derandomize=True,
                     suppress_health_check=list(HealthCheck))
 SEEDS = st.integers(0, 2**32)
 VERSIONS = ('1.4', '1.5', '1.6', '1.7', '1.8', '1.9', '1.11')
-TOLERANCE = 1e-9  # metres, and what a rotation matrix is made of
+TOLERANCE = 1e-9  # metres, and elements of rotation matrices
 
-Judge = Callable[[Path], dict[str, Any]]
+Parser = Callable[[Path], dict[str, Any]]
 
 
 class LibSdformat:
-    """One process that reads one file after another; a new one where a file ended it."""
+    """A process that reads one file after another; it is restarted after a crash."""
 
     def __init__(self) -> None:
-        self._process = self._started()
+        self._process = self._start()
 
-    def _started(self) -> subprocess.Popen[str]:
+    def _start(self) -> subprocess.Popen[str]:
         return subprocess.Popen([os.environ['OPENCV_TOOLS_INTEROP'], '-'], stdin=subprocess.PIPE,
                                 stdout=subprocess.PIPE, text=True)
 
     def __call__(self, path: Path) -> dict[str, Any]:
-        """Return what is said of a file."""
+        """Return the result of a file."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(path, file=self._process.stdin, flush=True)
@@ -76,8 +76,8 @@ class LibSdformat:
             answer: dict[str, dict[str, Any]] = json.loads(line)
             return answer[str(path)]
         self.close()
-        self._process = self._started()
-        return {'loaded': False, 'valid': False, 'complaints': 'it crashed', 'models': {}}
+        self._process = self._start()
+        return {'loaded': False, 'valid': False, 'messages': 'the process crashed', 'models': {}}
 
     def close(self) -> None:
         """End the process."""
@@ -85,18 +85,18 @@ class LibSdformat:
 
 
 @pytest.fixture(scope='module')
-def judge() -> Iterator[Judge]:
-    libsdformat = LibSdformat()
-    yield libsdformat
-    libsdformat.close()
+def libsdformat() -> Iterator[Parser]:
+    process = LibSdformat()
+    yield process
+    process.close()
 
 
-class Bench:
-    """A folder for the files of one robot after another, and those who judge them."""
+class Workspace:
+    """A folder for the files of one robot after another, the parsers, and counts of results."""
 
-    def __init__(self, folder: Path, judge: Judge) -> None:
+    def __init__(self, folder: Path, libsdformat: Parser) -> None:
         self.folder = folder
-        self.judge = judge
+        self.libsdformat = libsdformat
         self.counts: Counter[str] = Counter()
 
     def put(self, name: str, data: bytes) -> Path:
@@ -105,8 +105,8 @@ class Bench:
         path.write_bytes(data)
         return path
 
-    def refuse(self, err: DescriptionError, accepted: bool) -> None:
-        """Count a robot that is not converted, by what was said, if the judge reads it."""
+    def count_refused(self, err: DescriptionError, accepted: bool) -> None:
+        """Count a robot that is not converted although the other parser reads it."""
         if accepted:
             self.counts['refused'] += 1
             self.counts[f'refused: {re.sub("^[^ ]* |[0-9]+", "", str(err))}'] += 1
@@ -117,100 +117,99 @@ class Bench:
                                   check=False)
         return b'Successfully Parsed XML' in finished.stdout
 
-    def model(self, path: Path, demand: str = 'valid') -> Mapping[str, Any] | None:
-        """Return what libsdformat resolves of a model; None without what is demanded of it."""
-        verdict = self.judge(path)
-        if not verdict[demand] or len(verdict['models']) != 1:
+    def model(self, path: Path, check: str = 'valid') -> Mapping[str, Any] | None:
+        """Return the model as resolved by libsdformat; None if the result fails the check."""
+        result = self.libsdformat(path)
+        if not result[check] or len(result['models']) != 1:
             return None
-        if 'has a name collision' in verdict['complaints']:
-            return None  # it gives other names, and goes on
-        (model,) = verdict['models'].values()
-        return None if model['trouble'] else model
+        if 'has a name collision' in result['messages']:
+            return None  # libsdformat renames and continues
+        (model,) = result['models'].values()
+        return None if model['errors'] else model
 
 
 @pytest.fixture
-def bench(tmp_path: Path, judge: Judge) -> Bench:
-    return Bench(tmp_path, judge)
+def workspace(tmp_path: Path, libsdformat: Parser) -> Workspace:
+    return Workspace(tmp_path, libsdformat)
 
 
 def read(path: Path) -> Any:
-    """Return a robot with the names that it had before."""
+    """Return a robot with its original names."""
     return with_original_names(read_robot(str(path), Report())[0])
 
 
-def urdf_through(bench: Bench, written: ElementTree.Element, random: Random) -> None:
-    """Convert URDF to SDF and back; all outputs are read by their own parsers, and are right."""
-    path = bench.put('in.urdf', ElementTree.tostring(written))
-    accepted, report = bench.urdf(path), Report()
-    bench.counts['read by libsdformat'] += accepted
+def urdf_through(workspace: Workspace, written: ElementTree.Element, random: Random) -> None:
+    """Convert URDF to SDF and back; compare each output as read by the other parsers."""
+    path = workspace.put('in.urdf', ElementTree.tostring(written))
+    accepted, report = workspace.urdf(path), Report()
+    workspace.counts['read by libsdformat'] += accepted
     try:
         robot, _ = read_robot(str(path), report)
         version = random.choice(VERSIONS)
         relative = version >= '1.7' and random.random() < 0.5
-        there = bench.put('there.sdf', to_bytes(
+        there = workspace.put('there.sdf', to_bytes(
             convert_to_sdf(robot, report, version=version, relative=relative)))
     except DescriptionError as err:
-        bench.refuse(err, accepted)
+        workspace.count_refused(err, accepted)
         return
-    bench.counts['converted'] += 1
-    model = bench.model(there)
-    if any('no body has this mass' in note.message for note in report.warnings):
-        assert 'has invalid inertia' in bench.judge(there)['complaints']
+    workspace.counts['converted'] += 1
+    model = workspace.model(there)
+    if any('physically impossible' in note.message for note in report.warnings):
+        assert 'has invalid inertia' in workspace.libsdformat(there)['messages']
         return
-    assert model is not None, (path.read_text(), there.read_text(), bench.judge(there))
+    assert model is not None, (path.read_text(), there.read_text(), workspace.libsdformat(there))
     try:
-        back = bench.put('back.urdf', to_bytes(convert_to_urdf(read(there), Report())))
+        back = workspace.put('back.urdf', to_bytes(convert_to_urdf(read(there), Report())))
         assert not differences(robot, read(back), samples=1, tolerance=TOLERANCE)
     except DescriptionError:
         assert not accepted, (path.read_text(), there.read_text())
     if not accepted:
         return
-    assert bench.urdf(back), (path.read_text(), back.read_text())
-    bench.counts['compared'] += 1
-    expected = places.of_urdf(written, named=False)
-    compare(expected, places.of_urdf(ElementTree.parse(back).getroot(), named=False), path)
+    assert workspace.urdf(back), (path.read_text(), back.read_text())
+    workspace.counts['compared'] += 1
+    expected = poses_of_urdf(written, named=False)
+    compare(expected, poses_of_urdf(ElementTree.parse(back).getroot(), named=False), path)
     compare_in_order(expected, written, model, there)
 
 
-def sdf_through(bench: Bench, written: ElementTree.Element, random: Random) -> None:
-    """Convert SDF to URDF and back; all outputs are read by their own parsers, and are right."""
-    path = bench.put('in.sdf', ElementTree.tostring(written))
-    model = bench.model(path, 'loaded')
-    bench.counts['read by libsdformat'] += model is not None
+def sdf_through(workspace: Workspace, written: ElementTree.Element, random: Random) -> None:
+    """Convert SDF to URDF and back; compare each output as read by the other parsers."""
+    path = workspace.put('in.sdf', ElementTree.tostring(written))
+    model = workspace.model(path, 'loaded')
+    workspace.counts['read by libsdformat'] += model is not None
     try:
         robot, _ = read_robot(str(path), Report())
-        there = bench.put('there.urdf', to_bytes(convert_to_urdf(robot, Report())))
+        there = workspace.put('there.urdf', to_bytes(convert_to_urdf(robot, Report())))
     except DescriptionError as err:
-        bench.refuse(err, model is not None)
+        workspace.count_refused(err, model is not None)
         return
-    bench.counts['converted'] += 1
-    assert bench.urdf(there), (path.read_text(), there.read_text())
+    workspace.counts['converted'] += 1
+    assert workspace.urdf(there), (path.read_text(), there.read_text())
     try:
-        back = bench.put('back.sdf', to_bytes(convert_to_sdf(
+        back = workspace.put('back.sdf', to_bytes(convert_to_sdf(
             read(there), Report(), version=random.choice(VERSIONS))))
     except DescriptionError:
         assert model is None, (path.read_text(), there.read_text())
     if model is None:
         return
-    again = bench.model(back)
-    assert again is not None, (path.read_text(), back.read_text(), bench.judge(back))
-    bench.counts['compared'] += 1
+    again = workspace.model(back)
+    assert again is not None, (path.read_text(), back.read_text(), workspace.libsdformat(back))
+    workspace.counts['compared'] += 1
     urdf = ElementTree.parse(there).getroot()
-    base = places.root_link(urdf)
-    compare(places.of_sdf(written, model, base, named=True),
-            places.of_urdf(urdf, named=True), path)
-    # Where a visual and a collision share a name, one of them gets another.
-    compare(places.of_sdf(written, model, base, named=False),
-            places.of_sdf(ElementTree.parse(back).getroot(), again, base, named=False), path)
+    base = root_link(urdf)
+    compare(poses_of_sdf(written, model, base, named=True),
+            poses_of_urdf(urdf, named=True), path)
+    # A visual or a collision is renamed if both have one name.
+    compare(poses_of_sdf(written, model, base, named=False),
+            poses_of_sdf(ElementTree.parse(back).getroot(), again, base, named=False), path)
 
 
-def compare(expected: places.Places, found: places.Places, path: Path) -> None:
-    """Check that all that was found is where it is expected."""
+def compare(expected: ResolvedPoses, found: ResolvedPoses, path: Path) -> None:
+    """Check that all poses found are the expected ones."""
     for kind in ('joints', 'shapes', 'inertials', 'masses', 'axes'):
         here, there = getattr(expected, kind), getattr(found, kind)
         if kind == 'axes':
-            # SDF 1.4 has no fixed joints, they turn by nothing there; and where a joint of SDF
-            # does not say its axis, libsdformat has none.
+            # A fixed joint is a revolute joint in SDF 1.4. libsdformat has no default axis.
             there = {name: value for name, value in there.items() if name in here}
         assert there.keys() <= here.keys(), (kind, there.keys() - here.keys(), path.read_text())
         for name, value in there.items():
@@ -218,16 +217,16 @@ def compare(expected: places.Places, found: places.Places, path: Path) -> None:
 
 
 def check_close(expected: Any, found: Any, name: str, path: Path) -> None:
-    """Check that numbers are the same but for rounding."""
+    """Check that numbers are equal except for rounding."""
     assert np.allclose(expected, found, rtol=1e-12, atol=TOLERANCE), (
         name, expected, found, path.read_text())
 
 
-def compare_in_order(expected: places.Places, urdf: ElementTree.Element, model: Mapping[str, Any],
+def compare_in_order(expected: ResolvedPoses, urdf: ElementTree.Element, model: Mapping[str, Any],
                      path: Path) -> None:
-    """Compare links and joints of SDF with those of URDF that stand at the same place."""
+    """Compare links and joints of SDF with those of URDF in the same order."""
     sdf = ElementTree.parse(path).getroot()
-    base = places.root_link(urdf)
+    base = root_link(urdf)
     inside = sdf.find('model')
     assert inside is not None
     names = {
@@ -238,9 +237,9 @@ def compare_in_order(expected: places.Places, urdf: ElementTree.Element, model: 
                           (joint.get('name', '') for joint in urdf.findall('joint')
                            if joint.get('type') not in ('floating', 'planar')), strict=True))}
     sdf_base = next((name for name, own in names['link'].items() if own == base), base)
-    found = places.of_sdf(sdf, model, sdf_base, named=False)
+    found = poses_of_sdf(sdf, model, sdf_base, named=False)
     for name, own in names['joint'].items():
-        own = places.flat(own)
+        own = flat(own)
         check_close(expected.joints[own], found.joints[name], name, path)
         if own in expected.axes:
             check_close(expected.axes[own], found.axes[name], name, path)
@@ -249,16 +248,17 @@ def compare_in_order(expected: places.Places, urdf: ElementTree.Element, model: 
             check_close(expected.inertials[own], found.inertials[name], name, path)
             check_close(expected.masses[own], found.masses[name], name, path)
         for tag in ('visual', 'collision'):
-            here = [place for key, place in found.shapes.items() if key[:2] == (name, tag)]
-            there = [place for key, place in expected.shapes.items() if key[:2] == (own, tag)]
-            for one, other in zip(here, there, strict=True):
-                check_close(other, one, f'{tag} of {name}', path)
+            shapes = [pose for key, pose in found.shapes.items() if key[:2] == (name, tag)]
+            originals = [pose for key, pose in expected.shapes.items() if key[:2] == (own, tag)]
+            for shape, original in zip(shapes, originals, strict=True):
+                check_close(original, shape, f'{tag} of {name}', path)
 
 
 @pytest.mark.parametrize('is_mutated', [False, True], ids=['as made', 'mutated'])
 @pytest.mark.parametrize('way', [urdf_through, sdf_through])
-def test_robots_of_the_public(way: Callable[..., None], is_mutated: bool, bench: Bench,
-                              record_property: Callable[[str, object], None]) -> None:
+def test_round_trips_of_public_robots(
+        way: Callable[..., None], is_mutated: bool, workspace: Workspace,
+        record_property: Callable[[str, object], None]) -> None:
     make = public_urdf.urdf if way is urdf_through else public_sdf.sdf
 
     @given(SEEDS)
@@ -266,14 +266,14 @@ def test_robots_of_the_public(way: Callable[..., None], is_mutated: bool, bench:
     def through(seed: int) -> None:
         random = Random(seed)
         robot = make(random)
-        way(bench, mutated(random, robot) if is_mutated else robot, random)
+        way(workspace, mutated(random, robot) if is_mutated else robot, random)
 
     through()
-    record(bench, record_property)
-    assert is_mutated or bench.counts['refused'] == 0
-    assert bench.counts['compared'] > EXAMPLES / (6 if is_mutated else 3)
+    record(workspace, record_property)
+    assert is_mutated or workspace.counts['refused'] == 0
+    assert workspace.counts['compared'] > EXAMPLES / (6 if is_mutated else 3)
 
 
-def record(bench: Bench, record_property: Callable[[str, object], None]) -> None:
-    for name, count in bench.counts.items():
-        record_property(f'robots of the public: {name}', count)
+def record(workspace: Workspace, record_property: Callable[[str, object], None]) -> None:
+    for name, count in workspace.counts.items():
+        record_property(f'public robots: {name}', count)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What each version of SDF makes of attributes and elements of other versions: libsdformat's."""
+"""Attributes and elements in other SDF versions than their own, compared with libsdformat."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import parse
 from opencv_tools.robot.xml.report import Report
 import pytest
-from test_parsers import ask_libsdformat, compare
+from test_parsers import compare, run_libsdformat
 
 VERSIONS = ('1.4', '1.5', '1.6', '1.7', '1.8', '1.9')
 MASS = '<inertial><mass>1</mass></inertial>'
@@ -32,26 +32,26 @@ TURNED = '0 2 0 1 0.5 0'
 
 
 def link(name: str, pose: str, content: str = '') -> str:
-    """Write a link, placed by a whole ``<pose>``."""
+    """Return a link with the element ``<pose>``."""
     mass = '' if '<inertial' in content else MASS
     return f'<link name="{name}">{pose}{mass}{content}</link>'
 
 
 def hinge(child: str, content: str, kind: str = 'revolute', parent: str = 'base') -> str:
-    """Write a joint."""
+    """Return a joint."""
     return (f'<joint name="to_{child}" type="{kind}"><parent>{parent}</parent>'
             f'<child>{child}</child>{content}</joint>')
 
 
 def turning(number: int, xyz: str, *more: str, pose: str = '') -> str:
-    """Write a link that is turned, and the joint above it with an axis."""
+    """Return a rotated link and its parent joint with an axis."""
     return link(f'wheel_{number}', f'<pose>{TURNED}</pose>') + hinge(
         f'wheel_{number}', f'{pose}<axis>{xyz}{"".join(more)}<limit><lower>-1</lower><upper>1'
         '</upper></limit></axis>')
 
 
 def in_model(text: str) -> str:
-    """Write the element that says whether an axis is in the model's frame."""
+    """Return the element for an axis in the model frame."""
     return f'<use_parent_model_frame>{text}</use_parent_model_frame>'
 
 
@@ -101,8 +101,8 @@ PART = f'<model name="part">{link("box", "")}{link("lid", "<pose>0 1 0 0 0 0</po
 
 
 @pytest.fixture(scope='module')
-def judged(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], tuple[Path, Any]]:
-    """Give a robot of some version as a file, and what libsdformat says of it."""
+def parsed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], tuple[Path, Any]]:
+    """Return a function for the file of a robot in a version, and its result of libsdformat."""
     folder = tmp_path_factory.mktemp('versions')
     paths = {(name, version): folder / version / f'{name}.sdf'
              for name in ROBOTS for version in VERSIONS}
@@ -115,14 +115,14 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], tup
     for (name, version), path in paths.items():
         path.write_text(f'<sdf version="{version}"><model name="m" canonical_link="base">{BASE}'
                         f'{ROBOTS[name]}</model></sdf>')
-    verdicts = ask_libsdformat(list(paths.values()))
-    return lambda name, version: (paths[name, version], verdicts[str(paths[name, version])])
+    results = run_libsdformat(list(paths.values()))
+    return lambda name, version: (paths[name, version], results[str(paths[name, version])])
 
 
 @pytest.mark.parametrize('version', VERSIONS)
 @pytest.mark.parametrize('name', ROBOTS)
-def test_attributes_of_other_versions_are_read_as_libsdformat_reads_them(
-        name: str, version: str, judged: Callable[[str, str], tuple[Path, Any]]) -> None:
-    path, verdict = judged(name, version)
-    assert verdict['valid'], verdict['complaints']
-    compare(read_sdf(parse(path.read_bytes(), str(path), Report()), Report()), verdict)
+def test_attributes_of_other_versions(
+        name: str, version: str, parsed: Callable[[str, str], tuple[Path, Any]]) -> None:
+    path, result = parsed(name, version)
+    assert result['valid'], result['messages']
+    compare(read_sdf(parse(path.read_bytes(), str(path), Report()), Report()), result)

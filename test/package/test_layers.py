@@ -55,6 +55,8 @@ ALLOWED = {
     'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
                            'opencv_tools.regular_files', 'opencv_tools.standard_streams',
                            'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
+    'opencv_tools.robot.xml': {'opencv_tools.robot.xml', 'opencv_tools.image.text',
+                               'opencv_tools.regular_files', 'lxml'},
 }
 #: What the modules of a package must not import, although ALLOWED names a package around it.
 FORBIDDEN = {
@@ -94,6 +96,23 @@ def test_imports_point_down(module: str) -> None:
 def test_forbidden_imports(module: str) -> None:
     package = max((name for name in FORBIDDEN if f'{module}.'.startswith(f'{name}.')), key=len)
     assert not [name for name in imported(module) if name.startswith(FORBIDDEN[package])]
+
+
+@pytest.mark.parametrize('module', [
+    name for name in MODULES if name.startswith('opencv_tools.robot.urdf.')])
+def test_urdf_imports_of_sdf_only_fragments_and_values(module: str) -> None:
+    package = 'opencv_tools.robot.sdf'
+    assert {name for name in imported(module) if f'{name}.'.startswith(f'{package}.')} <= {
+        f'{package}.fragments', f'{package}.values'}
+
+
+@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith((
+    'opencv_tools.robot.urdf.', 'opencv_tools.robot.sdf.')) and name.endswith((
+        'reader', 'writer'))])
+def test_readers_and_writers_do_not_import_each_other(module: str) -> None:
+    other = 'writer' if module.endswith('reader') else 'reader'
+    assert not [name for name in imported(module) if name.startswith('opencv_tools.robot.')
+                and name.endswith(other)]
 
 
 @pytest.mark.process

@@ -33,6 +33,8 @@ PARTS_OF_SDF = (
     ('<sensor name="s" type="imu"><update_rate>1e400</update_rate></sensor>', 'not a number'),
     ('<sensor name="s" type="imu"><update_rate>30 Hz</update_rate></sensor>', ''),
     ('<sensor name="s" type="imu"><update_rate>0x10</update_rate></sensor>', ''),
+    (f'<sensor name="s" type="imu"><update_rate>0x{"f" * 300}</update_rate></sensor>',
+     'not a number'),
     ('<sensor name="s" type="imu"><update_rate/></sensor>', ''),
     ('<sensor name="s" type="imu"><update_rate>inf</update_rate></sensor>', ''),
     ('<sensor name="s" type="imu"><always_on>yes</always_on></sensor>', 'true or false'),

@@ -13,51 +13,51 @@
 # limitations under the License.
 
 """
-Whether two descriptions mean the same robot, in whatever format and words they were written.
+Comparison of two robots by meaning, whatever their formats and names of elements.
 
-All is compared by what it means: placed in space, at zero and with the joints moved.
+Poses are compared in space, at zero and at random joint positions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 import random
 
 from opencv_tools.robot.compare.properties import (
-    axis_properties, Facts, geometry_properties, is_continuous, of_material, texts)
+    axis_properties, format_pair, geometry_properties, is_continuous, material_properties,
+    Properties)
 from opencv_tools.robot.compare.sampling import random_position
-from opencv_tools.robot.kinematics import AXES, Kinematics, with_mimics
-from opencv_tools.robot.model import (
-    FrameId, Inertial, Joint, JOINT_TYPES, Link, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import IDENTITY, Transform, turned_tensor
+from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.model import FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape
+from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name, with_original_names
 
 Key = tuple[str, str]  # element and name
-_Positions = dict[str, Sequence[float]]
+_Poses = Mapping[FrameId, Transform]
 
-# Compared by their own size however small: there is much light and little in a robot.
+# The tolerance of these properties is always relative, because robots have very small values.
 _RELATIVE = ('mass', 'inertia')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Difference:
     """
-    One thing that is not the same.
+    A difference between two robots.
 
     :param element: ``link``, ``inertial``, ``visual``, ``collision``, ``joint`` or ``frame``.
-    :param name: of the element; of what a link has, ``link/name`` or ``link/number``.
-    :param what: ``presence``, ``pose at zero``, ``type``, ``upper``, ...
-    :param a: what the first robot has, as text.
-    :param b: what the second one has.
-    :param size: by how much: metres or radians, whichever is more, of a pose; the largest
-        difference of numbers; 0 where there are none.
+    :param name: name of the element; for a shape, ``link/name`` or ``link/number``.
+    :param property: ``presence``, ``pose at zero``, ``type``, ``upper`` or another property.
+    :param a: value in the first robot, as text.
+    :param b: value in the second robot, as text.
+    :param size: size of the difference; for a pose in metres or radians, whichever is larger;
+        0 for values that are not numbers.
     """
 
     element: str
     name: str
-    what: str
+    property: str  # noqa: A003
     a: str
     b: str
     size: float = 0.0
@@ -65,57 +65,56 @@ class Difference:
 
 @dataclass(frozen=True)
 class _Item:
-    """Something that is compared: where it is placed, and what else is said of it."""
+    """An object that is compared, with the frame in which it is fixed at an offset."""
 
     frame: FrameId
     offset: Transform = IDENTITY
-    facts: Facts = field(default_factory=dict)
+    properties: Properties = field(default_factory=dict)
 
 
 def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-9,
                 seed: int = 0) -> list[Difference]:
     """
-    Tell in what two robots differ, in the order of the first one.
+    Return the differences between two robots, in the order of the first robot.
 
-    Links, joints and frames are found by name, where ``a::b`` of SDF is ``a__b`` and a name that
-    a conversion changed is the one before. Visuals and collisions of a link are found by name
-    where all have one of their own in both robots, else by their order. A frame that only one
-    robot has, an empty link ``world`` and names of materials are no difference.
+    Links, joints and frames are matched by name. A name ``a::b`` of SDF matches ``a__b``, and a
+    name that a conversion changed matches the original name. Visuals and collisions of a link are
+    matched by name if all have unique names in both robots, else by their order. A frame that
+    only one robot has, an empty link ``world`` and names of materials are no difference.
 
-    :param samples: at how many random positions of the joints, within their limits, poses are
-        compared beside zero. They are compared relative to the first root of both robots.
-    :param tolerance: how far lengths in metres, angles in radians and other numbers up to 1 may
-        be apart, and larger ones and masses and moments of inertia by this part of them.
-    :param seed: of the random positions.
-    :raises DescriptionError: the frames or mimics of one go round in a circle.
+    :param samples: number of random joint positions within the limits at which poses are
+        compared, in addition to zero. Poses are relative to the first root link of both robots.
+    :param tolerance: greatest difference of lengths in metres, angles in radians and other numbers
+        up to 1. It is relative for larger numbers, for masses and for moments of inertia.
+    :param seed: seed of the random positions.
+    :raises DescriptionError: the frames or mimics of a robot have a cycle.
     """
     sides = _Side(with_original_names(a)), _Side(with_original_names(b))
-    base, skipped, ordered = _common_base(*sides), _without_world(*sides), _ordered(*sides)
+    base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), _ordered(*sides)
     items = [side.items(base, skipped, ordered) for side in sides]
-    found: dict[Key, list[Difference]] = {key: [] for one in items for key in one}
-    for key, some in found.items():
+    found: dict[Key, list[Difference]] = {key: [] for side in items for key in side}
+    for key, result in found.items():
         if key in items[0] and key in items[1]:
-            some.extend(_of_facts(key, items[0][key], items[1][key], tolerance))
-        elif _is_told(key, sides, skipped):
-            there = ['yes' if key in one else 'no' for one in items]
-            some.append(Difference(*key, 'presence', there[0], there[1]))
-    placed = [key for key in items[0] if key in items[1]]
+            result.extend(_property_differences(key, items[0][key], items[1][key], tolerance))
+        elif _presence_matters(key, sides):
+            present = ('yes', 'no') if key in items[0] else ('no', 'yes')
+            result.append(_difference(key, 'presence', *present))
+    equal = [key for key in items[0] if key in items[1]]
     generator = random.Random(seed)
     for sample in range(samples + 1):
-        # Zero is where the formats place all; what mimics with an offset is elsewhere even there.
+        # At zero, mimic joints are not moved: formats place links without regard to mimics.
         positions = _positions(*sides, generator) if sample else ({}, {})
-        poses = [side.poses(base, where) for side, where in zip(sides, positions)]
-        worst = _worst(placed, items, poses, tolerance)
-        for key, (size, places) in worst.items():
-            when = 'pose at random positions' if sample else 'pose at zero'
-            found[key].append(Difference(*key, when, *places, size))
-        # What is elsewhere once need not be looked at again: it would say the same.
-        placed = [key for key in placed if key not in worst]
-    return [difference for some in found.values() for difference in some]
+        poses = [side.poses(base, values) for side, values in zip(sides, positions)]
+        name = 'pose at random positions' if sample else 'pose at zero'
+        different = dict(_pose_differences(equal, name, items, poses, tolerance))
+        for key, difference in different.items():
+            found[key].append(difference)
+        equal = [key for key in equal if key not in different]
+    return [difference for result in found.values() for difference in result]
 
 
 class _Side:
-    """One of both robots, with its objects by the names that both have in common."""
+    """One of the two robots, with its objects by names that are the same in both formats."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -125,150 +124,142 @@ class _Side:
         self.frames = dict(zip(_keys(frame.name for frame in robot.frames), robot.frames))
 
     def items(self, base: str, skipped: set[str], ordered: set[Key]) -> dict[Key, _Item]:
-        """Give all that is compared, by element and name."""
-        home = self.kinematics.pose(self._frame(base)).inverse()
+        """Return all objects that are compared, by element and name."""
+        to_base = self.kinematics.pose(self._base_frame(base)).inverse()
         items = {}
         for key, link in self.links.items():
             if key in skipped:
                 continue
             items['link', key] = _Item(FrameId('link', link.name))
             if link.inertial:
-                items['inertial', key] = self._of_inertial(link, link.inertial, home)
-            for element, shapes in (('visual', link.visuals), ('collision', link.collisions)):
+                items['inertial', key] = self._inertial_item(link, link.inertial, to_base)
+            for element, shapes in _shapes(link):
                 names = (map(str, range(len(shapes))) if (element, key) in ordered
                          else (shape.name for shape in shapes))
-                items.update(((element, f'{key}/{name}'), self._of_shape(link, shape))
+                items.update(((element, f'{key}/{name}'), self._shape_item(link, shape))
                              for name, shape in zip(names, shapes))
         for key, joint in self.joints.items():
             items['joint', key] = _Item(FrameId('joint', joint.name), IDENTITY,
-                                        self._of_joint(joint, home))
+                                        self._joint_properties(joint, to_base))
         for key, frame in self.frames.items():
             items['frame', key] = _Item(FrameId('frame', frame.name))
         return items
 
-    def poses(self, base: str, positions: Mapping[str, Sequence[float]]
-              ) -> dict[FrameId, Transform]:
-        """Give where links, joints and frames are in the base that both robots have."""
-        poses = self.kinematics.at(positions)
-        home = poses.get(self._frame(base), IDENTITY).inverse()
-        return {frame: home @ pose for frame, pose in poses.items()}
+    def poses(self, base: str, positions: Mapping[str, Sequence[float]]) -> _Poses:
+        """Return the poses of links, joints and frames in the base link."""
+        poses = self.kinematics.forward(positions)
+        to_base = poses.get(self._base_frame(base), IDENTITY).inverse()
+        return {frame: to_base @ pose for frame, pose in poses.items()}
 
-    def is_loose_world(self, key: str) -> bool:
-        """Tell whether this is a link that says nothing: a world that nothing is fastened to."""
+    def is_unused_world(self, key: str) -> bool:
+        """Return whether a link is an empty world without joints to other links."""
         link = self.links[key]
-        return link.is_world and not self.kinematics.joints_below[link.name]
+        return link.is_world and not self.kinematics.child_joints[link.name]
 
-    def _frame(self, base: str) -> FrameId:
+    def _base_frame(self, base: str) -> FrameId:
         return FrameId('link', self.links[base].name) if base else MODEL
 
     def _offset(self, link: Link, placement: Placement) -> Transform:
         return self.kinematics.within(FrameId('link', link.name), placement).transform()
 
-    def _of_inertial(self, link: Link, inertial: Inertial, home: Transform) -> _Item:
+    def _inertial_item(self, link: Link, inertial: Inertial, to_base: Transform) -> _Item:
         frame = FrameId('link', link.name)
-        # Only its centre is placed: the frame of the moments may be any, so they are turned.
+        # The axes of the moments are arbitrary, so the moments are rotated into the base.
         offset = self._offset(link, inertial.placement)
-        turned = home @ self.kinematics.pose(frame) @ offset
+        rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
         return _Item(frame, Transform(translation=offset.translation), {
-            'mass': (inertial.mass,), 'inertia': turned_tensor(inertial.inertia, turned.rotation)})
+            'mass': (inertial.mass,), 'inertia': rotated_tensor(inertial.inertia, rotation)})
 
-    def _of_shape(self, link: Link, shape: Shape) -> _Item:
+    def _shape_item(self, link: Link, shape: Shape) -> _Item:
         return _Item(FrameId('link', link.name), self._offset(link, shape.placement),
-                     {**geometry_properties(shape), **of_material(shape.material)})
+                     {**geometry_properties(shape), **material_properties(shape.material)})
 
-    def _of_joint(self, joint: Joint, home: Transform) -> Facts:
-        turn = home @ self.kinematics.pose(FrameId('joint', joint.name))
-        endless = is_continuous(joint)
-        facts: Facts = {
-            'type': 'continuous' if endless else joint.type,
+    def _joint_properties(self, joint: Joint, to_base: Transform) -> Properties:
+        pose = to_base @ self.kinematics.pose(FrameId('joint', joint.name))
+        continuous = is_continuous(joint)
+        properties: Properties = {
+            'type': 'continuous' if continuous else joint.type,
             'parent': flat_name(joint.parent), 'child': flat_name(joint.child),
             'closes a loop': 'yes' if joint.is_loop else 'no'}
-        for index, axis in enumerate(joint.axes[:AXES[JOINT_TYPES[joint.type]]]):
-            suffix = '' if index == 0 else ' of axis2'
-            facts.update((f'{what}{suffix}', fact)
-                         for what, fact in axis_properties(axis, turn).items()
-                         if not (endless and what in ('lower', 'upper')))
-        return facts
+        for index, axis in enumerate(joint.axes[:joint.kind.axes]):
+            suffix = ' of axis2' if index else ''
+            properties.update((f'{name}{suffix}', value)
+                              for name, value in axis_properties(axis, pose).items()
+                              if not (continuous and name in ('lower', 'upper')))
+        return properties
+
+
+def _shapes(link: Link) -> tuple[tuple[str, tuple[Shape, ...]], ...]:
+    return ('visual', link.visuals), ('collision', link.collisions)
 
 
 def _keys(names: Iterable[str]) -> list[str]:
-    """Give names as both formats have them; as they are where that would make two the same."""
-    written = list(names)
-    keys = list(map(flat_name, written))
-    return keys if len(set(keys)) == len(set(written)) else written
+    """Return names as both formats write them; unchanged names if that would make two equal."""
+    originals = list(names)
+    keys = list(map(flat_name, originals))
+    return keys if len(set(keys)) == len(set(originals)) else originals
 
 
 def _common_base(a: _Side, b: _Side) -> str:
-    """Name what all is placed relative to: the first root, or else link, of both."""
+    """Return the base of all poses: the first root link of both robots, or else the first link."""
     common = [key for key in a.links if key in b.links
-              and not a.is_loose_world(key) and not b.is_loose_world(key)]
-    roots = set(a.kinematics.roots), set(b.kinematics.roots)
-    both = (key for key in common
-            if a.links[key].name in roots[0] and b.links[key].name in roots[1])
-    return next(both, common[0] if common else '')
+              and not a.is_unused_world(key) and not b.is_unused_world(key)]
+    roots_a, roots_b = set(a.kinematics.roots), set(b.kinematics.roots)
+    roots = (key for key in common
+             if a.links[key].name in roots_a and b.links[key].name in roots_b)
+    return next(roots, common[0] if common else '')
 
 
 def _ordered(a: _Side, b: _Side) -> set[Key]:
-    """Name the links whose visuals and collisions have not all got a name of their own."""
+    """Return the links whose visuals or collisions lack unique names, by element and name."""
     return {(element, key) for side in (a, b) for key, link in side.links.items()
-            for element, shapes in (('visual', link.visuals), ('collision', link.collisions))
+            for element, shapes in _shapes(link)
             if len({shape.name for shape in shapes if shape.name}) < len(shapes)}
 
 
-def _without_world(a: _Side, b: _Side) -> set[str]:
-    """Name the link that stands for the world, where it is in one only or nothing needs it."""
+def _skipped_worlds(a: _Side, b: _Side) -> set[str]:
+    """Return the empty world links that only one robot has or that no joint uses."""
     return {key for side, other in ((a, b), (b, a)) for key, link in side.links.items()
-            if link.is_world and (key not in other.links or side.is_loose_world(key))}
+            if link.is_world and (key not in other.links or side.is_unused_world(key))}
 
 
-def _is_told(key: Key, sides: tuple[_Side, _Side], skipped: set[str]) -> bool:
-    """Tell whether it matters that one has not got this: what a missing link has does not."""
+def _presence_matters(key: Key, sides: tuple[_Side, _Side]) -> bool:
+    """Return whether a missing object is a difference; contents of a missing link are not."""
     element, name = key
-    if element == 'frame':
-        return False
     link = name if element == 'inertial' else name.rpartition('/')[0]
-    return element in ('link', 'joint') or all(link in side.links for side in sides)
+    return element in ('link', 'joint') or (
+        element != 'frame' and all(link in side.links for side in sides))
 
 
 def _positions(a: _Side, b: _Side, generator: random.Random
-               ) -> tuple[_Positions, _Positions]:
-    """
-    Choose positions, the same for joints of one name; zero for one of another kind in b.
-
-    Joints that mimic follow.
-    """
-    result: tuple[_Positions, _Positions] = ({}, {})
+               ) -> tuple[dict[str, Sequence[float]], dict[str, Sequence[float]]]:
+    """Return random positions, equal for joints of one name and kind; mimic joints follow."""
+    positions: tuple[dict[str, Sequence[float]], ...] = {}, {}
     for key in sorted({*a.joints, *b.joints}):
         joints = [side.joints.get(key) for side in (a, b)]
-        first = joints[0] or joints[1]
-        if first is None:
-            continue
+        first = next(joint for joint in joints if joint)
         position = random_position(first, generator)
-        for chosen, joint in zip(result, joints):
-            if joint and JOINT_TYPES[joint.type] == JOINT_TYPES[first.type]:
+        for chosen, joint in zip(positions, joints):
+            if joint and joint.kind == first.kind:
                 chosen[joint.name] = position
-    return with_mimics(a.robot, result[0]), with_mimics(b.robot, result[1])
+    return with_mimics(a.robot, positions[0]), with_mimics(b.robot, positions[1])
 
 
-def _worst(placed: Iterable[Key], items: Sequence[Mapping[Key, _Item]],
-           poses: Sequence[Mapping[FrameId, Transform]], tolerance: float
-           ) -> dict[Key, tuple[float, tuple[str, str]]]:
-    """Give what is not at one place, by how much, and both places."""
-    worst = {}
-    for key in placed:
-        one, other = (pose[item[key].frame] @ item[key].offset
-                      for pose, item in zip(poses, items))
-        distance = math.dist(one.translation, other.translation)
-        reach = max(1.0, math.hypot(*one.translation), math.hypot(*other.translation))
-        # The sine of half the angle between them, times 2 sqrt 2; exact where it is small, unlike
-        # the cosine.
-        half = math.dist(one.rotation, other.rotation) / math.sqrt(8.0)
-        angle = 2 * math.asin(min(1.0, half))
-        if key[0] == 'inertial':
-            angle = 0.0  # the moments are compared as they are in space
-        if distance > tolerance * reach or angle > tolerance:
-            worst[key] = max(distance, angle), texts(_numbers(one), _numbers(other))
-    return worst
+def _pose_differences(keys: Iterable[Key], name: str, items: Sequence[Mapping[Key, _Item]],
+                      poses: Sequence[_Poses], tolerance: float
+                      ) -> Iterator[tuple[Key, Difference]]:
+    for key in keys:
+        a, b = (pose[item[key].frame] @ item[key].offset for pose, item in zip(poses, items))
+        distance = math.dist(a.translation, b.translation)
+        scale = max(1.0, math.hypot(*a.translation), math.hypot(*b.translation))
+        # The distance of two rotation matrices is sin(angle / 2) * sqrt(8). Unlike the cosine,
+        # it is exact for small angles.
+        sine = math.dist(a.rotation, b.rotation) / math.sqrt(8.0)
+        # The rotation of an inertial is part of its moments.
+        angle = 0.0 if key[0] == 'inertial' else 2 * math.asin(min(1.0, sine))
+        if distance > tolerance * scale or angle > tolerance:
+            texts = format_pair(_numbers(a), _numbers(b))
+            yield key, _difference(key, name, *texts, size=max(distance, angle))
 
 
 def _numbers(transform: Transform) -> tuple[float, ...]:
@@ -276,14 +267,19 @@ def _numbers(transform: Transform) -> tuple[float, ...]:
     return (*pose.xyz, *pose.rpy)
 
 
-def _of_facts(key: Key, one: _Item, other: _Item, tolerance: float) -> Iterable[Difference]:
-    for what in {**one.facts, **other.facts}:
-        a, b = one.facts.get(what, 'none'), other.facts.get(what, 'none')
+def _property_differences(key: Key, item_a: _Item, item_b: _Item, tolerance: float
+                          ) -> Iterator[Difference]:
+    for name in {**item_a.properties, **item_b.properties}:
+        a, b = (item.properties.get(name, 'none') for item in (item_a, item_b))
         size = 0.0
         if isinstance(a, tuple) and isinstance(b, tuple):
             size = max(abs(x - y) for x, y in zip(a, b))
-            scale = max(map(abs, a + b)) if what in _RELATIVE else max(1.0, *map(abs, a + b))
+            scale = max(0.0 if name in _RELATIVE else 1.0, *map(abs, a + b))
             if size <= tolerance * scale:
                 continue
         if a != b:
-            yield Difference(*key, what, *texts(a, b), size)
+            yield _difference(key, name, *format_pair(a, b), size=size)
+
+
+def _difference(key: Key, name: str, a: str, b: str, size: float = 0.0) -> Difference:
+    return Difference(element=key[0], name=key[1], property=name, a=a, b=b, size=size)

@@ -12,40 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Positions that joints can be in, chosen at random."""
+"""Random joint positions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-import math
 import random
 
-from opencv_tools.robot.kinematics import AXES, DOF
-from opencv_tools.robot.model import Joint, JOINT_TYPES, Limit
+from opencv_tools.robot.model import Joint, Limit
 
-# Where joints without limits are put: so far from zero, in radians or metres, by kind of joint.
-_SPANS: Mapping[str, tuple[float, ...]] = {
-    '': (), 'turn': (math.pi,), 'shift': (1.0,), 'two turns': (math.pi,) * 2,
-    'ball': (math.pi,) * 3, 'plane': (1.0, 1.0, math.pi), 'free': (1.0,) * 3 + (math.pi,) * 3,
-}
-# Limits further away than this are none here: what is small would drown in what is far.
+# Limits farther from zero than this are ignored, because far poses hide small differences.
 _FAR = 1000.0
 
 
 def random_position(joint: Joint, generator: random.Random) -> list[float]:
     """Return a random position of a joint within its limits, for `joint_transform`."""
-    return [generator.uniform(*reach) for reach in _reaches(joint)]
+    return [generator.uniform(*limits) for limits in _limits(joint)]
 
 
-def _reaches(joint: Joint) -> list[tuple[float, float]]:
-    kind = JOINT_TYPES[joint.type]
-    limits = [axis.limit or Limit() for axis in joint.axes[:AXES[kind]]
-              if joint.type != 'continuous' and kind != 'plane']
-    limits += [Limit()] * (DOF[kind] - len(limits))
-    return [_reach(limit, span) for limit, span in zip(limits, _SPANS[kind])]
+def _limits(joint: Joint) -> list[tuple[float, float]]:
+    kind = joint.kind
+    limits = [axis.limit or Limit() for axis in joint.axes[:kind.axes]
+              if joint.has_position_limits]
+    limits += [Limit()] * (kind.dof - len(limits))
+    return [_finite(limit, span) for limit, span in zip(limits, kind.random_span)]
 
 
-def _reach(limit: Limit, span: float) -> tuple[float, float]:
+def _finite(limit: Limit, span: float) -> tuple[float, float]:
     lower, upper = limit.lower, limit.upper
     if abs(lower) > _FAR:
         lower = -span if abs(upper) > _FAR else min(-span, upper - span)

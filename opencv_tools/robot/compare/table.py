@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Differences of two robots, laid out for a terminal."""
+"""Differences between two robots as a table for a terminal."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from collections.abc import Sequence
 
 from opencv_tools.robot.compare.compare import Difference
 
-_HEADING = ('element', 'name', 'what', 'a', 'b', 'difference')
+_HEADING = ('element', 'name', 'property', 'a', 'b', 'difference')
 
 
 def table(found: Sequence[Difference], most: int | None = None) -> str:
     """
-    Write differences, a line each below a heading, and how many there are.
+    Return a heading, one line for each difference, and the number of differences.
 
-    :param most: how many have a line; None for all.
-    :returns: the lines; an empty text for no differences.
+    :param most: greatest number of lines for differences; None for all.
+    :returns: the lines, or an empty string if there are no differences.
     """
     if not found:
         return ''
     rows = [_HEADING, *(
-        (one.element, one.name, one.what, one.a, one.b, f'{one.size:.3g}' if one.size else '')
-        for one in found[:most])]
+        (row.element, row.name, row.property, row.a, row.b, f'{row.size:.3g}' if row.size else '')
+        for row in found[:most])]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = ['  '.join(map(str.ljust, row, widths)).rstrip() for row in rows]
     if len(found) >= len(rows):

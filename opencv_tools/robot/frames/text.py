@@ -12,31 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The listing of the frames of a robot as text: a tree, a line for each frame."""
+"""Listing of the frames of a robot as a text tree."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from opencv_tools.robot.frames.listing import depth_first, parent_joints, transform_of
+from opencv_tools.robot.frames.listing import depth_first, Listing, parent_joints, transform_of
 
 _INDENT = 2
-_DEEPEST = 20  # levels that are indented; deeper links stand below each other
-_MOST_POSITIONS = 4  # in a heading
-_MODEL = '__model__'  # the name that SDF has for its frame
+_MAX_DEPTH = 20  # deeper links are not indented further
+_MAX_POSITIONS = 4  # in the heading
+_MODEL = '__model__'  # SDF's name of the model frame
 _Row = tuple[str, str, str, str]
 
 
-def text(listing: Mapping[str, Any]) -> str:
+def text(listing: Listing) -> str:
     """
-    Write a listing of frames as an indented tree: what it is, the frame it is in, xyz and rpy.
+    Return a listing as an indented tree with columns: object, frame of reference, xyz, rpy.
 
-    A joint is in its parent link, at zero: the ``<origin>`` of URDF. A link is in the root link,
-    at the positions of the joints. The ``<pose>`` of SDF has a line of its own where its numbers
-    differ: that of a link in the model's frame, at zero, that of a joint in its child link.
+    A joint is relative to its parent link at zero, as the ``<origin>`` of URDF. A link is relative
+    to the root link at the joint positions. If the ``<pose>`` of SDF has other numbers, it has a
+    row of its own. The pose of a link in SDF is relative to the model at zero, the pose of a joint
+    to its child link.
 
-    :param listing: as `frames.frames` returns it.
+    :param listing: a result of `listing.frames`.
     """
     rows = [(heading(listing), 'in', 'xyz in metres', 'rpy in radians'), *_rows(listing)]
     widths = [max(len(row[column]) for row in rows) for column in range(3)]
@@ -44,12 +45,12 @@ def text(listing: Mapping[str, Any]) -> str:
                                + [row[3]]).rstrip() for row in rows)
 
 
-def heading(listing: Mapping[str, Any]) -> str:
-    """Return the name of the robot and the joints that are not at zero, if there are any."""
-    put = [f'{name}={_joined(joint["position"])}' for name, joint in listing['joints'].items()
-           if any(joint['position'])]
-    more = ', ...' if len(put) > _MOST_POSITIONS else ''
-    at = f' at {", ".join(put[:_MOST_POSITIONS])}{more}' if put else ''
+def heading(listing: Listing) -> str:
+    """Return the name of the robot and the joints that are not at zero."""
+    positions = [f'{name}={_joined(joint["position"])}'
+                 for name, joint in listing['joints'].items() if any(joint['position'])]
+    more = ', ...' if len(positions) > _MAX_POSITIONS else ''
+    at = f' at {", ".join(positions[:_MAX_POSITIONS])}{more}' if positions else ''
     return f'robot {listing["robot"]}{at}'
 
 
@@ -60,54 +61,55 @@ def joint_text(name: str, joint: Mapping[str, Any]) -> str:
 
 
 def link_text(name: str, link: Mapping[str, Any]) -> str:
-    """Return the name of a link, marked where joints have moved it."""
+    """Return the name of a link, with a mark if joints have moved the link."""
     return f'{name}, moved' if link['moved'] else name
 
 
-def _rows(listing: Mapping[str, Any]) -> Iterator[_Row]:
-    joints, above, root = listing['joints'], parent_joints(listing), listing['root']
+def _rows(listing: Listing) -> Iterator[_Row]:
+    joints, parents, root = listing['joints'], parent_joints(listing), listing['root']
     for name, depth in depth_first(listing):
-        indent = ' ' * (_INDENT * min(depth, _DEEPEST))
-        deep = f'({depth}) ' if depth > _DEEPEST else ''
-        if name in above:
-            yield from _joint_rows(f'{indent}{deep}joint', above[name], joints[above[name]])
+        indent = ' ' * (_INDENT * min(depth, _MAX_DEPTH))
+        number = f'({depth}) ' if depth > _MAX_DEPTH else ''
+        if name in parents:
+            yield from _joint_rows(f'{indent}{number}joint', parents[name], joints[parents[name]])
         link = listing['links'][name]
-        yield (f'{indent}{deep}link {link_text(name, link)}', root, *_texts(link['pose']))
+        yield (f'{indent}{number}link {link_text(name, link)}', root, *_pose_cells(link['pose']))
         inner = f'{indent}{" " * _INDENT}- '
-        placed = _numbers(link['in_model'])
-        if placed != _texts(link['pose']):
-            yield (f'{inner}<pose> in SDF', _MODEL, *placed)
+        in_model = _cells(link['in_model'])
+        if in_model != _pose_cells(link['pose']):
+            yield (f'{inner}<pose> in SDF', _MODEL, *in_model)
         if link['inertial']:
             yield (f'{inner}inertial {link["inertial"]["mass"]:.5g} kg', root,
-                   *_texts(link['inertial']['pose']))
+                   *_pose_cells(link['inertial']['pose']))
         for kind in ('visual', 'collision'):
             for shape in link[f'{kind}s']:
-                yield (f'{inner}{kind} {shape["name"]}'.rstrip(), root, *_texts(shape['pose']))
+                yield (f'{inner}{kind} {shape["name"]}'.rstrip(), root,
+                       *_pose_cells(shape['pose']))
     for name, joint in joints.items():
-        if above.get(joint['child']) != name:
+        if parents.get(joint['child']) != name:
             yield from _joint_rows(f'loop to {joint["child"]} by', name, joint)
     for name, frame in listing.get('frames', {}).items():
         yield (f'frame {name}  on {frame["attached_to"] or "the model"}', root,
-               *_texts(frame['pose']))
+               *_pose_cells(frame['pose']))
 
 
 def _joint_rows(start: str, name: str, joint: Mapping[str, Any]) -> Iterator[_Row]:
-    yield (f'{start} {joint_text(name, joint)}', joint['parent'], *_numbers(joint['in_parent']))
-    offset = _numbers(joint['in_child'])
-    if offset != ('0 0 0', '0 0 0'):
+    yield (f'{start} {joint_text(name, joint)}', joint['parent'], *_cells(joint['in_parent']))
+    in_child = _cells(joint['in_child'])
+    if in_child != ('0 0 0', '0 0 0'):
         indent = ' ' * (len(start) - len(start.lstrip()) + _INDENT)
-        yield (f'{indent}- <pose> in SDF', joint['child'], *offset)
+        yield (f'{indent}- <pose> in SDF', joint['child'], *in_child)
 
 
-def _texts(pose: Sequence[float]) -> tuple[str, str]:
+def _pose_cells(pose: Sequence[float]) -> tuple[str, str]:
     transform = transform_of(pose)
     return _joined(transform.translation), _joined(transform.pose().rpy)
 
 
-def _numbers(placed: Mapping[str, Sequence[float]]) -> tuple[str, str]:
-    return _joined(placed['xyz']), _joined(placed['rpy'])
+def _cells(pose: Mapping[str, Sequence[float]]) -> tuple[str, str]:
+    return _joined(pose['xyz']), _joined(pose['rpy'])
 
 
 def _joined(values: Sequence[float]) -> str:
-    # Less than a nanometre is what rounding leaves of a zero.
+    # A value below a nanometre is a rounding error of zero.
     return ' '.join(f'{round(value, 9) + 0.0:.5g}' for value in values)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Models that an SDF includes: where their files are searched for, and what is in them."""
+"""Included SDF models: search for their files, and load the models."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, local_name, parse, read_bytes, required_name, source_of)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
-# Folders with models, in the order in which they are searched after what the caller names.
+#: Environment variables with model folders, searched in this order after the caller's folders.
 SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PATH',
                     'GAZEBO_MODEL_PATH')
-# A file that includes others twice each doubles with every step; no robot has as many as this.
+# Limits against hostile files: includes can double the work at every level.
 MAX_INCLUDES = 2000
 MAX_DEPTH = 50
 MAX_ELEMENTS = 300_000
@@ -41,168 +41,174 @@ _NAMED_SCHEMES = ('model', 'package')
 
 
 class NoModelError(DescriptionError):
-    """A file that is included where a model is expected, and has none."""
+    """An included file without a model."""
 
 
 @dataclass(frozen=True)
 class ModelFile:
     """
-    A model, the file that it stands in, and how it came from there.
+    A model, its file, and the includes that lead to it.
 
     :param element: its ``<model>``.
-    :param files: the files from the first one to this one, by way of what includes what.
-    :param includes: the ``<include>``s that lead to it, outermost first; what they say about the
-        model overrides what it says itself, and the outermost one overrides the others.
+    :param files: the chain of files, from the first file to the file of the model.
+    :param includes: the chain of ``<include>`` elements, outermost first. Their values override
+        those of the model; the outermost include has the highest priority.
     """
 
-    element: Taken
+    element: TrackedElement
     version: Version
     files: tuple[Path, ...]
-    includes: tuple[Taken, ...] = ()
+    includes: tuple[TrackedElement, ...] = ()
 
     @property
     def name(self) -> str:
-        """Give the name of the model."""
+        """Name of the model."""
         own = required_name(self.element)
         return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
     @property
-    def placed_by(self) -> Taken:
-        """Give the element that has the ``<pose>`` of the model, if one has."""
+    def pose_holder(self) -> TrackedElement:
+        """Element whose ``<pose>`` places the model; the model itself if no include has one."""
         return next((include for include in self.includes
                      if include.element.find('pose') is not None), self.element)
 
     @property
     def placement_frame(self) -> str:
-        """Give the frame of the model that its pose places; empty for the model's own."""
+        """Frame of the model that its pose places; empty for the model frame."""
         names = [*(text_of(include, 'placement_frame') for include in self.includes),
                  self.element.get('placement_frame', '')]
         return next(filter(None, names), '')
 
 
 class ModelLoader:
-    """The files that one SDF includes; each is read once."""
+    """Loads included models and reads each file once."""
 
     def __init__(self, search: Sequence[str], report: Report) -> None:
         """
-        Note where to search.
+        Create a loader.
 
         :param search: folders that are searched before those of the environment.
+        :param report: receives the warnings about included files.
         """
         folders = [*search, *(folder for variable in SEARCH_VARIABLES
                               for folder in os.environ.get(variable, '').split(os.pathsep))]
         self._search = [Path(folder) for folder in folders if folder]
         self._report = report
-        self._read: dict[Path, tuple[Element, Version]] = {}
-        self._count = 0
-        self._elements = 0
+        self._roots: dict[Path, tuple[Element, Version]] = {}
+        self._include_count = 0
+        self._element_count = 0
 
-    def part(self, include: Taken, files: tuple[Path, ...]) -> ModelFile:
+    def load(self, include: TrackedElement, files: tuple[Path, ...]) -> ModelFile:
         """
-        Give the model that an ``<include>`` names.
+        Return the model of an ``<include>``.
 
-        :param files: the files that lead to it, this one last.
-        :raises DescriptionError: there is no such file, or no model in it.
+        :param files: the chain of files up to the one with the ``<include>``.
+        :raises DescriptionError: the file is missing, or it does not have exactly one model.
         """
         includes = [include]
         while True:
-            self._count += 1
-            if self._count > MAX_INCLUDES or len(files) > MAX_DEPTH:
-                raise DescriptionError(
-                    f'there are more than {MAX_INCLUDES} includes, or more than {MAX_DEPTH} '
-                    'inside each other; no robot has so many', includes[-1])
-            path = self._file(includes[-1], files[-1].parent)
+            include = includes[-1]
+            self._include_count += 1
+            if self._include_count > MAX_INCLUDES or len(files) > MAX_DEPTH:
+                raise DescriptionError(f'more than {MAX_INCLUDES} includes, or includes nested '
+                                       f'deeper than {MAX_DEPTH}; use fewer includes', include)
+            path = self._find(include, files[-1].parent)
             if path in files:
-                raise DescriptionError(f'{path} includes itself', includes[-1])
-            root, version = self._root(path, includes[-1])
+                cycle = [*files[files.index(path):], path]
+                raise DescriptionError(f'include cycle: {" -> ".join(map(str, cycle))}', include)
+            root, version = self._read(path, include)
             files = (*files, path)
-            element = Taken(only_model(root, includes[-1]))
+            element = TrackedElement(_only_model(root, include))
+            if text_of(include, 'placement_frame') and include.element.find('pose') is None:
+                raise DescriptionError('has a <placement_frame> but no <pose>; add a <pose>',
+                                       include)
             if local_name(element) == 'model':
-                part = ModelFile(element, version, files, tuple(includes))
-                _check_placement(part)
-                return part
+                return ModelFile(element, version, files, tuple(includes))
             includes.append(element)
 
-    def check_size(self, part: ModelFile) -> None:
+    def count_elements(self, model: ModelFile) -> None:
         """
-        Count the elements of a model that is included, each time that it is.
+        Count the elements of an included model, once for each include.
 
-        :raises DescriptionError: all models together are larger than any robot.
+        :raises DescriptionError: all included models together have too many elements.
         """
-        self._elements += sum(1 for _ in self._read[part.files[-1]][0].iter())
-        if self._elements > MAX_ELEMENTS:
-            raise DescriptionError(f'the models that are included have more than {MAX_ELEMENTS} '
-                                   'elements; no robot has so many', part.includes[0])
+        self._element_count += sum(1 for _ in self._roots[model.files[-1]][0].iter())
+        if self._element_count > MAX_ELEMENTS:
+            raise DescriptionError(f'the included models have more than {MAX_ELEMENTS} elements; '
+                                   'include fewer models', model.includes[0])
 
-    def _root(self, path: Path, include: Taken) -> tuple[Element, Version]:
-        if path not in self._read:
+    def _read(self, path: Path, include: TrackedElement) -> tuple[Element, Version]:
+        """Read an included file; return its root element and its version."""
+        if path not in self._roots:
             root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':
-                raise DescriptionError(f'{path} is a URDF; convert it by urdf_to_sdf and include '
-                                       'that', include)
+                raise DescriptionError(f'{path} is a URDF; convert it with urdf_to_sdf and '
+                                       'include the result', include)
             if local_name(root) != 'sdf':
-                raise DescriptionError(f'{path} is no SDF, its root is <{local_name(root)}>',
-                                       include)
-            self._read[path] = root, file_version(root, self._report)
-        return self._read[path]
+                raise DescriptionError(f'{path} is not SDF: its root is <{local_name(root)}>, '
+                                       'expected <sdf>', include)
+            self._roots[path] = root, file_version(root, self._report)
+        return self._roots[path]
 
-    def _file(self, include: Taken, folder: Path) -> Path:
+    def _find(self, include: TrackedElement, folder: Path) -> Path:
+        """Return the file of an ``<include>`` that stands in a file of a folder."""
         uri = text_of(include, 'uri')
         candidates = self._candidates(uri, include, folder)
         for candidate in candidates:
-            with suppress(OSError):  # it is too long, or in a folder that cannot be read
+            with suppress(OSError):  # the path is too long, or its folder is not readable
                 if candidate.is_dir():
                     candidate = _file_in(candidate, include)
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
         searched = ', '.join(dict.fromkeys(map(str, candidates)))
-        raise DescriptionError(f'<uri> {uri!r} is not found; there is no {searched}: name the '
-                               'folder that has it by --path', include)
+        raise DescriptionError(f'<uri> {uri!r} is not found, searched {searched}; add the folder '
+                               'that contains the model with --path', include)
 
-    def _candidates(self, uri: str, include: Taken, folder: Path) -> list[Path]:
-        scheme, separator, rest = uri.partition('://')
-        if not uri or (separator and not rest):
-            raise DescriptionError(f'<uri> {uri!r} names no file', include)
-        if separator and scheme in ('http', 'https'):
-            raise DescriptionError(f'<uri> {uri!r} is not on this machine; download the model '
-                                   'and name the folder that has it by --path', include)
+    def _candidates(self, uri: str, include: TrackedElement, folder: Path) -> list[Path]:
+        scheme, separator, path = uri.partition('://')
+        if not separator:
+            scheme, path = '', uri
+        if not path:
+            raise DescriptionError(f'<uri> {uri!r} does not name a file', include)
+        if scheme in ('http', 'https'):
+            raise DescriptionError(f'<uri> {uri!r} is not on this computer; download the model '
+                                   'and add its folder with --path', include)
         if separator and scheme not in (*_NAMED_SCHEMES, 'file'):
-            raise DescriptionError(f'<uri> {uri!r} is none that is read; write model://, file:// '
-                                   'or a path', include)
-        name = rest if separator else uri
-        if separator and scheme in _NAMED_SCHEMES:
-            name = name.lstrip('/')
-        # An absolute path stays itself, whatever folder it is joined to.
-        return [base / name for base in (folder, folder.parent, *self._search)]
+            raise DescriptionError(f'<uri> {uri!r} is not supported; use model://, file:// or a '
+                                   'path', include)
+        if scheme in _NAMED_SCHEMES:
+            path = path.lstrip('/')
+        # Joining keeps an absolute path unchanged.
+        return [base / path for base in (folder, folder.parent, *self._search)]
 
 
 def first_file(root: Element) -> Path:
-    """Give the file that a root comes from, as circles of includes are found by."""
+    """Return the real path of the file that a root element comes from."""
     source = source_of(root)
     return Path(os.path.realpath(source)) if source else Path.cwd() / '<stdin>'
 
 
-def only_model(root: Element, include: Taken) -> Element:
+def _only_model(root: Element, include: TrackedElement) -> Element:
     """
-    Give the ``<model>`` of an included file, or the ``<include>`` that stands for it.
+    Return the ``<model>`` of an included file, or the ``<include>`` in its place.
 
-    :raises DescriptionError: it has none, or several.
+    :raises DescriptionError: the file has no model, or several models.
     """
     models = [child for child in root if child.tag in ('model', 'include')]
     if not models:
         raise NoModelError(f'{source_of(root)} has no model', include)
     if len(models) > 1:
-        raise DescriptionError(f'{source_of(root)} has {len(models)} models where one is expected',
-                               include)
+        raise DescriptionError(f'{source_of(root)} has {len(models)} models; include a file with '
+                               'one model', include)
     return models[0]
 
 
 def file_of_model(path: str) -> str:
     """
-    Return the file of a model that is named by its folder or its model.config.
+    Return the SDF file of a model given by its folder or its model.config.
 
-    :param path: any file; one of another name is returned as it is, and so is ``-``.
-    :raises DescriptionError: there is no such file.
+    :param path: any path. ``-`` and other files are returned unchanged.
+    :raises DescriptionError: the folder has no SDF file.
     """
     folder = Path(path)
     try:
@@ -211,7 +217,7 @@ def file_of_model(path: str) -> str:
         elif path == '-' or not folder.is_dir():
             return path
         is_model = any((folder / name).is_file() for name in (_CONFIG, _MODEL))
-    except OSError:  # reading it says why
+    except OSError:  # the error is reported when the file is read
         return path
     if not is_model:
         raise DescriptionError(f'is a folder without {_CONFIG} and {_MODEL}; name a file',
@@ -219,22 +225,16 @@ def file_of_model(path: str) -> str:
     return str(_file_in(folder, None))
 
 
-def _file_in(folder: Path, include: Taken | None) -> Path:
-    """Give the SDF of a model's folder that is the newest one of those that are read."""
+def _file_in(folder: Path, include: TrackedElement | None) -> Path:
+    """Return the SDF file of a model folder with the newest supported version."""
     config = folder / _CONFIG
     if not config.is_file():
         return folder / _MODEL
     root = parse(read_bytes(str(config)), str(config), Report())
-    entries = [((version_of(entry.get('version', '')) or (0, 0)), name)
+    entries = [(version_of(entry.get('version', '')) or (0, 0), name)
                for entry in root.findall('sdf') if (name := (entry.text or '').strip())]
-    known = [entry for entry in entries if entry[0] <= NEWEST] or entries
-    if not known:
-        raise DescriptionError(f'{config} names no <sdf>', include)
-    newest = max(version for version, _ in known)
-    return folder / next(name for version, name in known if version == newest)
-
-
-def _check_placement(part: ModelFile) -> None:
-    for include in part.includes:
-        if text_of(include, 'placement_frame') and include.element.find('pose') is None:
-            raise DescriptionError('has a <placement_frame> and no <pose> for it', include)
+    supported = [entry for entry in entries if entry[0] <= NEWEST] or entries
+    if not supported:
+        raise DescriptionError(f'{config} has no <sdf> with a file name', include)
+    # Of several entries with one version, the first counts.
+    return folder / max(supported, key=lambda entry: entry[0])[1]

@@ -12,249 +12,175 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joints of SDF, read: their axes by the rules of each version, and the loops they close."""
+"""Reader of SDF joints: types, axes by the rules of each version, and closed loops."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 import math
 
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import (
-    Axis, Dynamics, FrameId, Joint, JOINT_TYPES, Limit, Mimic, SDF_TYPES)
-from opencv_tools.robot.pose import normalised, Vector, ZERO
-from opencv_tools.robot.sdf.joint_writer import AXES
-from opencv_tools.robot.sdf.link_reader import Place
+from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic, Robot
+from opencv_tools.robot.pose import ZERO
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Rotation
+from opencv_tools.robot.sdf.link_reader import ReadContext
 from opencv_tools.robot.sdf.names import JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, required_name
-from opencv_tools.robot.xml.numbers import limit_number, number, vector
+from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
+from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
+from opencv_tools.robot.xml.numbers import number
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
-_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
-# How many axes a joint has; a planar or floating one may have one or none.
-_AXIS_COUNT = {'': 0, 'ball': 0, 'turn': 1, 'shift': 1, 'two turns': 2, 'plane': 1, 'free': 1}
-# What turns a direction into the joint's frame; None where it is in it already.
-Turn = Callable[[Vector], Vector] | None
 
 
-def read_joint(element: Taken, place: Place) -> Joint:
-    """Read what a joint connects and where it is, without its axes."""
-    name = place.scope.qualified(required_name(element))
-    names, scope = place.names, place.scope
-    child, parent = names.child_frame(element, scope), names.parent_frame(element, scope)
-    ends = {'parent': names.link_of(parent), 'child': names.link_of(child)}
-    for tag, frame in (('parent', parent), ('child', child)):
+def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
+    """Read a joint without its axes."""
+    scope, registry = context.scope, context.registry
+    name = scope.qualified(required_name(element))
+    ends = {tag: registry.joint_end(element, scope, tag) for tag in ('parent', 'child')}
+    links = {tag: registry.link_of(frame) for tag, frame in ends.items()}
+    for tag, frame in ends.items():
         if frame.kind != 'link':
-            place.report.preserve('joint', name, line_of(element),
-                               f'its {tag} is {frame.name or MODEL_FRAME!r}, '
-                               f'which moves with link {ends[tag]!r}')
-    if ends['parent'] == ends['child']:
-        raise DescriptionError(f'connects link {ends["child"]!r} with itself', element)
-    return Joint(name, _type(element), ends['parent'], ends['child'],
-                 place.placement(element, child), line=line_of(element))
+            context.report.preserve('joint', name, line_of(element),
+                                    f'<{tag}> is frame {frame.name or MODEL_FRAME!r}; '
+                                    f'converted to its link {links[tag]!r}')
+    if links['parent'] == links['child']:
+        raise DescriptionError(f'connects link {links["child"]!r} with itself; name two links',
+                               element)
+    return Joint(name, _joint_type(element), links['parent'], links['child'],
+                 context.placement(element, ends['child']), line=line_of(element))
 
 
-def with_axes(joint: Joint, element: Taken, place: Place, kinematics: Kinematics) -> Joint:
+def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinematics: Kinematics
+              ) -> Joint:
     """
-    Read the axes of a joint, and keep what else there is of it.
+    Add the axes of a joint and its unread parts.
 
-    :param joint: as `read_joint` gives it.
-    :param kinematics: of the robot, with all its frames.
+    :param joint: result of `read_joint`.
+    :param kinematics: kinematics of the robot with all its frames.
     """
-    kind = JOINT_TYPES[joint.type]
-    tags = AXES[:_AXIS_COUNT[kind]]
     axes = []
-    for tag in tags:
+    for tag in AXES[:joint.kind.max_axes]:
         child = element.find(tag)
-        if child is None:
-            # The second axis may be left out, so may that of a joint that SDF does not have.
-            if tag == AXES[0] and joint.type in SDF_TYPES:
-                place.report.warn('joint', joint.name, joint.line, f'a {joint.type} joint without '
-                                  '<axis>; it is taken for 0 0 1, as SDF has it')
-                axes.append(Axis((0.0, 0.0, 1.0)))
-            continue
-        axis = axis_from_element(child, _turn(child, joint, place, kinematics),
-                                 kind=joint.type)
-        axes.append(replace(axis, mimic=_mimic(element, child, tag, axis, place)))
-    own = element.get(_TYPE)
-    if own == 'fixed':
-        element.first(AXES[0])  # an old version wants one of a fixed joint
-    limit = axes[0].limit if axes else None
-    limits = (limit.lower, limit.upper) if limit else (-math.inf, math.inf)
+        if child is not None:
+            axis = axis_from_element(child, _rotation(child, joint, context, kinematics),
+                                     joint_type=joint.type)
+            axes.append(replace(axis, mimic=_mimic(element, child, axis, context)))
+        elif tag == AXES[0] and joint.type in SDF_TYPES:
+            context.report.warn('joint', joint.name, joint.line, f'{joint.type} joint without '
+                                '<axis>; the default of SDF is 0 0 1')
+            axes.append(Axis((0.0, 0.0, 1.0)))
+    urdf_type = element.get(_TYPE)
+    if urdf_type == 'fixed':
+        element.take_first(AXES[0])  # before SDF 1.5 it is a revolute joint with an axis
+    joint = replace(joint, axes=tuple(axes), extension=context.extension(element))
+    limits = joint.limit.lower, joint.limit.upper
     if limits[0] > limits[1]:
-        place.report.warn('limit', joint.name, joint.line,
-                          f'lower {limits[0]} is above upper {limits[1]}; kept as it is')
-    if joint.type == 'revolute' and limits == (-math.inf, math.inf) and not own:
-        joint = replace(joint, type='continuous')
-    return replace(joint, axes=tuple(axes), extension=place.carried(element))
+        context.report.warn('limit', joint.name, joint.line,
+                            f'lower={limits[0]} is greater than upper={limits[1]}')
+    is_continuous = joint.type == 'revolute' and limits == (-math.inf, math.inf) and not urdf_type
+    return replace(joint, type='continuous') if is_continuous else joint
 
 
-def axis_from_element(element: Element | Taken, turn: Turn = None, *, kind: str = '') -> Axis:
+def mark_loops(robot: Robot, canonical: str) -> Robot:
     """
-    Read an axis.
+    Mark the joints that close a loop, so that the other joints form trees.
 
-    :param kind: type of the joint; the positions of a continuous one have no limits.
-    :param turn: what turns its direction into the joint's frame, where it is in another one.
-    :raises DescriptionError: it has no direction, or a number that is none.
+    The first joint of a link, in the order of the file, places the link. If every link is the
+    child of a joint, the root is the canonical link, or else the first link.
     """
-    child = element.find('xyz')
-    xyz: Vector = (0.0, 0.0, 1.0) if child is None else vector(child.text, child)
-    if xyz == ZERO:
-        raise DescriptionError('the axis is 0 0 0, which is no direction',
-                               element if child is None else child)
-    xyz = turn(xyz) if turn else xyz
-    if child is not None and child.get(_XYZ):
-        written = vector(child.get(_XYZ), child, 'urdf:xyz')
-        # Someone may have changed the axis since; what was written says nothing then.
-        if written != ZERO and math.dist(normalised(written), normalised(xyz)) < 1e-9:
-            xyz = written
-    limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
-    return Axis(xyz, None if limit is None else _limit(limit, kind),
-                None if dynamics is None else _dynamics(dynamics),
-                None if mimic is None else _plain_mimic(mimic))
-
-
-def marked_loops(joints: Sequence[Joint], links: Iterable[str], canonical: str
-                 ) -> tuple[Joint, ...]:
-    """
-    Mark the joints that close a loop, so that the others make trees.
-
-    A link's first joint in the order of the file places it. Where every link is the child of a
-    joint, the canonical link or else the first one is what the others hang on.
-
-    :param links: in the order of the file.
-    :param canonical: the canonical link.
-    """
-    children = {joint.child for joint in joints}
-    whole = _DisjointSets()
-    for joint in joints:
-        whole.join(joint.parent, joint.child)
-    links = [canonical, *links] if canonical else list(links)
-    rooted = {whole.top(link) for link in links if link not in children}
-    roots = set()
+    components = _DisjointSets()
+    for joint in robot.joints:
+        components.union(joint.parent, joint.child)
+    children = {joint.child for joint in robot.joints}
+    links = [canonical, *(link.name for link in robot.links)]
+    rooted = {components.find(link) for link in links if link not in children}
+    placed = set()
     for link in links:
-        if whole.top(link) not in rooted:
-            rooted.add(whole.top(link))
-            roots.add(link)
-    trees, placed, result = _DisjointSets(), roots, []
-    for joint in joints:
-        is_loop = joint.child in placed or not trees.join(joint.parent, joint.child)
+        if components.find(link) not in rooted:
+            rooted.add(components.find(link))
+            placed.add(link)
+    trees, joints = _DisjointSets(), []
+    for joint in robot.joints:
+        is_loop = joint.child in placed or not trees.union(joint.parent, joint.child)
         if not is_loop:
             placed.add(joint.child)
-        result.append(replace(joint, is_loop=True) if is_loop else joint)
-    return tuple(result)
+        joints.append(replace(joint, is_loop=is_loop))
+    return replace(robot, joints=tuple(joints))
 
 
 class _DisjointSets:
-    """Links that hang together."""
+    """Sets of connected links (union-find)."""
 
     def __init__(self) -> None:
-        self._above: dict[str, str] = {}
+        self._parents: dict[str, str] = {}
 
-    def top(self, link: str) -> str:
-        """Name the one link that stands for all that hang together with one."""
-        while (above := self._above.get(link, link)) != link:
-            self._above[link] = self._above.get(above, above)
-            link = above
+    def find(self, link: str) -> str:
+        """Return the representative of the set of a link."""
+        while (parent := self._parents.get(link, link)) != link:
+            self._parents[link] = self._parents.get(parent, parent)
+            link = parent
         return link
 
-    def join(self, one: str, other: str) -> bool:
-        """Note that two links hang together; tell whether that is new."""
-        one, other = self.top(one), self.top(other)
-        self._above[other] = one
-        return one != other
+    def union(self, first: str, second: str) -> bool:
+        """Join the sets of two links; return whether they were separate."""
+        first, second = self.find(first), self.find(second)
+        self._parents[second] = first
+        return first != second
 
 
-def _type(element: Taken) -> str:
-    written = element.get('type', '')
-    text = element.get(_TYPE, written).strip().lower()
-    # In the namespace of URDF stand those that SDF does not have.
-    types = tuple(JOINT_TYPES) if element.tag != JOINTS[0] else SDF_TYPES
+def _joint_type(element: TrackedElement) -> str:
+    text = element.get(_TYPE, element.get('type', '')).strip().lower()
+    # A joint in the namespace of URDF may have a type that is not supported by SDF.
+    types = SDF_TYPES if element.tag == JOINTS[0] else tuple(JOINT_KINDS)
     if text not in types:
-        raise DescriptionError(f'type={text!r} is not a type of joint; write one of '
-                               f'{", ".join(types)}', element)
+        raise DescriptionError(f'type={text!r} is not supported; use one of {", ".join(types)}',
+                               element)
     return text
 
 
-def _turn(axis: Taken, joint: Joint, place: Place, kinematics: Kinematics) -> Turn:
-    """Give what turns an axis into the joint's frame, by the rules of its version."""
-    version, xyz = place.scope.version, axis.find('xyz')
+def _rotation(axis: TrackedElement, joint: Joint, context: ReadContext, kinematics: Kinematics
+              ) -> Rotation | None:
+    """Return the rotation of an axis into the joint frame, by the rules of the SDF version."""
+    version, xyz = context.scope.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
     old = axis.find('use_parent_model_frame')
     if old is not None and flag(old.text, old) and version >= FRAMES:
-        place.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame means nothing '
-                          'from SDF 1.7 on, where it is expressed_in=')
+        context.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame is ignored '
+                            'since SDF 1.7; use expressed_in=')
     elif version < FRAMES:
-        in_model = version < JOINT_AXES and not place.scope.is_inside
+        in_model = version < JOINT_AXES and not context.scope.is_inline
         if in_model if old is None else flag(old.text, old):
             name = MODEL_FRAME
     if not name:
         return None
-    frame = place.names.lookup(place.scope, name, axis, 'expressed_in')
+    frame = context.registry.lookup(context.scope, name, axis, 'expressed_in')
     pose = kinematics.between(FrameId('joint', joint.name), frame)
     return None if pose.rpy == ZERO else pose.transform().rotate
 
 
-def _mimic(joint: Taken, element: Taken, tag: str, axis: Axis, place: Place) -> Mimic | None:
-    mimic, own = axis.mimic, element.find('mimic')
-    for kept in joint.each(_MIMIC):
-        if kept.get('axis', AXES[0]) == tag:
-            mimic = Mimic(kept.get('joint', ''),
-                          number(kept.get('multiplier', '1'), kept, 'multiplier'),
-                          number(kept.get('offset', '0'), kept, 'offset'))
+def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: ReadContext
+           ) -> Mimic | None:
+    """Return the mimic of an axis, which older versions keep as ``<urdf:mimic>`` of the joint."""
+    mimic, child = axis.mimic, element.find('mimic')
+    for old in joint.take_all(_MIMIC):
+        if old.get('axis', AXES[0]) == element.tag:
+            mimic = Mimic(old.get('joint', ''),
+                          number(old.get('multiplier', '1'), old, 'multiplier'),
+                          number(old.get('offset', '0'), old, 'offset'))
     if mimic is None:
         return None
-    leader = FrameId('joint', place.scope.qualified(mimic.joint))
-    if leader not in place.names.elements:
-        if own is None:
-            raise DescriptionError(f'mimics {mimic.joint!r}, which is no joint', element)
-        place.report.warn('mimic', place.scope.qualified(required_name(joint)), line_of(own),
-                          f'joint={mimic.joint!r} is no joint of the model; it follows none')
-        element.leave(own)
-        return None
-    return replace(mimic, joint=leader.name)
-
-
-def _plain_mimic(element: Element | Taken) -> Mimic:
-    values = {tag: number(child.text, child) for tag in ('multiplier', 'offset', 'reference')
-              if (child := element.find(tag)) is not None}
-    multiplier = values.get('multiplier', 1.0)
-    reference = values.get('reference', 0.0)
-    return Mimic(element.get('joint', ''), multiplier,
-                 values.get('offset', 0.0) - (multiplier * reference if reference else 0.0))
-
-
-def _limit(element: Element | Taken, kind: str) -> Limit:
-    values = {}
-    positions = () if kind == 'continuous' else ('lower', 'upper')
-    for tag in (*positions, 'effort', 'velocity'):
-        child = element.find(tag)
-        if child is not None:
-            values[tag] = limit_number(child.text, child)
-    lower, upper = values.get('lower', -math.inf), values.get('upper', math.inf)
-    kept = {tag: _negative(element, tag) for tag in ('effort', 'velocity')}
-    effort, velocity = (_limit_or_inf(values[tag]) if tag in values else kept[tag] for tag in kept)
-    return Limit(lower, upper, effort, velocity)
-
-
-def _limit_or_inf(value: float) -> float:
-    """Give an effort or a velocity, which is not enforced where it is negative."""
-    return math.inf if value < 0 else abs(value)
-
-
-def _negative(limit: Element | Taken, tag: str) -> float:
-    """Read the negative number by which URDF said that there is no limit."""
-    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
-    value = limit_number(text, limit, f'urdf:{tag}')
-    return value if value < 0 else math.inf
-
-
-def _dynamics(element: Element | Taken) -> Dynamics:
-    return Dynamics(*(None if child is None else number(child.text, child)
-                      for child in map(element.find, ('damping', 'friction'))))
+    leader = FrameId('joint', context.scope.qualified(mimic.joint))
+    if leader in context.registry.elements:
+        return replace(mimic, joint=leader.name)
+    if child is None:
+        raise DescriptionError(f'mimics {mimic.joint!r}, which is not a joint; name a joint of '
+                               'the model', element)
+    context.report.warn('mimic', context.scope.qualified(required_name(joint)), line_of(child),
+                        f'joint={mimic.joint!r} is not a joint of the model; the <mimic> is '
+                        'preserved without effect')
+    element.put_back(child)
+    return None

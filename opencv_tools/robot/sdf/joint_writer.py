@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joints of SDF, written: their types, their axes, and what SDF has no word for."""
+"""Writer of SDF joints: types, axes, and what a version does not support."""
 
 from __future__ import annotations
 
@@ -20,135 +20,77 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, Dynamics, FrameId, Joint, Limit, Mimic, SDF_TYPES, WORLD
-from opencv_tools.robot.pose import normalised, Vector
-from opencv_tools.robot.sdf.link_writer import text_element
+from opencv_tools.robot.joint_kinds import SDF_TYPES
+from opencv_tools.robot.model import Axis, FrameId, Joint, Limit, WORLD
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element
+from opencv_tools.robot.sdf.link_writer import WriteContext
 from opencv_tools.robot.sdf.values import (
-    CONTINUOUS, JOINT_AXES, MIMIC, pose_element, Version, version_text)
+    CONTINUOUS, JOINT_AXES, MIMIC, pose_element, text_element, Version)
 from opencv_tools.robot.xml.document import Element
-from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
-from opencv_tools.robot.xml.report import Report
-
-AXES = ('axis', 'axis2')
+from opencv_tools.robot.xml.numbers import number_text
+from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 
 
-def joint_element(model: Element, joint: Joint, kinematics: Kinematics, version: Version,
-                  report: Report) -> None:
-    """Write a joint into a model; in the namespace of URDF where SDF has no such joint."""
+def write_joint(model: Element, joint: Joint, context: WriteContext) -> None:
+    """Write a joint into a model; in the namespace of URDF if SDF does not support its type."""
+    kinematics, version = context.kinematics, context.version
     prefix = '' if joint.type in SDF_TYPES else f'{{{URDF_NAMESPACE}}}'
     element = etree.SubElement(model, f'{prefix}joint', name=joint.name)
-    _set_type(element, joint, version, report)
+    supported = _supported_joint(joint, version)
+    element.set('type', supported.type)
+    _preserve_type(element, joint, context)
     text_element(element, 'parent', joint.parent)
     text_element(element, 'child', joint.child)
     frame = FrameId('joint', joint.name)
     if joint.child != WORLD:
         pose_element(element, kinematics.between(FrameId('link', joint.child), frame))
-    for tag, axis in zip(AXES, _axes(joint, version)):
-        direction = None
-        if version < JOINT_AXES:
-            direction = kinematics.pose(frame).rotate(axis.xyz)
-        element.append(axis_to_element(axis, tag, version, direction))
+    for tag, axis in zip(AXES, supported.axes):
+        in_model = kinematics.pose(frame).rotate(axis.xyz) if version < JOINT_AXES else None
+        element.append(axis_to_element(axis, tag, version, in_model))
         if axis.mimic and version < MIMIC:
-            _mimic_element(element, axis.mimic, tag)
-            report.preserve('mimic', joint.name, joint.line,
-                         f'SDF {version_text(version)} has no mimic; kept as <urdf:mimic>')
-    restore(element, joint.extension.sdf)
+            mimic = etree.SubElement(element, f'{{{URDF_NAMESPACE}}}mimic',
+                                     joint=axis.mimic.joint)
+            mimic.set('multiplier', number_text(axis.mimic.multiplier))
+            mimic.set('offset', number_text(axis.mimic.offset))
+            if tag != AXES[0]:
+                mimic.set('axis', tag)
+            context.report.preserve('mimic', joint.name, joint.line,
+                                    f'not supported by SDF {version}; preserved as <urdf:mimic>')
+    context.write_extension(element, joint)
     if joint.type == 'continuous' and version < CONTINUOUS:
-        _remove_positions(element, joint, version, report)
-    carry(element, joint.extension.urdf, 'urdf', report, joint.name, joint.line)
+        _remove_positions(element, joint, context)
 
 
-def axis_to_element(axis: Axis, tag: str, version: Version,
-                    direction: Vector | None = None) -> Element:
-    """
-    Write an axis, of unit length.
-
-    :param tag: ``axis`` or ``axis2``.
-    :param direction: the axis in the frame that this version wants it in; None for the joint's.
-    """
-    element = etree.Element(tag)
-    unit = normalised(axis.xyz if direction is None else direction)
-    xyz = text_element(element, 'xyz', numbers_text(unit))
-    if unit != axis.xyz:
-        xyz.set(f'{{{URDF_NAMESPACE}}}xyz', numbers_text(axis.xyz))
-    if axis.limit is not None:
-        _limit_element(element, axis.limit)
-    if axis.dynamics is not None:
-        _dynamics_element(element, axis.dynamics)
-    if axis.mimic is not None and version >= MIMIC:
-        mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
-        text_element(mimic, 'multiplier', number_text(axis.mimic.multiplier))
-        text_element(mimic, 'offset', number_text(axis.mimic.offset))
-        text_element(mimic, 'reference', '0')
-    return element
-
-
-def _set_type(element: Element, joint: Joint, version: Version, report: Report) -> None:
-    """Name the type, or in older versions the one that means the same."""
-    written = joint.type
-    limit = joint.axes[0].limit if joint.axes else None
-    if joint.type == 'revolute' and (
-            limit is None or (limit.lower, limit.upper) == (-math.inf, math.inf)):
-        # Without limits it means a continuous one, which URDF has another word for.
-        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
-    elif joint.type == 'continuous' and version < CONTINUOUS:
-        written = 'revolute'  # without limits, which is the same
-    elif joint.type == 'fixed' and version < JOINT_AXES:
-        written = 'revolute'
-        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
-        report.warn('joint', joint.name, joint.line,
-                    f'SDF {version_text(version)} has no fixed joints; a revolute one with both '
-                    'limits at 0 stands there')
-    elif joint.type not in SDF_TYPES:
-        report.warn('joint', joint.name, joint.line,
-                    f'SDF has no {joint.type} joints; kept as <urdf:joint>, and link '
-                    f'{joint.child!r} is placed where it is without any joint')
-    element.set('type', written)
-
-
-def _axes(joint: Joint, version: Version) -> tuple[Axis, ...]:
+def _supported_joint(joint: Joint, version: Version) -> Joint:
+    """Return a revolute joint in place of a continuous or fixed joint of newer versions."""
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        return replace(joint, type='revolute')
     if joint.type == 'fixed' and version < JOINT_AXES:
-        return (Axis((0.0, 0.0, 1.0), Limit(0.0, 0.0)),)
-    if joint.type == 'continuous' and version < CONTINUOUS:
-        return tuple(replace(axis, limit=axis.limit and replace(
-            axis.limit, lower=-math.inf, upper=math.inf)) for axis in joint.axes)
-    return joint.axes
+        return replace(joint, type='revolute', axes=(Axis((0.0, 0.0, 1.0), Limit(0.0, 0.0)),))
+    return joint
 
 
-def _remove_positions(element: Element, joint: Joint, version: Version, report: Report) -> None:
-    """Remove limits that mean nothing to a continuous joint, which is a revolute one here."""
+def _preserve_type(element: Element, joint: Joint, context: WriteContext) -> None:
+    """Preserve a type that SDF does not support, or that its reader would change."""
+    is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
+    is_revolute = joint.type == 'fixed' and context.version < JOINT_AXES
+    if is_revolute or (joint.type == 'revolute' and is_unlimited):
+        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+    if is_revolute:
+        context.report.warn('joint', joint.name, joint.line,
+                            f'fixed joints are not supported by SDF {context.version}; written as '
+                            'a revolute joint with both limits 0')
+    elif joint.type not in SDF_TYPES:
+        context.report.warn('joint', joint.name, joint.line,
+                            f'{joint.type} joints are not supported by SDF; preserved as '
+                            f'<urdf:joint>, and link {joint.child!r} is not connected')
+
+
+def _remove_positions(element: Element, joint: Joint, context: WriteContext) -> None:
+    """Remove position limits of a continuous joint that would limit the revolute joint."""
     for limit in element.iterfind(f'{AXES[0]}/limit'):
         for number in list(limit.iterchildren('lower', 'upper')):
             limit.remove(number)
-            report.warn(str(number.tag), joint.name, joint.line, f'{number.text!r} is left out: '
-                        f'SDF {version_text(version)} has no continuous joints, and a '
-                        'revolute one would be limited by it')
-
-
-def _limit_element(axis: Element, limit: Limit) -> None:
-    element = etree.SubElement(axis, 'limit')
-    for tag in ('lower', 'upper', 'effort', 'velocity'):
-        value = getattr(limit, tag)
-        # No limit is what SDF means where it has none.
-        if tag in ('effort', 'velocity') and value < 0:
-            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
-        elif math.isfinite(value):
-            text_element(element, tag, number_text(value))
-
-
-def _dynamics_element(axis: Element, dynamics: Dynamics) -> None:
-    element = etree.SubElement(axis, 'dynamics')
-    for tag in ('damping', 'friction'):
-        value = getattr(dynamics, tag)
-        if value is not None:
-            text_element(element, tag, number_text(value))
-
-
-def _mimic_element(joint: Element, mimic: Mimic, tag: str) -> None:
-    element = etree.SubElement(joint, f'{{{URDF_NAMESPACE}}}mimic', joint=mimic.joint)
-    element.set('multiplier', number_text(mimic.multiplier))
-    element.set('offset', number_text(mimic.offset))
-    if tag != AXES[0]:
-        element.set('axis', tag)
+            context.report.warn(str(number.tag), joint.name, joint.line,
+                                f'{number.text!r} is omitted: it would limit the revolute joint '
+                                f'in place of a continuous joint in SDF {context.version}')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a link of SDF consists of: inertials, visuals and collisions, read."""
+"""Reader of SDF links: inertials, visuals, collisions, and the context in which names are read."""
 
 from __future__ import annotations
 
@@ -23,91 +23,92 @@ from pathlib import Path
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, MODEL, Placement, Shape
-from opencv_tools.robot.sdf.link_writer import COLORS
 from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope
-from opencv_tools.robot.sdf.values import color_of, flag, FRAMES, pose_of, poses_in, text_of
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import (
+    color_of, flag, FRAMES, MATERIAL_COLORS, MODEL_FRAME, number_of, pose_of, poses_in, SEPARATOR,
+    text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
-from opencv_tools.robot.xml.numbers import number, number_text, vector
-from opencv_tools.robot.xml.passthrough import carried, URDF_NAMESPACE
+from opencv_tools.robot.xml.numbers import number, numbers, vector
+from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import INERTIA
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
-_FORMS = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
-_KEPT_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
+_GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
+_URDF_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
 
 
 @dataclass(frozen=True)
-class Place:
+class ReadContext:
     """
-    Where elements are read: in which model, and what names mean there.
+    The model that elements are read from, and the meaning of names in it.
 
-    :param folder: of the first file, which relative paths of meshes are relative to.
+    :param folder: folder of the first file, to which relative mesh paths are converted.
     """
 
     scope: Scope
-    names: FrameRegistry
+    registry: FrameRegistry
     report: Report
     folder: str
 
-    def placement(self, holder: Taken, default: FrameId) -> Placement:
+    def placement(self, holder: TrackedElement, default: FrameId) -> Placement:
         """
         Read the ``<pose>`` of an element.
 
-        :param default: the frame that it is in where it names none.
+        :param default: the frame of a pose without ``relative_to``.
         """
         pose = holder.find('pose')
         if pose is None:
             return Placement(pose_of(None), default)
-        name, old = pose.get('relative_to', ''), pose.get('frame')
-        if old is not None and self.scope.version >= FRAMES:
+        name, old_name = pose.get('relative_to', ''), pose.get('frame')
+        if old_name is not None and self.scope.version >= FRAMES:
             self.report.warn('pose', holder.element.get('name', ''), line_of(pose),
-                             'frame= means nothing from SDF 1.7 on, where it is relative_to=')
-        elif old is not None:
-            name = old
-        frame = self.names.lookup(self.scope, name, pose, 'relative_to') if name else default
+                             'frame= is ignored since SDF 1.7; use relative_to=')
+        elif old_name is not None:
+            name = old_name
+        frame = self.registry.lookup(self.scope, name, pose, 'relative_to') if name else default
         return Placement(pose_of(pose), frame)
 
-    def carried(self, element: Taken) -> Extension:
-        """Return what was not taken of an element."""
-        return Extension(urdf=carried(element, 'urdf'), sdf=self.rest(element))
+    def extension(self, element: TrackedElement) -> Extension:
+        """Return the unread parts of an element."""
+        return Extension(urdf=extract_foreign(element, 'urdf'), sdf=self.unread(element))
 
-    def rest(self, element: Taken) -> Element | None:
-        """Return what was not taken of an element, in the words of SDF 1.7 and later."""
-        rest = element.rest()
-        if rest is None:
+    def unread(self, element: TrackedElement) -> Element | None:
+        """Return the unread SDF of an element, in terms of SDF 1.7 and later."""
+        unread = element.unread()
+        if unread is None:
             return None
-        for axis in rest.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
-            if self.scope.version < FRAMES:
+        is_old = self.scope.version < FRAMES
+        for axis in unread.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
+            if is_old:
                 _to_expressed_in(axis)
             xyz = axis.find('xyz')
             if xyz is not None and (name := xyz.get('expressed_in')):
-                # Nothing follows it when names of nested models become flat ones.
-                xyz.set('expressed_in', self._in_robot(name).replace('::', '__'))
-        for pose in poses_in(rest):
-            if self.scope.version < FRAMES and 'frame' in pose.attrib:
+                # Renaming does not change it, so it gets the name in the flat robot here.
+                xyz.set('expressed_in', self._name_in_robot(name).replace(SEPARATOR, '__'))
+        for pose in poses_in(unread):
+            if is_old and 'frame' in pose.attrib:
                 pose.set('relative_to', pose.attrib.pop('frame'))
             if name := pose.get('relative_to'):
-                pose.set('relative_to', self._in_robot(name))
-        return rest
+                pose.set('relative_to', self._name_in_robot(name))
+        return unread
 
-    def uri(self, text: str) -> str:
-        """Give the URI of a file as it is right beside the first file."""
-        files = self.scope.part.files
-        if not text or '://' in text or len(files) == 1 or Path(text).is_absolute():
-            return text
-        return os.path.relpath(files[-1].parent / text, self.folder)
+    def resolved_uri(self, uri: str) -> str:
+        """Return a relative path of an included file relative to the first file."""
+        files = self.scope.file.files
+        if not uri or '://' in uri or len(files) == 1 or Path(uri).is_absolute():
+            return uri
+        return os.path.relpath(files[-1].parent / uri, self.folder)
 
-    def _in_robot(self, name: str) -> str:
+    def _name_in_robot(self, name: str) -> str:
         if self.scope.frame == MODEL:
             return name
         return self.scope.frame.name if name == MODEL_FRAME else self.scope.qualified(name)
 
 
 def _to_expressed_in(axis: Element) -> None:
-    """Say by ``expressed_in`` what older versions say by ``use_parent_model_frame``."""
+    """Replace ``use_parent_model_frame`` of older versions by ``expressed_in``."""
     xyz, old = axis.find('xyz'), axis.find('use_parent_model_frame')
     if old is not None:
         if xyz is not None and flag(old.text, old):
@@ -115,122 +116,124 @@ def _to_expressed_in(axis: Element) -> None:
         axis.remove(old)
 
 
-def read_link(element: Taken, place: Place) -> Link:
+def read_link(element: TrackedElement, context: ReadContext) -> Link:
     """Read a link."""
-    name = place.scope.qualified(required_name(element))
+    name = context.scope.qualified(required_name(element))
     frame = FrameId('link', name)
     shapes: dict[str, tuple[Shape, ...]] = {}
     for tag in ('visual', 'collision'):
-        shapes[tag] = tuple(_shape(child, frame, place) for child in element.each(tag))
-        _check_names(element, tag, place)
-    placement, inertial = place.placement(element, place.scope.frame), element.find('inertial')
-    return Link(name, placement, None if inertial is None else _inertial(inertial, frame, place),
-                shapes['visual'], shapes['collision'], place.carried(element), line_of(element))
+        shapes[tag] = tuple(_read_shape(child, frame, context) for child in element.take_all(tag))
+        if context.scope.version >= FRAMES:
+            _check_unique_names(element, tag)
+    placement, inertial = context.placement(element, context.scope.frame), element.find('inertial')
+    return Link(name, placement,
+                None if inertial is None else _read_inertial(inertial, frame, context),
+                shapes['visual'], shapes['collision'], context.extension(element),
+                line_of(element))
 
 
-def _check_names(link: Taken, tag: str, place: Place) -> None:
+def _check_unique_names(link: TrackedElement, tag: str) -> None:
     names = set()
-    for child in link.each(tag) if place.scope.version >= FRAMES else ():
+    for child in link.take_all(tag):
         name = child.get('name')
         if name in names:
-            raise DescriptionError(f'{name!r} is the name of another {tag} of link '
-                                   f'{link.get("name")!r} already; give each its own', child)
+            raise DescriptionError(f'{name!r} is already the name of another {tag} of link '
+                                   f'{link.get("name")!r}; use unique names', child)
         names.add(name)
 
 
-def _inertial(element: Taken, link: FrameId, place: Place) -> Inertial:
-    """Read an inertial; what it does not say is as SDF has it by default."""
-    moments = element.find('inertia')
-    values = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0]
-    for index, tag in enumerate(INERTIA):
-        if moments is not None and (child := moments.find(tag)) is not None:
-            values[index] = number(child.text, child)
-    ixx, ixy, ixz, iyy, iyz, izz = values
-    mass, pose = element.find('mass'), element.find('pose')
+def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext) -> Inertial:
+    """Read an inertial, with the defaults of SDF for missing values."""
+    inertia = element.find('inertia')
+    moments = {'ixx': 1.0, 'ixy': 0.0, 'ixz': 0.0, 'iyy': 1.0, 'iyz': 0.0, 'izz': 1.0}
+    if inertia is not None:
+        moments = {tag: number_of(inertia, tag, default) for tag, default in moments.items()}
+    ixx, ixy, ixz, iyy, iyz, izz = moments.values()
+    pose = element.find('pose')
     if pose is not None and (pose.get('relative_to', '') or pose.get('frame', '')):
-        place.report.warn('inertial', link.name, line_of(pose), 'its pose is in its link, so that '
-                          'what it is relative to means nothing')
-    return Inertial(Placement(pose_of(pose), link), 1.0 if mass is None else number(
-        mass.text, mass), (ixx, ixy, ixz, iyy, iyz, izz))
+        context.report.warn('inertial', link.name, line_of(pose),
+                            'relative_to= is ignored; the pose is relative to the link')
+    return Inertial(Placement(pose_of(pose), link), number_of(element, 'mass', 1.0),
+                    (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def _shape(element: Taken, link: FrameId, place: Place) -> Shape:
+def _read_shape(element: TrackedElement, link: FrameId, context: ReadContext) -> Shape:
     tag = local_name(element)
-    look = element.find('material') if tag == 'visual' else None
-    geometry, placement = _geometry(element, place), place.placement(element, link)
-    material = None if look is None else _material(look, place)
-    name, rest = required_name(element), place.carried(element)
-    return Shape(name, placement, geometry, material,
-                 rest if geometry else _with_geometry(rest, tag), line_of(element))
+    material = element.find('material') if tag == 'visual' else None
+    geometry, placement = _read_geometry(element, context), context.placement(element, link)
+    return Shape(required_name(element), placement, geometry,
+                 None if material is None else _read_material(material, context),
+                 _shape_extension(element, geometry, context), line_of(element))
 
 
-def _with_geometry(rest: Extension, tag: str) -> Extension:
-    """Say what no geometry is, where nothing is said."""
-    if rest.sdf is not None and rest.sdf.find('geometry') is not None:
-        return rest
-    element = etree.Element(tag) if rest.sdf is None else rest.sdf
-    etree.SubElement(etree.SubElement(element, 'geometry'), 'empty')
-    return Extension(rest.urdf, element)
+def _shape_extension(element: TrackedElement, geometry: Geometry | None, context: ReadContext
+                     ) -> Extension:
+    """Return the unread parts of a shape, with ``<empty/>`` in place of a missing geometry."""
+    extension = context.extension(element)
+    unread = extension.sdf
+    if geometry or (unread is not None and unread.find('geometry') is not None):
+        return extension
+    if unread is None:
+        unread = etree.Element(local_name(element))
+    etree.SubElement(etree.SubElement(unread, 'geometry'), 'empty')
+    return Extension(extension.urdf, unread)
 
 
-def _geometry(shape: Taken, place: Place) -> Geometry | None:
+def _read_geometry(shape: TrackedElement, context: ReadContext) -> Geometry | None:
     element = shape.find('geometry')
     if element is None:
-        place.report.warn(local_name(shape), required_name(shape), line_of(shape),
-                          'has no <geometry>')
+        context.report.warn(local_name(shape), required_name(shape), line_of(shape),
+                            'has no <geometry>')
         return None
-    capsule = element.first(_KEPT_CAPSULE)
+    capsule = element.take_first(_URDF_CAPSULE)
     if capsule is not None:
-        element.first('cylinder')  # which stands for it
+        element.take_first('cylinder')  # the writer put it in place of the capsule
         return Capsule(number(capsule.get('radius'), capsule, 'radius'),
                        number(capsule.get('length'), capsule, 'length'))
-    forms = list(element.element.iterchildren(*_FORMS))
-    for other in forms[1:]:
-        place.report.warn(local_name(other), required_name(shape), line_of(other),
-                          'is not read, a geometry is one shape')
-    form = element.find(str(forms[0].tag)) if forms else None
-    return _shape_geometry(form, place) if form else None
+    children = list(element.element.iterchildren(*_GEOMETRIES))
+    for ignored in children[1:]:
+        context.report.warn(local_name(ignored), required_name(shape), line_of(ignored),
+                            'ignored: only the first shape of a <geometry> is read')
+    child = element.find(str(children[0].tag)) if children else None
+    return _read_known_geometry(child, context) if child else None
 
 
-def _shape_geometry(element: Taken, place: Place) -> Geometry:
+def _read_known_geometry(element: TrackedElement, context: ReadContext) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
-        if not uri and place.scope.version < (1, 4):
-            uri = text_of(element, 'filename')  # as the oldest versions had it
+        if not uri and context.scope.version < (1, 4):
+            uri = text_of(element, 'filename')  # its name in SDF 1.2 and 1.3
         if not uri:
             raise DescriptionError('has no <uri>', element)
-        return Mesh(place.uri(uri), None if scale is None else vector(scale.text, scale))
+        return Mesh(context.resolved_uri(uri),
+                    None if scale is None else vector(scale.text, scale))
     if tag == 'box':
-        size = element.find('size')
-        if size is None:
-            _warn_of_default(element, 'size', '1 1 1', place)
-        return Box((1.0, 1.0, 1.0) if size is None else vector(size.text, size))
-    radius = _length(element, 'radius', 0.5 if tag == 'capsule' else 1.0, place)
+        x, y, z = _read_size(element, 'size', '1 1 1', context)
+        return Box((x, y, z))
+    radius, = _read_size(element, 'radius', '0.5' if tag == 'capsule' else '1', context)
     if tag == 'sphere':
         return Sphere(radius)
-    form = Cylinder if tag == 'cylinder' else Capsule
-    return form(radius, _length(element, 'length', 1.0, place))
+    length, = _read_size(element, 'length', '1', context)
+    return Cylinder(radius, length) if tag == 'cylinder' else Capsule(radius, length)
 
 
-def _length(element: Taken, tag: str, default: float, place: Place) -> float:
+def _read_size(element: TrackedElement, tag: str, default: str, context: ReadContext
+               ) -> tuple[float, ...]:
     child = element.find(tag)
     if child is None:
-        _warn_of_default(element, tag, number_text(default), place)
-    return default if child is None else number(child.text, child)
+        context.report.warn(element.tag, '', line_of(element),
+                            f'has no <{tag}>; the default of SDF is {default}')
+    text, holder = (default, element) if child is None else (child.text, child)
+    return numbers(text, len(default.split()), holder)
 
 
-def _warn_of_default(element: Taken, tag: str, default: str, place: Place) -> None:
-    place.report.warn(element.tag, '', line_of(element),
-                      f'has no <{tag}>; it is {default}, as SDF has it')
-
-
-def _material(element: Taken, place: Place) -> Material:
-    colors = {field: color_of(child) for tag, field in COLORS.items()
+def _read_material(element: TrackedElement, context: ReadContext) -> Material:
+    colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
               if (child := element.find(tag)) is not None}
-    kept = element.first(f'{{{URDF_NAMESPACE}}}texture')
+    texture = element.take_first(f'{{{URDF_NAMESPACE}}}texture')
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
-    texture = place.uri(text_of(metal, 'albedo_map')) if metal else ''
+    uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
     return Material(element.get(f'{{{URDF_NAMESPACE}}}name', ''),
-                    texture=texture if kept is None else kept.get('filename', ''), **colors)
+                    texture=uri if texture is None else texture.get('filename', ''), **colors)

@@ -12,85 +12,90 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a link of SDF consists of: inertials, visuals and collisions, written."""
+"""Writer of SDF links: inertials, visuals, collisions, and the context in which all is written."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from lxml import etree
-from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.model import Inertial, Shape
-from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.values import CAPSULE, PBR, pose_element, Version, version_text
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Shape, WORLD
+from opencv_tools.robot.sdf.values import (
+    CAPSULE, MATERIAL_COLORS, number_element, PBR, pose_element, text_element, Version)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
-from opencv_tools.robot.xml.passthrough import carry, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
 
-# The colours of a material, with the field that has each.
-COLORS = {'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
-
-def text_element(parent: Element, tag: str, text: str) -> Element:
-    """Write a child that has a text."""
-    element = etree.SubElement(parent, tag)
-    element.text = text
-    return element
-
-
-def inertial_element(link: Element, inertial: Inertial, pose: Pose) -> None:
+@dataclass(frozen=True)
+class WriteContext:
     """
-    Write an ``<inertial>`` into a link.
+    The output of a robot.
 
-    :param pose: where it is in the link.
+    :param relative: whether each link is placed relative to its parent link.
     """
-    element = etree.SubElement(link, 'inertial')
-    pose_element(element, pose)
-    text_element(element, 'mass', number_text(inertial.mass))
-    moments = etree.SubElement(element, 'inertia')
-    for tag, value in zip(INERTIA, inertial.inertia):
-        text_element(moments, tag, number_text(value))
+
+    kinematics: Kinematics
+    version: Version
+    relative: bool
+    report: Report
+
+    def write_extension(self, element: Element, written: Frame | Joint | Link | Shape) -> None:
+        """Write what the model does not represent: merge SDF, and embed URDF."""
+        merge_unread(element, written.extension.sdf)
+        embed_foreign(element, written.extension.urdf, 'urdf', self.report, written.name,
+                      written.line)
 
 
-def shape_element(link: Element, tag: str, shape: Shape, pose: Pose, version: Version,
-                  report: Report) -> None:
-    """
-    Write a visual or a collision into a link.
+def write_link(model: Element, link: Link, context: WriteContext) -> None:
+    """Write a link into a model."""
+    element = etree.SubElement(model, 'link', name=link.name)
+    frame, kinematics = FrameId('link', link.name), context.kinematics
+    joint = kinematics.parent_joint.get(link.name) if context.relative else None
+    base = FrameId('link', joint.parent) if joint and joint.parent != WORLD else MODEL
+    pose_element(element, kinematics.between(base, frame), base.name)
+    if link.inertial is not None:
+        inertial = etree.SubElement(element, 'inertial')
+        pose_element(inertial, kinematics.within(frame, link.inertial.placement))
+        number_element(inertial, 'mass', link.inertial.mass)
+        moments = etree.SubElement(inertial, 'inertia')
+        for tag, value in zip(INERTIA, link.inertial.inertia):
+            number_element(moments, tag, value)
+    for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
+        for shape in shapes:
+            child = etree.SubElement(element, tag, name=shape.name)
+            pose_element(child, kinematics.within(frame, shape.placement))
+            _write_geometry(child, shape, context)
+            _write_material(child, shape, context)
+            context.write_extension(child, shape)
+    context.write_extension(element, link)
 
-    :param tag: ``visual`` or ``collision``.
-    :param pose: where it is in the link.
-    """
-    element = etree.SubElement(link, tag, name=shape.name)
-    pose_element(element, pose)
-    _geometry_element(element, shape, version, report)
-    if shape.material is not None:
-        _material_element(element, shape, shape.material, version, report)
-    restore(element, shape.extension.sdf)
-    carry(element, shape.extension.urdf, 'urdf', report, shape.name, shape.line)
 
-
-def _geometry_element(element: Element, shape: Shape, version: Version, report: Report) -> None:
-    geometry = shape.geometry
-    rest = shape.extension.sdf
-    if geometry is None and rest is not None and rest.find('geometry') is not None:
-        return  # it is put back with all else that is carried
+def _write_geometry(element: Element, shape: Shape, context: WriteContext) -> None:
+    geometry, unread = shape.geometry, shape.extension.sdf
+    if geometry is None and unread is not None and unread.find('geometry') is not None:
+        return  # it is a part of the extension
     parent = etree.SubElement(element, 'geometry')
     if geometry is None:
         etree.SubElement(parent, 'empty')
-    elif isinstance(geometry, Capsule) and version < CAPSULE:
-        kept = etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule')
-        kept.set('radius', number_text(geometry.radius))
-        kept.set('length', number_text(geometry.length))
+    elif isinstance(geometry, Capsule) and context.version < CAPSULE:
+        capsule = etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule')
+        capsule.set('radius', number_text(geometry.radius))
+        capsule.set('length', number_text(geometry.length))
         length = geometry.length + 2 * geometry.radius
-        _plain_geometry(parent, Cylinder(geometry.radius, length))
-        report.warn('capsule', shape.name, shape.line,
-                    f'SDF {version_text(version)} has no capsules; a cylinder of the same length '
-                    'stands there, and the capsule is kept as <urdf:capsule>')
+        _write_supported_geometry(parent, Cylinder(geometry.radius, length))
+        context.report.warn('capsule', shape.name, shape.line,
+                            f'not supported by SDF {context.version}; written as a cylinder of '
+                            'the same length, and preserved as <urdf:capsule>')
     else:
-        _plain_geometry(parent, geometry)
+        _write_supported_geometry(parent, geometry)
 
 
-def _plain_geometry(parent: Element, geometry: Geometry) -> None:
+def _write_supported_geometry(parent: Element, geometry: Geometry) -> None:
     element = etree.SubElement(parent, type(geometry).__name__.lower())
     if isinstance(geometry, Box):
         text_element(element, 'size', numbers_text(geometry.size))
@@ -99,25 +104,26 @@ def _plain_geometry(parent: Element, geometry: Geometry) -> None:
         if geometry.scale is not None:
             text_element(element, 'scale', numbers_text(geometry.scale))
     else:
-        text_element(element, 'radius', number_text(geometry.radius))
+        number_element(element, 'radius', geometry.radius)
         if not isinstance(geometry, Sphere):
-            text_element(element, 'length', number_text(geometry.length))
+            number_element(element, 'length', geometry.length)
 
 
-def _material_element(element: Element, shape: Shape, material: Material, version: Version,
-                      report: Report) -> None:
-    target = etree.SubElement(element, 'material')
+def _write_material(visual: Element, shape: Shape, context: WriteContext) -> None:
+    material = shape.material
+    if material is None:
+        return
+    element = etree.SubElement(visual, 'material')
     if material.name:
-        target.set(f'{{{URDF_NAMESPACE}}}name', material.name)
-    for tag, field in COLORS.items():
+        element.set(f'{{{URDF_NAMESPACE}}}name', material.name)
+    for tag, field in MATERIAL_COLORS.items():
         color = getattr(material, field)
         if color is not None:
-            text_element(target, tag, numbers_text(color))
-    if material.texture and version >= PBR:
-        metal = etree.SubElement(etree.SubElement(target, 'pbr'), 'metal')
+            text_element(element, tag, numbers_text(color))
+    if material.texture and context.version >= PBR:
+        metal = etree.SubElement(etree.SubElement(element, 'pbr'), 'metal')
         text_element(metal, 'albedo_map', material.texture)
     elif material.texture:
-        kept = etree.SubElement(target, f'{{{URDF_NAMESPACE}}}texture')
-        kept.set('filename', material.texture)
-        report.preserve('texture', shape.name, shape.line,
-                     f'SDF {version_text(version)} has no <pbr>; kept as <urdf:texture>')
+        etree.SubElement(element, f'{{{URDF_NAMESPACE}}}texture', filename=material.texture)
+        context.report.preserve('texture', shape.name, shape.line, 'not supported by SDF '
+                                f'{context.version}; preserved as <urdf:texture>')

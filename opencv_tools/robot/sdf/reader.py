@@ -12,33 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""SDF read as a robot: any version, models inside models, and includes, made one flat model."""
+"""Reader of SDF: converts any version, nested models and includes into one flat robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from graphlib import CycleError
 
 from lxml import etree
-from opencv_tools.robot.kinematics import Kinematics, with_mimics
+from opencv_tools.robot.kinematics import (
+    check_mimic_cycles, cycle_text, Kinematics, resolve_chain)
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
 from opencv_tools.robot.sdf.includes import first_file, ModelLoader
-from opencv_tools.robot.sdf.joint_reader import marked_loops, read_joint, with_axes
-from opencv_tools.robot.sdf.link_reader import Place, read_link
+from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
+from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
 from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME, Scope, scopes_of
+from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Either, Element, line_of, local_name, required_name, source_of)
-from opencv_tools.robot.xml.passthrough import carried
+    DescriptionError, Element, line_of, local_name, required_name, source_of)
+from opencv_tools.robot.xml.passthrough import extract_foreign
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached, Taken
+from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
-# What is read of an <include>, or of another one that overrides it.
+# Children of an <include> that are converted.
 _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
-# What an <include> says about the model instead of the model itself.
+# Children of an <include> that replace those of the model.
 _OVERRIDES = ('pose', 'static')
 
 
@@ -48,138 +50,117 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     Read a robot from SDF.
 
     :param root: the ``<sdf>``.
-    :param report: takes what is left out, and what is kept in another way.
-    :param model: the model, where there are several.
-    :param search: folders with models that are included.
-    :raises DescriptionError: it is no robot that could be read.
+    :param report: receives what is lossy and what is preserved.
+    :param model: name of the model; empty if the file has only one.
+    :param search: folders with included models.
+    :raises DescriptionError: the file is not a valid robot.
     """
     if local_name(root) != 'sdf':
-        raise DescriptionError('is not SDF, whose root is <sdf>', root)
-    scopes = scopes_of(root, ModelLoader(search, report), model, report)
-    if not any(scope.element.each('link') for scope in scopes):
-        raise DescriptionError(f'model {scopes[0].part.name!r} has no links', scopes[0].element)
-    names = FrameRegistry(scopes)
+        raise DescriptionError('is not SDF; the root must be <sdf>', root)
+    # Nested models and includes are collected first: each is a scope of names.
+    scopes = collect_scopes(root, ModelLoader(search, report), model, report)
+    top = scopes[0]
+    if not any(scope.element.take_all('link') for scope in scopes):
+        raise DescriptionError(f'model {top.name!r} has no links', top.element)
+    # All names are registered before elements are read, because they may refer to later elements.
+    registry = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
-    places = [Place(scope, names, report, folder) for scope in scopes]
-    robot = Robot(scopes[0].part.name, *_parts(places), source=source_of(root))
-    canonical = names.link_of(MODEL)
-    if canonical != robot.links[0].name or scopes[0].element.get('canonical_link'):
+    contexts = [ReadContext(scope, registry, report, folder) for scope in scopes]
+    # Placements are read as written. Joints have no axes yet, because axes depend on poses.
+    robot = Robot(top.name, *_read_elements(contexts), source=source_of(root))
+    canonical = registry.link_of(MODEL)
+    if canonical != robot.links[0].name or top.element.get('canonical_link'):
         robot = replace(robot, canonical_link=canonical)
-    _check_placements(robot, names)
-    robot = _placed_by_frames(robot, scopes, names)
-    in_world = _in_world(robot, scopes[0], names)
-    robot = _with_axes(_with_world(robot, in_world), places)
-    links = tuple(link.name for link in robot.links)
-    robot = replace(robot, joints=marked_loops(robot.joints, links, canonical),
-                    extension=_model_rest(places[0], in_world))
-    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
-    return robot
+    # All following steps compute poses, which needs placements without cycles.
+    _check_placements(robot, registry)
+    # Nested models get their final poses before other poses are computed from them.
+    robot = _with_placement_frames(robot, scopes, registry)
+    # The pose in the world depends on the pose of the robot's own placement_frame.
+    pose_in_world = _pose_in_world(robot, top, registry)
+    robot = _with_world(robot, pose_in_world)
+    # Axes may be expressed in any frame, so all poses are final here.
+    robot = _with_axes(robot, contexts)
+    # Mimics are parts of axes.
+    check_mimic_cycles(robot)
+    # Loops do not change poses or axes; only trees of the robot depend on them.
+    robot = mark_loops(robot, canonical)
+    # The extension is what no step has read, so it is last.
+    return replace(robot, extension=_model_extension(contexts[0], pose_in_world))
 
 
-def frame_from_element(element: Either, lookup: Callable[[str, Either], FrameId],
-                       model: FrameId = MODEL) -> Frame:
-    """
-    Read a frame.
-
-    :param lookup: gives the frame of a name; it is asked with the element that has the name.
-    :param model: the frame of the model that it stands in.
-    """
-    name = element.get('attached_to') or MODEL_FRAME
-    home = model if name == MODEL_FRAME else lookup(name, element)
-    pose = element.find('pose')
-    start = home if pose is None else _named_frame(pose, lookup, model, home)
-    return Frame(required_name(element), home, Placement(pose_of(pose), start),
-                 line=line_of(element))
-
-
-def _named_frame(pose: Either, lookup: Callable[[str, Either], FrameId], model: FrameId,
-                 default: FrameId) -> FrameId:
-    name = pose.get('relative_to')
-    if not name:
-        return default
-    return model if name == MODEL_FRAME else lookup(name, pose)
-
-
-def _parts(places: Sequence[Place]
-           ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Frame, ...]]:
-    """Read all links, joints and frames; the world is a link if a joint is fastened to it."""
+def _read_elements(contexts: Sequence[ReadContext]
+                   ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Frame, ...]]:
+    """Read links, joints without axes, and frames; the world is a link if a joint needs it."""
     links: list[Link] = []
     joints: list[Joint] = []
     frames: list[Frame] = []
-    around = {place.scope.frame: place for place in places}
-    for place in places:
-        element, scope = place.scope.element, place.scope
-        links.extend(read_link(child, place) for child in element.each('link'))
-        joints.extend(read_joint(child, place) for child in element.each(*JOINTS))
+    by_model = {context.scope.frame: context for context in contexts}
+    for context in contexts:
+        element, scope = context.scope.element, context.scope
+        links.extend(read_link(child, context) for child in element.take_all('link'))
+        joints.extend(read_joint(child, context) for child in element.take_all(*JOINTS))
         if scope.parent is not None:
-            frames.append(_model_frame(place, around[scope.parent.frame]))
-            _note_rest(place)
-        frames.extend(_frame(child, place) for child in element.each(*FRAME_TAGS))
+            frames.append(_model_frame(context, by_model[scope.parent.frame]))
+            _report_nested(context)
+        frames.extend(_read_frame(child, context) for child in element.take_all(*FRAME_TAGS))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(WORLD, Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)
 
 
-def _frame(element: Taken, place: Place) -> Frame:
-    def lookup(name: str, holder: Taken) -> FrameId:
-        what = 'relative_to' if holder.tag == 'pose' else 'attached_to'
-        return place.names.lookup(place.scope, name, holder, what)
-
-    frame = frame_from_element(element, lookup, place.scope.frame)
-    return replace(frame, name=place.scope.qualified(frame.name),
-                   placement=place.placement(element, frame.attached_to),
-                   extension=place.carried(element))
+def _read_frame(element: TrackedElement, context: ReadContext) -> Frame:
+    name = context.scope.qualified(required_name(element))
+    attached_to = context.registry.attached_to(FrameId('frame', name))
+    return Frame(name, attached_to, context.placement(element, attached_to),
+                 context.extension(element), line_of(element))
 
 
-def _model_frame(place: Place, around: Place) -> Frame:
-    """Give the frame of a model inside another one."""
-    scope = place.scope
-    return Frame(scope.frame.name, FrameId('link', place.names.link_of(scope.frame)),
-                 around.placement(scope.part.placed_by, around.scope.frame),
+def _model_frame(context: ReadContext, parent: ReadContext) -> Frame:
+    """Return the model frame of a nested model."""
+    scope = context.scope
+    return Frame(scope.frame.name, FrameId('link', context.registry.link_of(scope.frame)),
+                 parent.placement(scope.file.pose_holder, parent.scope.frame),
                  line=line_of(scope.element))
 
 
-def _note_rest(place: Place) -> None:
-    """Note what is left out of a model that is no longer a model."""
-    part = place.scope.part
-    kept = carried(part.element, 'urdf')
-    for one in (part.element, *part.includes):
-        one.each(*_INCLUDE)
-    for found in (place.rest(part.element), kept, *map(place.rest, part.includes)):
-        for child in () if found is None else found:
-            # A model is not static anyway.
+def _report_nested(context: ReadContext) -> None:
+    """Report what a nested model loses by becoming a part of the robot."""
+    file = context.scope.file
+    preserved = extract_foreign(file.element, 'urdf')
+    for holder in (file.element, *file.includes):
+        holder.take_all(*_INCLUDE)
+    for lost in (context.unread(file.element), preserved, *map(context.unread, file.includes)):
+        for child in () if lost is None else lost:
+            # <static>false</static> is the default.
             if child.tag != 'static' or flag(child.text, child):
-                place.report.warn(local_name(child), part.name, line_of(child),
-                                  'left out, it belongs to a model inside the model')
+                context.report.warn(local_name(child), file.name, line_of(child),
+                                    'omitted: it belongs to a nested model')
 
 
-def _check_placements(robot: Robot, names: FrameRegistry) -> None:
+def _check_placements(robot: Robot, registry: FrameRegistry) -> None:
     """
-    See to it that every frame is placed in the model in the end.
+    Check that the placement of every frame leads to the model frame.
 
-    :raises DescriptionError: one is placed in itself.
+    :raises DescriptionError: frames are placed relative to each other in a cycle.
     """
-    placed_in = {frame: thing.placement.relative_to for frame, thing in robot.framed()}
-    good = {MODEL}
-    for start in placed_in:
-        chain: dict[FrameId, None] = {}
-        frame = start
-        while frame not in good:
-            if frame in chain:
-                raise DescriptionError(f'{frame.name!r} is placed relative to itself, by way of '
-                                       f'{", ".join(repr(one.name) for one in chain)}',
-                                       names.elements.get(frame))
-            chain[frame] = None
-            frame = placed_in[frame]
-        good.update(chain)
+    bases = {frame: owner.placement.relative_to for frame, owner in robot.frame_owners()}
+    placed = {MODEL}
+    try:
+        for start in bases:
+            placed.update(resolve_chain(
+                start, lambda frame: None if frame in placed else bases[frame]))
+    except CycleError as err:
+        raise DescriptionError(f'placement cycle: {cycle_text(err)}',
+                               registry.elements.get(err.args[1][0])) from err
 
 
-def _placed_by_frames(robot: Robot, scopes: Sequence[Scope], names: FrameRegistry) -> Robot:
-    """Place the models whose pose is that of a frame in them; the innermost ones first."""
+def _with_placement_frames(robot: Robot, scopes: Sequence[Scope], registry: FrameRegistry
+                           ) -> Robot:
+    """Place the nested models whose pose is that of a frame in them, innermost first."""
     for scope in reversed(scopes[1:]):
-        if not scope.part.placement_frame:
+        if not scope.file.placement_frame:
             continue
-        inverse = _placement_frame(robot, scope, names).inverse()
+        inverse = _placement_frame(robot, scope, registry).inverse()
         robot = replace(robot, frames=tuple(
             replace(frame, placement=Placement(
                 (frame.placement.pose.transform() @ inverse).pose(), frame.placement.relative_to))
@@ -187,78 +168,81 @@ def _placed_by_frames(robot: Robot, scopes: Sequence[Scope], names: FrameRegistr
     return robot
 
 
-def _placement_frame(robot: Robot, scope: Scope, names: FrameRegistry) -> Transform:
-    """Give where in a model the frame is that the model's pose places."""
-    name = scope.part.placement_frame
+def _placement_frame(robot: Robot, scope: Scope, registry: FrameRegistry) -> Transform:
+    """Return the pose of the ``placement_frame`` in the model frame."""
+    name = scope.file.placement_frame
     if not name:
         return IDENTITY
-    frame = names.lookup(scope, name, scope.element, 'placement_frame')
+    frame = registry.lookup(scope, name, scope.element, 'placement_frame')
     return Kinematics(robot).between(scope.frame, frame).transform()
 
 
-def _in_world(robot: Robot, scope: Scope, names: FrameRegistry) -> Pose:
-    """Give where the model is in the world; in its origin if that is relative to what is gone."""
-    pose = scope.part.placed_by.element.find('pose')
-    placed = _placement_frame(robot, scope, names)
+def _pose_in_world(robot: Robot, top: Scope, registry: FrameRegistry) -> Pose:
+    """Return the pose of the robot in the world; zero if relative to an object outside of it."""
+    pose = top.file.pose_holder.element.find('pose')
+    placed = _placement_frame(robot, top, registry)
     if pose is not None and pose.get('relative_to'):
         return Pose()
     written = pose_of(pose)
     return written if placed == IDENTITY else (written.transform() @ placed.inverse()).pose()
 
 
-def _with_world(robot: Robot, in_world: Pose) -> Robot:
-    """Place the world, if joints are fastened to it."""
-    if robot.links[-1].name != WORLD or in_world.is_identity:
+def _with_world(robot: Robot, pose_in_world: Pose) -> Robot:
+    """Place the world relative to the robot, if a joint needs it."""
+    *links, last = robot.links
+    if last.name != WORLD or pose_in_world.is_identity:
         return robot
-    placement = Placement(in_world.transform().inverse().pose(), MODEL)
-    return replace(robot, links=(*robot.links[:-1],
-                                 replace(robot.links[-1], placement=placement)))
+    placement = Placement(pose_in_world.transform().inverse().pose(), MODEL)
+    return replace(robot, links=(*links, replace(last, placement=placement)))
 
 
-def _with_axes(robot: Robot, places: Sequence[Place]) -> Robot:
-    elements = ((element, place) for place in places
-                for element in place.scope.element.each(*JOINTS))
+def _with_axes(robot: Robot, contexts: Sequence[ReadContext]) -> Robot:
+    elements = ((element, context) for context in contexts
+                for element in context.scope.element.take_all(*JOINTS))
     kinematics = Kinematics(robot)
     return replace(robot, joints=tuple(
-        with_axes(joint, element, place, kinematics)
-        for joint, (element, place) in zip(robot.joints, elements)))
+        with_axes(joint, element, context, kinematics)
+        for joint, (element, context) in zip(robot.joints, elements)))
 
 
-def _model_rest(place: Place, in_world: Pose) -> Extension:
+def _model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
     """
-    Keep what else there is of the model, with what an include says about it instead.
+    Return the unread parts of the model, with the overrides of its includes.
 
-    :param in_world: where the model's own frame is in the world.
+    :param pose_in_world: pose of the model frame in the world.
     """
-    part = place.scope.part
-    kept, rest = carried(part.element, 'urdf'), place.rest(part.element)
-    if rest is None:
-        rest = etree.Element('model')
-    for include in reversed(part.includes):
+    file = context.scope.file
+    urdf, unread = extract_foreign(file.element, 'urdf'), context.unread(file.element)
+    if unread is None:
+        unread = etree.Element('model')
+    for include in reversed(file.includes):
         for child in include.element.iterchildren('*'):
             tag = local_name(child)
             if tag in _OVERRIDES:
-                for old in rest.findall(tag):
-                    rest.remove(old)
+                _remove(unread, tag)
             if tag in (*_OVERRIDES, 'plugin'):
-                rest.append(detached(child))
+                unread.append(detached(child))
             elif tag not in _INCLUDE:
-                place.report.warn(tag, part.name, line_of(child), 'left out of the <include>')
-    _resolve_model_pose(rest, place, in_world)
-    return Extension(urdf=kept, sdf=rest if len(rest) or rest.attrib else None)
+                context.report.warn(tag, file.name, line_of(child), 'omitted from the <include>')
+    _resolve_model_pose(unread, context, pose_in_world)
+    return Extension(urdf=urdf, sdf=unread if len(unread) or unread.attrib else None)
 
 
-def _resolve_model_pose(rest: Element, place: Place, in_world: Pose) -> None:
-    """Say where the model is without any name, which may be another one in what is written."""
-    name = place.scope.part.name
-    for pose in rest.findall('pose'):
-        if other := pose.get('relative_to'):
-            place.report.warn('pose', name, line_of(place.scope.part.placed_by),
-                              f'left out, it is relative to {other!r}, outside the model')
-            rest.remove(pose)
-    if frame := place.scope.part.placement_frame:
-        for pose in rest.findall('pose'):
-            rest.remove(pose)
-        pose_element(rest, in_world)
-        place.report.preserve('pose', name, line_of(place.scope.element),
-                           f'it placed {frame!r}; now it places the model itself')
+def _resolve_model_pose(unread: Element, context: ReadContext, pose_in_world: Pose) -> None:
+    """Write the pose of the model without names, which may be different in the output."""
+    file = context.scope.file
+    for pose in unread.findall('pose'):
+        if name := pose.get('relative_to'):
+            context.report.warn('pose', file.name, line_of(file.pose_holder),
+                                f'omitted: it is relative to {name!r}, outside the model')
+            unread.remove(pose)
+    if frame := file.placement_frame:
+        _remove(unread, 'pose')
+        pose_element(unread, pose_in_world)
+        context.report.preserve('pose', file.name, line_of(file.element),
+                                f'placed {frame!r}; converted to the pose of the model frame')
+
+
+def _remove(element: Element, tag: str) -> None:
+    for child in element.findall(tag):
+        element.remove(child)

@@ -12,122 +12,115 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
-The rules by which the parser of SDF takes or refuses a file, kept by a robot that is written.
+Rules of the SDF parser for names, colours and values, applied to a written robot.
 
-A name is changed and a colour is cut where they break a rule. What was there is kept beside it as
-``urdf:name`` or ``urdf:color``, and the way back restores it. What cannot be mended is refused.
+Invalid names are changed and colours are clamped. The originals are preserved as ``urdf:name`` and
+``urdf:color`` and restored on the way back. Other invalid values are errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from opencv_tools.robot.model import Inertial, Robot, WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name, next_free, numbered
+from opencv_tools.robot.renaming import allowed_name, flat_name
 from opencv_tools.robot.sdf.value_rules import (
-    COLORS, flaw_of, is_passed_over, looked_at, read_number)
-from opencv_tools.robot.sdf.values import CUT
+    COLORS, find_flaw, is_ignored, parsed_elements, read_number)
+from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
+from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
-from opencv_tools.robot.xml.numbers import cut, numbers_text
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.numbers import clamped, numbers_text
+from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
-_URDF = f'{{{URDF_NAMESPACE}}}'
-NAME = f'{_URDF}name'
-# Elements that may not be called as SDF calls its own frames.
+# Elements whose names must not be reserved names of frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
-# `names.with_valid_sdf_names` has seen to these; others that have one of their names give way.
-_NAMED = ('link', 'joint', 'frame', 'collision', 'visual')
-# What rounding leaves of an inequality between moments of inertia, as a part of them.
+# Elements with names from `renaming.with_valid_sdf_names`, which are not changed again.
+_VALID = ('link', 'joint', 'frame', 'collision', 'visual')
+# Rounding error of the inequalities between moments of inertia, relative to the moments.
 _ROUNDING = 1e-14
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
     """
-    Mend what the parser of SDF would refuse.
+    Change what the parser of SDF would reject.
 
-    :param root: the element ``<sdf>``; it is changed.
+    :param root: the ``<sdf>``; it is changed.
     :param source: the file that the robot comes from.
-    :param report: takes what is changed.
-    :raises DescriptionError: there is something that cannot be mended.
+    :param report: receives the changes.
+    :raises DescriptionError: an invalid value cannot be changed.
     """
-    for element in looked_at(root):
+    for element in parsed_elements(root):
         if len(element):
-            _change_names(element, report)
+            _rename_children(element, report)
         if element.tag in COLORS:
-            _cut_color(element, report)
-        flaw = flaw_of(element)
+            _clamp_color(element, report)
+        flaw = find_flaw(element)
         if flaw:
             raise DescriptionError(flaw, source=source, line=line_of(element),
                                    tag=local_name(element))
 
 
-def _change_names(element: Element, report: Report) -> None:
-    """Change names of the children that have ``::``, are reserved, or are there twice."""
+def _rename_children(element: Element, report: Report) -> None:
+    """Rename the children with reserved or duplicate names, or with ``::`` in their names."""
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
-    taken = {child.get('name', '') for child in named if _keeps_name(child)}
-    more: dict[tuple[str, str], Iterator[str]] = {}
-    for child in named:
-        if _keeps_name(child):
-            continue
-        name = wanted = child.get('name', '')
+    renamable = [child for child in named if not _has_valid_name(child)]
+    taken = {child.get('name', '') for child in named if _has_valid_name(child)}
+    counts: dict[str, int] = {}
+    for child in renamable:
+        name = new = child.get('name', '')
         if child.tag in _FRAMED:
-            wanted = f'{WORLD}_{child.tag}' if name == WORLD else allowed_name(name)
-        elif not is_passed_over(child):
-            wanted = flat_name(name)
-        tag, new = local_name(child), wanted
-        if wanted in taken:
-            new = next_free(more.setdefault((wanted, tag), numbered(f'{wanted}_{tag}')), taken)
+            new = f'{WORLD}_{child.tag}' if name == WORLD else allowed_name(name)
+        elif not is_ignored(child):
+            new = flat_name(name)
+        if new in taken:
+            new = unique_name(f'{new}_{local_name(child)}', taken, counts)
         taken.add(new)
         if new != name:
-            child.set(NAME, child.get(NAME, name))
+            child.set(URDF_NAME, child.get(URDF_NAME, name))
             child.set('name', new)
-            report.warn(tag, name, line_of(child), 'SDF wants each name once and '
-                        f'has some for itself; it is called {new!r} there')
+            report.warn(local_name(child), name, line_of(child),
+                        f'renamed to {new!r}, because SDF requires unique names and reserves some')
 
 
-def _keeps_name(child: Element) -> bool:
-    return child.tag in _NAMED or str(child.tag).startswith(_URDF)
+def _has_valid_name(child: Element) -> bool:
+    return child.tag in _VALID or str(child.tag).startswith(f'{{{URDF_NAMESPACE}}}')
 
 
-def _cut_color(element: Element, report: Report) -> None:
-    """Cut the parts of a colour to 0 and 1."""
+def _clamp_color(element: Element, report: Report) -> None:
+    """Clamp the components of a colour to 0 to 1."""
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := read_number(word)) is not None)
-    if len(values) == len(words) and cut(values) != values:
+    if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
-        element.set(CUT, text)
-        element.text = numbers_text(cut(values))
-        before = element.getprevious()
-        if before is not None and before.get(CUT) == text:
-            return  # the same colour, which URDF has once
-        report.warn(local_name(element), _owner(element), line_of(element), f'{text!r} is beyond '
-                    f'0 to 1, which SDF demands; {element.text!r} stands there')
+        element.set(ORIGINAL_COLOR, text)
+        element.text = numbers_text(clamped(values))
+        previous = element.getprevious()
+        if previous is not None and previous.get(ORIGINAL_COLOR) == text:
+            return  # ambient and diffuse come from one colour of URDF
+        report.warn(local_name(element), _owner(element), line_of(element),
+                    f'{text!r} is outside of 0 to 1; clamped to {element.text!r}')
 
 
 def _owner(element: Element) -> str:
-    """Return the name of the nearest element around one that has a name."""
-    return next((name for one in element.iterancestors() if (name := one.get('name'))), '')
+    """Return the name of the nearest enclosing element with a name."""
+    return next((name for outer in element.iterancestors() if (name := outer.get('name'))), '')
 
 
-def note_inertials(robot: Robot, report: Report) -> None:
-    """Report the masses and moments of inertia that no body has."""
+def report_inertials(robot: Robot, report: Report) -> None:
+    """Report the inertials that are physically impossible."""
     for link in robot.links:
-        if link.inertial is not None and not is_possible(link.inertial):
-            report.warn('inertial', link.name, link.line, 'no body has this mass and these '
-                        'moments of inertia, and Gazebo refuses them; they are written as they '
-                        'are')
+        if link.inertial is not None and not is_physical(link.inertial):
+            report.warn('inertial', link.name, link.line, 'mass and moments of inertia are '
+                        'physically impossible, Gazebo rejects them; converted unchanged')
 
 
-def is_possible(inertial: Inertial) -> bool:
+def is_physical(inertial: Inertial) -> bool:
     """
     Return whether a body can have this mass and these moments of inertia.
 
-    It can if no principal moment is above the sum of both others: if trace / 2 - moments, as a
-    matrix, has no negative eigenvalue, and so no negative principal minor.
+    No principal moment may be greater than the sum of the two others. This holds if the matrix
+    trace / 2 - moments has no negative eigenvalue, and therefore no negative principal minor.
     """
     xx, xy, xz, yy, yz, zz = inertial.inertia
     half = (xx + yy + zz) / 2

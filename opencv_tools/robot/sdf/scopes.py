@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The model that is read of an SDF, with the models inside it."""
+"""Models of an SDF file: the model to read, and the models nested in it."""
 
 from __future__ import annotations
 
@@ -22,146 +22,151 @@ from pathlib import Path
 
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
-from opencv_tools.robot.sdf.values import file_version, flag, text_of, Version
+from opencv_tools.robot.sdf.values import (
+    file_version, flag, MODEL_FRAME, SEPARATOR, text_of, Version)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
-MODEL_FRAME = '__model__'
-SEPARATOR = '::'
 _MODELS = ('model', 'include')
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Scope:
     """
-    A model in which names are looked up: the robot's own, or one inside it.
+    A model in which names are looked up: the robot itself, or a model nested in it.
 
-    :param prefix: what the names of its links begin with in the robot; empty, or ending in ``::``.
-    :param frame: the model's own frame.
-    :param parent: the model around it; None for the robot's own.
-    :param inner: the models directly inside it, in the order of the file.
+    :param prefix: prefix of its names in the robot; empty, or ending in ``::``.
+    :param frame: the model frame.
+    :param parent: the enclosing model; None for the robot.
+    :param nested: the models directly inside, in the order of the file.
     """
 
-    part: ModelFile
+    file: ModelFile
     prefix: str = ''
     frame: FrameId = MODEL
     parent: Scope | None = None
-    inner: list[Scope] = field(default_factory=list)
+    nested: list[Scope] = field(default_factory=list)
 
     @property
-    def element(self) -> Taken:
-        """Give its ``<model>``."""
-        return self.part.element
+    def element(self) -> TrackedElement:
+        """Element ``<model>``."""
+        return self.file.element
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self.file.name
 
     @property
     def version(self) -> Version:
-        """Give the version of its file."""
-        return self.part.version
+        """SDF version of the file."""
+        return self.file.version
 
     @property
     def is_merged(self) -> bool:
-        """Tell whether its links are the parent's own."""
+        """Whether its links belong to the enclosing model."""
         return self.parent is not None and self.prefix == self.parent.prefix
 
     @property
-    def is_inside(self) -> bool:
-        """Whether it is written in another model, not in a file of its own."""
-        return self.parent is not None and not self.part.includes
+    def is_inline(self) -> bool:
+        """Whether it is written inside another model, not in its own file."""
+        return self.parent is not None and not self.file.includes
 
     def qualified(self, name: str) -> str:
-        """Give the name that something of this model has in the robot."""
+        """Return the robot-wide name of an object of this model."""
         return self.prefix + name
 
 
-def scopes_of(root: Element, library: ModelLoader, name: str, report: Report) -> list[Scope]:
+def collect_scopes(root: Element, loader: ModelLoader, name: str, report: Report) -> list[Scope]:
     """
-    Give the model to read, and after it all models inside it.
+    Return the model to read, followed by all models nested in it.
 
     :param root: the ``<sdf>``.
-    :param name: of the model; empty where there is one only.
-    :raises DescriptionError: there is none of this name, or there are several to choose from.
+    :param name: name of the model; empty if the file has only one.
+    :raises DescriptionError: the model is missing, or the choice is ambiguous.
     """
     result = []
-    pending = [Scope(_chosen(root, library, name, report))]
+    pending = [Scope(file=_select_model(root, loader, name, report))]
     while pending:
         scope = pending.pop()
         result.append(scope)
-        for child in scope.element.each(*_MODELS):
-            scope.inner.append(_inner(scope, child, library, report))
-        pending.extend(reversed(scope.inner))
+        for child in scope.element.take_all(*_MODELS):
+            scope.nested.append(_nested_scope(scope, child, loader, report))
+        pending.extend(reversed(scope.nested))
     return result
 
 
-def _inner(scope: Scope, element: Taken, library: ModelLoader, report: Report) -> Scope:
+def _nested_scope(parent: Scope, element: TrackedElement, loader: ModelLoader, report: Report
+                  ) -> Scope:
     if local_name(element) == 'model':
-        part = ModelFile(element, scope.version, scope.part.files)
+        file = ModelFile(element, parent.version, parent.file.files)
     else:
-        part = library.part(element, scope.part.files)
-        library.check_size(part)
-    name = part.name
+        file = loader.load(element, parent.file.files)
+        loader.count_elements(file)
+    name = file.name
     if flag(element.get('merge'), element, 'merge'):
-        frame = FrameId('frame', scope.qualified(f'_merged__{name}{MODEL_FRAME}'))
-        report.preserve('include', name, line_of(element),
-                     'its links are those of the model; where it was is frame '
-                     f'{frame.name!r}')
-        return Scope(part, scope.prefix, frame, scope)
-    prefix = f'{scope.qualified(name)}{SEPARATOR}'
+        frame = FrameId('frame', parent.qualified(f'_merged__{name}{MODEL_FRAME}'))
+        report.preserve('include', name, line_of(element), 'merged into the enclosing model; '
+                        f'frame {frame.name!r} marks the frame of the included model')
+        return Scope(file=file, prefix=parent.prefix, frame=frame, parent=parent)
+    prefix = f'{parent.qualified(name)}{SEPARATOR}'
     report.preserve(local_name(element), name, line_of(element),
-                 f'a model inside the model; the names of what is in it begin with {prefix!r}')
-    return Scope(part, prefix, FrameId('frame', f'{prefix}{MODEL_FRAME}'), scope)
+                    f'nested model; its names get the prefix {prefix!r}')
+    return Scope(file=file, prefix=prefix, frame=FrameId('frame', f'{prefix}{MODEL_FRAME}'),
+                 parent=parent)
 
 
-def _chosen(root: Element, library: ModelLoader, name: str, report: Report) -> ModelFile:
+def _select_model(root: Element, loader: ModelLoader, name: str, report: Report) -> ModelFile:
     version = file_version(root, report)
-    candidates = list(_candidates(root, library))
+    candidates = list(_candidate_models(root, loader))
     if not candidates:
         raise DescriptionError('has no model', root)
-    names = [title for title, _ in candidates]
+    names = [candidate for candidate, _ in candidates]
     if not name and len(candidates) > 1:
-        raise DescriptionError(f'has {len(names)} models; choose one by --model: '
+        raise DescriptionError(f'has {len(names)} models; select one with --model: '
                                f'{", ".join(names)}', root)
     if name and name not in names:
-        raise DescriptionError(f'has no model {name!r}; there is {", ".join(names)}', root)
-    _, element = candidates[names.index(name) if name else 0]
-    _note_rest(root, element, report)
+        raise DescriptionError(f'has no model {name!r}; select one of {", ".join(names)}', root)
+    element = candidates[names.index(name) if name else 0][1]
+    _report_outside(root, element, report)
     files = (first_file(root),)
     if local_name(element) == 'include':
-        return library.part(Taken(element), files)
-    return ModelFile(Taken(element), version, files)
+        return loader.load(TrackedElement(element), files)
+    return ModelFile(TrackedElement(element), version, files)
 
 
-def _candidates(root: Element, library: ModelLoader) -> Iterator[tuple[str, Element]]:
-    """Give all models that might be read, by name."""
+def _candidate_models(root: Element, loader: ModelLoader) -> Iterator[tuple[str, Element]]:
+    """Return each model of the file and of its worlds, with its name."""
     for holder in (root, *root.iterchildren('world')):
         for element in holder.iterchildren(*_MODELS):
             if local_name(element) == 'model':
                 yield required_name(element), element
-            elif name := _include_name(element, library, first_file(root)):
+            elif name := _included_name(element, loader, first_file(root)):
                 yield name, element
 
 
-def _include_name(element: Element, library: ModelLoader, file: Path) -> str:
-    """Name what is included; empty for lights and the like, which are no models."""
+def _included_name(element: Element, loader: ModelLoader, file: Path) -> str:
+    """Return the name of an included model; empty for a light and the like."""
     try:
-        return library.part(Taken(element), (file,)).name
+        return loader.load(TrackedElement(element), (file,)).name
     except NoModelError:
         return ''
     except DescriptionError:
-        # It is not to be found, which matters only if it is chosen.
+        # A missing file matters only if this model is selected.
         return text_of(element, 'name') or text_of(element, 'uri').rstrip('/').rpartition('/')[2]
 
 
-def _note_rest(root: Element, chosen: Element, report: Report) -> None:
-    """Note what is left out of the file and of the world around a model."""
-    counts: dict[str, list[Element]] = {}
+def _report_outside(root: Element, selected: Element, report: Report) -> None:
+    """Report the elements outside the selected model, one note for each tag."""
+    outside: dict[str, list[Element]] = {}
     for holder in (root, *root.iterchildren('world')):
         for child in holder.iterchildren('*'):
-            if child is not chosen and local_name(child) != 'world':
-                counts.setdefault(local_name(child), []).append(child)
-    for tag, elements in counts.items():
+            if child is not selected and local_name(child) != 'world':
+                outside.setdefault(local_name(child), []).append(child)
+    for tag, elements in outside.items():
         names = ', '.join(repr(name) for element in elements[:5]
                           if (name := element.get('name') or text_of(element, 'name')))
         report.warn(tag, '', line_of(elements[0]),
-                    f'left out, it is outside the model: {names or len(elements)}')
+                    f'omitted, outside the model: {names or len(elements)}')

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
-The texts and attributes that the parser of SDF refuses, by element.
+Values and attributes that the parser of SDF rejects, by element.
 
-The facts are those of libsdformat 12 and its specification 1.9, in newer ones the same.
+The tables follow libsdformat 12 and SDF 1.9. Newer versions have the same rules.
 """
 
 from __future__ import annotations
@@ -32,8 +31,8 @@ _NUMBER = re.compile(
 
 
 def read_number(text: str) -> float | None:
-    """Read the number that a text begins with, as C does; None where there is none."""
-    if text.isascii() and '_' not in text:  # Python's own, which is quicker, reads the same there
+    """Return the number at the start of a text, as C reads it; None if there is no number."""
+    if text.isascii() and '_' not in text:  # float() is faster and has the same result
         try:
             value = float(text)
         except ValueError:
@@ -44,7 +43,10 @@ def read_number(text: str) -> float | None:
     if found is None:
         return None
     word = found[0].lower()
-    value = float(int(word, 16)) if 'x' in word else float(word)
+    try:
+        value = float(int(word, 16)) if 'x' in word else float(word)
+    except OverflowError:
+        return None
     return None if math.isinf(value) and 'inf' not in word else value
 
 
@@ -59,7 +61,7 @@ def _is_color(text: str) -> bool:
     return len(values) in (3, 4) and None not in values
 
 
-# By kind: what is asked of a text, and the words for it.
+# Check of a text, and description of a valid text, by type of value.
 _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
     'double': (lambda text: read_number(text) is not None, 'a number'),
     'bool': (lambda text: text.lower() in ('true', 'false', '1', '0'), 'true or false'),
@@ -120,32 +122,32 @@ _TYPES: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def is_passed_over(element: Element) -> bool:
-    """Return whether the parser does not look into an element: a plugin, or one with a prefix."""
+def is_ignored(element: Element) -> bool:
+    """Return whether the parser ignores an element: a plugin, or an element with a prefix."""
     return not isinstance(element.tag, str) or element.tag == 'plugin' or '{' in element.tag
 
 
-def looked_at(element: Element) -> Iterator[Element]:
-    """Return an element and all inside it that the parser looks into."""
-    todo = [element]
-    while todo:
-        one = todo.pop()
-        if not is_passed_over(one):
-            yield one
-            todo.extend(reversed(one))
+def parsed_elements(element: Element) -> Iterator[Element]:
+    """Return an element and all elements inside that the parser does not ignore."""
+    pending = [element]
+    while pending:
+        current = pending.pop()
+        if not is_ignored(current):
+            yield current
+            pending.extend(reversed(current))
 
 
-def flaw_of(element: Element) -> str:
-    """Return what the parser refuses about one element, as a sentence; empty where it does not."""
+def find_flaw(element: Element) -> str:
+    """Return why the parser rejects an element, without its children; empty if it does not."""
     tag = local_name(element)
     for name in _REQUIRED.get(tag, ()):
         if not element.get(name, '').strip():
-            return f'has no {name}=, which SDF demands'
+            return f'has no {name}=, which SDF requires'
     for plugin in element.iterchildren('plugin') if len(element) else ():
         if not (plugin.get('filename', '').strip() and plugin.get('name', '').strip()):
-            return 'has a <plugin> without filename= or name=, which SDF demands'
+            return 'has a <plugin> without filename= or name=, which SDF requires'
     if tag in _TYPES and element.get('type') not in _TYPES[tag]:
-        return f'type={element.get("type")!r} is no type of SDF'
+        return f'type={element.get("type")!r} is not a type of <{tag}> in SDF'
     text = (element.text or '').strip()
     if not text or len(element):
         return ''
@@ -153,13 +155,10 @@ def flaw_of(element: Element) -> str:
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
     if kind and not _KINDS[kind][0](text):
-        return f'{text!r} is not {_KINDS[kind][1]}, which SDF demands'
-    if tag in _RANGES and not _within(_RANGES[tag], text):
+        return f'{text!r} is not {_KINDS[kind][1]}'
+    if tag in _RANGES:
         low, high = _RANGES[tag]
-        return f'{text!r} is outside of {low:g} to {high:g}, which SDF demands'
+        value = read_number(text)
+        if value is not None and (value < low or value > high):
+            return f'{text!r} is outside of {low:g} to {high:g}'
     return ''
-
-
-def _within(reach: tuple[float, float], text: str) -> bool:
-    value = read_number(text)
-    return value is None or not (value < reach[0] or value > reach[1])

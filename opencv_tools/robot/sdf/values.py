@@ -12,162 +12,187 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Values of SDF: versions, poses, colours and flags, as each version writes them."""
+"""Values of SDF in every version: versions, flags, numbers, poses and colours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import math
+import re
+from typing import NamedTuple, TypeVar
 
 from lxml import etree
 from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
-from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import numbers, numbers_text, uncut
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
+from opencv_tools.robot.xml.numbers import (
+    number, number_text, numbers, numbers_text, quoted, unclamped)
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import POSED
-from opencv_tools.robot.xml.taken import Taken
 
-Version = tuple[int, int]
+Default = TypeVar('Default', float, None)
 
-OLDEST: Version = (1, 4)  # that is written
-OLDEST_READ: Version = (1, 2)  # in which a robot is written as in 1.4
-NEWEST: Version = (1, 12)
-# From these versions on an SDF has ...
-FRAMES: Version = (1, 7)  # frames with attached_to, poses with relative_to, axes expressed_in
-JOINT_AXES: Version = (1, 5)  # axes in the joint's frame, and fixed joints
-CONTINUOUS: Version = (1, 6)
-PBR: Version = (1, 6)
-CAPSULE: Version = (1, 8)
-MIMIC: Version = (1, 11)
 
-# The attribute that keeps a colour of which SDF took only a part.
-CUT = f'{{{URDF_NAMESPACE}}}color'
+class Version(NamedTuple):
+    """A version of SDF."""
 
-_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
+    major: int
+    minor: int
+
+    def __str__(self) -> str:
+        """Return the version as it is written in a file."""
+        return f'{self.major}.{self.minor}'
+
+
+MODEL_FRAME = '__model__'
+SEPARATOR = '::'
+
+OLDEST_READ = Version(1, 2)  # robots are written in it as in 1.4
+OLDEST_WRITTEN = Version(1, 4)
+NEWEST = Version(1, 12)
+# The first version with a feature:
+JOINT_AXES = Version(1, 5)  # axes in the joint frame, and fixed joints
+CONTINUOUS = Version(1, 6)
+PBR = Version(1, 6)
+FRAMES = Version(1, 7)  # <frame attached_to>, <pose relative_to>, <xyz expressed_in>
+CAPSULE = Version(1, 8)
+MIMIC = Version(1, 11)
+
+# Attribute with the original of a clamped colour.
+ORIGINAL_COLOR = f'{{{URDF_NAMESPACE}}}color'
+
+# The colours of a material, with the field of each.
+MATERIAL_COLORS = {
+    'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
+
+_POSE_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 
 
-def version_text(version: Version) -> str:
-    """Write a version."""
-    return '.'.join(map(str, version))
-
-
 def version_of(text: str) -> Version | None:
-    """Read a version; None when it is none."""
-    major, _, minor = text.strip().partition('.')
-    if not (major.isascii() and major.isdigit() and minor.isascii() and minor.isdigit()):
-        return None
-    return int(major), int(minor)
+    """Read a version; return None if the text is not a version."""
+    match = re.fullmatch(r'([0-9]{1,9})\.([0-9]{1,9})', text.strip())
+    return Version(int(match[1]), int(match[2])) if match else None
 
 
 def file_version(root: Element, report: Report) -> Version:
     """
-    Give the version by which a file is read.
+    Return the version that a file is read as.
 
-    :param root: its ``<sdf>``.
-    :raises DescriptionError: it has none, or one that is older than this reads.
+    :param root: the ``<sdf>``.
+    :raises DescriptionError: the version is missing, invalid or too old.
     """
     text = root.get('version')
-    if text is None:
-        raise DescriptionError(f'has no version; {_range(OLDEST_READ)} are read', root)
-    version = version_of(text)
+    version = version_of(text or '')
     if version is None or version < OLDEST_READ:
-        raise DescriptionError(f'version={text!r} is not read; {_range(OLDEST_READ)} are', root)
+        flaw = 'has no version' if text is None else f'version={quoted(text)} is not supported'
+        raise DescriptionError(f'{flaw}; use {OLDEST_READ} to {NEWEST}', root)
     if version > NEWEST:
         report.warn('sdf', '', line_of(root),
-                    f'version {text} is newer than what is known; read as {version_text(NEWEST)}')
+                    f'version {text} is newer than {NEWEST}; read as {NEWEST}')
     return min(version, NEWEST)
 
 
 def written_version(text: str) -> Version:
     """
-    Read a version that is to be written.
+    Read a version for output.
 
-    :raises DescriptionError: it is none of those that can be written.
+    :raises DescriptionError: the version cannot be written.
     """
     version = version_of(text)
-    if version is None or not OLDEST <= version <= NEWEST:
-        raise DescriptionError(f'SDF {text!r} is not written; {_range(OLDEST)} are')
+    if version is None or not OLDEST_WRITTEN <= version <= NEWEST:
+        raise DescriptionError(
+            f'SDF version {quoted(text)} cannot be written; use {OLDEST_WRITTEN} to {NEWEST}')
     return version
 
 
-def _range(oldest: Version) -> str:
-    return f'{version_text(oldest)} to {version_text(NEWEST)}'
-
-
-def flag(text: str | None, element: Element | Taken, what: str = '') -> bool:
+def flag(text: str | None, element: AnyElement, attribute: str = '') -> bool:
     """
-    Read a bool; False where there is none.
+    Read a bool; return False for an empty text.
 
-    :param what: the attribute that has it; empty for the text of the element.
+    :param attribute: attribute with the text; empty for the text of the element.
     """
     word = (text or '').strip().lower()
     if word and word not in _FLAGS:
-        subject = f'{what}=' if what else ''
-        raise DescriptionError(f'{subject}{word!r} is neither true nor false', element)
+        subject = f'{attribute}=' if attribute else ''
+        raise DescriptionError(f'{subject}{word!r} is not a bool; use true or false', element)
     return _FLAGS.get(word, False)
 
 
-def text_of(element: Element | Taken, tag: str) -> str:
-    """Give the text of a child; empty where there is no such child."""
+def text_element(parent: Element, tag: str, text: str) -> Element:
+    """Write a child element with a text."""
+    element = etree.SubElement(parent, tag)
+    element.text = text
+    return element
+
+
+def number_element(parent: Element, tag: str, value: float) -> None:
+    """Write a child element with a number."""
+    text_element(parent, tag, number_text(value))
+
+
+def text_of(element: AnyElement, tag: str) -> str:
+    """Return the text of a child; empty if there is no such child."""
     return (element.findtext(tag) or '').strip()
 
 
-def pose_of(element: Element | Taken | None) -> Pose:
-    """
-    Read the numbers of a ``<pose>``, of six numbers or of a quaternion.
+def number_of(element: AnyElement, tag: str, default: Default) -> float | Default:
+    """Return the number in a child, or a default if there is no such child."""
+    child = element.find(tag)
+    return default if child is None else number(child.text, child)
 
-    :param element: None for one that is not there.
+
+def pose_of(element: AnyElement | None) -> Pose:
+    """
+    Read a ``<pose>`` of six numbers or with a quaternion.
+
+    :param element: None for a missing pose, which is zero.
     """
     if element is None or not (element.text or '').strip():
         return Pose()
-    layout = element.get('rotation_format', 'euler_rpy')
+    rotation_format = element.get('rotation_format', 'euler_rpy')
     degrees = flag(element.get('degrees'), element, 'degrees')
-    if layout == 'quat_xyzw':
+    if rotation_format == 'quat_xyzw':
         return _quaternion_pose(element, degrees)
-    if layout != 'euler_rpy':
-        raise DescriptionError(
-            f'rotation_format={layout!r} is neither euler_rpy nor quat_xyzw', element)
+    if rotation_format != 'euler_rpy':
+        raise DescriptionError(f'rotation_format={rotation_format!r} is not supported; use '
+                               'euler_rpy or quat_xyzw', element)
     x, y, z, roll, pitch, yaw = numbers(element.text, 6, element)
     if degrees:
         roll, pitch, yaw = map(math.radians, (roll, pitch, yaw))
     return Pose((x, y, z), (roll, pitch, yaw))
 
 
-def _quaternion_pose(element: Element | Taken, degrees: bool) -> Pose:
+def _quaternion_pose(element: AnyElement, degrees: bool) -> Pose:
     if degrees:
-        raise DescriptionError('degrees="true" says nothing about a quaternion', element)
+        raise DescriptionError('degrees="true" does not apply to a quaternion; remove it', element)
     x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
     if not any((qx, qy, qz, qw)):
-        raise DescriptionError('the quaternion is 0 0 0 0, which is no rotation', element)
-    if not any((qx, qy, qz)):
-        return Pose((x, y, z))
+        raise DescriptionError('the quaternion is 0 0 0 0; give a non-zero quaternion', element)
     return Transform(rotation_of_quaternion((qw, qx, qy, qz)), (x, y, z)).pose()
 
 
 def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:
-    """Write a ``<pose>`` into an element, where there is something to say."""
+    """Write a ``<pose>`` into an element; omit a zero pose without ``relative_to``."""
     if pose.is_identity and not relative_to:
         return
-    element = etree.SubElement(parent, 'pose')
+    element = text_element(parent, 'pose', numbers_text(pose.xyz + pose.rpy))
     if relative_to:
         element.set('relative_to', relative_to)
-    element.text = numbers_text(pose.xyz + pose.rpy)
 
 
 def poses_in(element: Element) -> Iterator[Element]:
-    """Return the poses that SDF itself reads, and none of a plugin or of what others added."""
+    """Return the poses that SDF defines; not those of plugins and unknown elements."""
     for child in element:
         if child.tag == 'pose':
             yield child
-        elif child.tag in _HOLDERS:
+        elif child.tag in _POSE_HOLDERS:
             yield from poses_in(child)
 
 
-def color_of(element: Element | Taken) -> Color:
-    """Read a colour of three or four numbers, or what it was cut from; without alpha, opaque."""
-    text = uncut(element.text or '', element.get(CUT))
-    red, green, blue, *rest = numbers(text, 3 if len(text.split()) == 3 else 4, element)
-    return red, green, blue, rest[0] if rest else 1.0
+def color_of(element: AnyElement) -> Color:
+    """Read a colour, or the original of a clamped colour; the default of alpha is 1."""
+    text = unclamped(element.text or '', element.get(ORIGINAL_COLOR))
+    red, green, blue, *alpha = numbers(text, 3 if len(text.split()) == 3 else 4, element)
+    return red, green, blue, alpha[0] if alpha else 1.0

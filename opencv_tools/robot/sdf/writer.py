@@ -12,21 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robots written as SDF: a model whose links are placed in it, or each in the link above it."""
+"""Writer of SDF: a model with links placed in the model frame or relative to their parents."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, Link, MODEL, Robot, SDF_TYPES, WORLD
-from opencv_tools.robot.sdf.joint_writer import joint_element
-from opencv_tools.robot.sdf.link_writer import inertial_element, shape_element
-from opencv_tools.robot.sdf.values import (
-    FRAMES, pose_element, poses_in, Version, version_text, written_version)
+from opencv_tools.robot.model import Frame, FrameId, MODEL, Robot, WORLD
+from opencv_tools.robot.sdf.fragments import frame_to_element
+from opencv_tools.robot.sdf.joint_writer import write_joint
+from opencv_tools.robot.sdf.link_writer import write_link, WriteContext
+from opencv_tools.robot.sdf.values import FRAMES, poses_in, written_version
 from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.passthrough import carry, prefixes, restore, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import (
+    embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 
 
@@ -35,110 +37,74 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     """
     Write a robot as SDF.
 
-    :param robot: its names are those that SDF allows; see `names.with_valid_sdf_names`.
-    :param report: takes what SDF, or this version of it, has no word for.
+    :param robot: a robot with valid SDF names; see `renaming.with_valid_sdf_names`.
+    :param report: receives what this version of SDF does not support.
     :param version: 1.4 to 1.12.
-    :param relative: whether each link is placed in the one above it, so that all numbers of a URDF
-        stay as they are; else in the model's frame.
-    :raises DescriptionError: there is no such version, this one cannot say what is asked for, or
-        the robot is none that SDF can have.
+    :param relative: whether each link is placed relative to its parent link, which keeps the
+        numbers of a URDF; otherwise relative to the model frame.
+    :raises DescriptionError: the version is invalid or does not support the request, or the robot
+        has no links, or moves the world.
     """
-    wanted = written_version(version)
-    if relative and wanted < FRAMES:
-        raise DescriptionError(f'SDF {version} has no relative_to; ask for version '
-                               f'{version_text(FRAMES)} or newer, or for poses in the model frame')
-    kinematics = Kinematics(robot)
-    _check(robot, kinematics)
-    root = etree.Element('sdf', version=version_text(wanted), nsmap=prefixes(robot, 'urdf'))
+    output = written_version(version)
+    if relative and output < FRAMES:
+        raise DescriptionError(f'relative poses are not supported by SDF {version}; use version '
+                               f'{FRAMES} or newer, or poses in the model frame')
+    context = WriteContext(Kinematics(robot), output, relative, report)
+    _check_links(robot, context)
+    root = etree.Element('sdf', version=str(output),
+                         nsmap=namespaces(robot.extension_elements(), 'urdf'))
     model = etree.SubElement(root, 'model', name=robot.name)
-    if robot.canonical_link:
-        _set_canonical_link(model, robot, wanted, report)
+    _set_canonical_link(model, robot, context)
     for link in robot.links:
         if not link.is_world:
-            _link_element(model, link, kinematics, wanted, relative, report)
+            write_link(model, link, context)
     for joint in robot.joints:
-        joint_element(model, joint, kinematics, wanted, report)
-    stand_ins = _stand_ins(robot)
+        write_joint(model, joint, context)
+    substitutes = _substitute_frames(robot)
     for frame in robot.frames:
-        home = stand_ins.get(frame.attached_to, frame.attached_to)
-        _add_frame(model, replace(frame, attached_to=home), kinematics, wanted, report)
-    restore(model, robot.extension.sdf)
-    carry(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
-    if wanted < FRAMES:
-        _rename_references(root)
+        attached_to = substitutes.get(frame.attached_to, frame.attached_to)
+        _write_frame(model, replace(frame, attached_to=attached_to), context)
+    merge_unread(model, robot.extension.sdf)
+    embed_foreign(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
+    if output < FRAMES:
+        for pose in poses_in(root):  # poses of extensions have the attribute of newer versions
+            if (name := pose.attrib.pop('relative_to', None)) is not None:
+                pose.set('frame', name)
     return root
 
 
-def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
-    """Write a frame, placed in what it is attached to."""
-    home = frame.attached_to
-    element = etree.Element('frame', name=frame.name)
-    if home != MODEL:
-        element.set('attached_to', home.name)
-    pose_element(element, kinematics.between(home, FrameId('frame', frame.name)))
-    return element
-
-
-def _check(robot: Robot, kinematics: Kinematics) -> None:
+def _check_links(robot: Robot, context: WriteContext) -> None:
     if all(link.is_world for link in robot.links):
         raise DescriptionError(f'robot {robot.name!r} has no links', source=robot.source)
-    above = kinematics.joint_above.get(WORLD)
-    if above and any(link.is_world for link in robot.links):
-        raise DescriptionError(f'joint {above.name!r} has the world as its child, which SDF '
-                               'forbids; make the world its parent', source=robot.source,
-                               line=above.line, tag='joint')
+    joint = context.kinematics.parent_joint.get(WORLD)
+    if joint and any(link.is_world for link in robot.links):
+        raise DescriptionError(f"joint {joint.name!r} has the child 'world', which is not "
+                               'supported by SDF; make the world its parent',
+                               source=robot.source, line=joint.line, tag='joint')
 
 
-def _set_canonical_link(model: Element, robot: Robot, version: Version, report: Report) -> None:
+def _set_canonical_link(model: Element, robot: Robot, context: WriteContext) -> None:
     first = next(link.name for link in robot.links if not link.is_world)
-    if version >= FRAMES:
+    if robot.canonical_link and context.version >= FRAMES:
         model.set('canonical_link', robot.canonical_link)
-    elif robot.canonical_link != first:
-        report.warn('model', robot.name, 0,
-                    f'SDF {version_text(version)} has no canonical_link; it is {first!r} there')
+    elif robot.canonical_link not in ('', first):
+        context.report.warn('model', robot.name, 0, 'canonical_link is not supported by SDF '
+                            f'{context.version}; the canonical link becomes {first!r}')
 
 
-def _link_element(model: Element, link: Link, kinematics: Kinematics, version: Version,
-                  relative: bool, report: Report) -> None:
-    element = etree.SubElement(model, 'link', name=link.name)
-    frame = FrameId('link', link.name)
-    above = kinematics.joint_above.get(link.name) if relative else None
-    home = FrameId('link', above.parent) if above and above.parent != WORLD else MODEL
-    pose_element(element, kinematics.between(home, frame), home.name)
-    if link.inertial is not None:
-        inertial_element(element, link.inertial,
-                         kinematics.within(frame, link.inertial.placement))
-    for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
-        for shape in shapes:
-            pose = kinematics.within(frame, shape.placement)
-            shape_element(element, tag, shape, pose, version, report)
-    restore(element, link.extension.sdf)
-    carry(element, link.extension.urdf, 'urdf', report, link.name, link.line)
-
-
-def _add_frame(model: Element, frame: Frame, kinematics: Kinematics, version: Version,
-               report: Report) -> None:
-    element = frame_to_element(frame, kinematics)
-    restore(element, frame.extension.sdf)
-    carry(element, frame.extension.urdf, 'urdf', report, frame.name, frame.line)
-    if version < FRAMES:
+def _write_frame(model: Element, frame: Frame, context: WriteContext) -> None:
+    element = frame_to_element(frame, context.kinematics)
+    context.write_extension(element, frame)
+    if context.version < FRAMES:
         element.tag = f'{{{URDF_NAMESPACE}}}frame'
-        report.warn('frame', frame.name, frame.line,
-                    f'SDF {version_text(version)} has no such frames; kept as <urdf:frame>')
+        context.report.warn('frame', frame.name, frame.line, 'not supported by SDF '
+                            f'{context.version}; preserved as <urdf:frame>')
     model.append(element)
 
 
-def _stand_ins(robot: Robot) -> dict[FrameId, FrameId]:
-    """Give the frames that SDF does not have, each with the one that moves as it does."""
+def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:
+    """Return the frames that SDF does not support, each with a frame that moves with it."""
     links = {FrameId('link', link.name): MODEL for link in robot.links if link.is_world}
     joints = {FrameId('joint', joint.name): FrameId('link', joint.child)
               for joint in robot.joints if joint.type not in SDF_TYPES}
     return links | joints
-
-
-def _rename_references(root: Element) -> None:
-    """Name the frames of poses that were carried as SDF before 1.7 has them."""
-    for pose in poses_in(root):
-        name = pose.attrib.pop('relative_to', None)
-        if name is not None:
-            pose.set('frame', name)

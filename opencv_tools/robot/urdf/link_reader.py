@@ -12,48 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What links of URDF consist of: mass, geometry and looks."""
+"""Inertials, visuals and collisions of URDF links, read."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from contextlib import suppress
 
-from opencv_tools.robot.geometry import (
-    Box, Capsule, Color, Cylinder, DARK, Geometry, LIGHT_COLORS, Material, Mesh, Sphere)
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.model import Extension, FrameId, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
+from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_child, required_name)
-from opencv_tools.robot.xml.numbers import number, numbers, uncut, vector
-from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
+    DescriptionError, Element, line_of, local_name, required_attribute, required_child,
+    required_name)
+from opencv_tools.robot.xml.numbers import number, numbers, vector
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import INERTIA
-from opencv_tools.robot.xml.taken import Taken
-
-_SDF = f'{{{SDF_NAMESPACE}}}'
-# The attribute that keeps a colour of which URDF took only a part.
-CUT = f'{_SDF}rgba'
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 
-@dataclass(frozen=True)
-class MaterialTable:
-    """
-    The materials of a file.
-
-    :param each: by the elements of visuals.
-    :param defined: colour and texture by name.
-    :param single: the names that one element has and no other.
-    """
-
-    each: Mapping[Taken, Material]
-    defined: Mapping[str, Material]
-    single: frozenset[str]
-
-
-def origin_of(element: Taken) -> Pose:
-    """Read ``<origin>`` in an element; without one it is the identity."""
+def origin_of(element: TrackedElement) -> Pose:
+    """Read the ``<origin>`` of an element; the default is the identity."""
     origin = element.find('origin')
     if origin is None:
         return Pose()
@@ -62,17 +43,21 @@ def origin_of(element: Taken) -> Pose:
     if 'quat_xyzw' not in origin:
         return Pose(xyz, rpy)
     x, y, z, w = numbers(origin.get('quat_xyzw'), 4, origin, 'quat_xyzw')
-    if 'rpy' in origin or not any((x, y, z, w)):
-        raise DescriptionError('quat_xyzw= has to be a rotation, and the only one', origin)
+    if 'rpy' in origin:
+        raise DescriptionError('has quat_xyzw= and rpy=; give one of them', origin)
+    if not any((x, y, z, w)):
+        raise DescriptionError("quat_xyzw='0 0 0 0' is not a rotation; give a quaternion that is "
+                               'not zero', origin)
     return Transform(rotation_of_quaternion((w, x, y, z)), xyz).pose()
 
 
-def inertial_from_element(element: Taken, home: FrameId, report: Report, link: str) -> Inertial:
+def inertial_from_element(element: TrackedElement, link_frame: FrameId, report: Report, link: str
+                          ) -> Inertial:
     """
     Read ``<inertial>``.
 
-    :param home: the frame that URDF means by the link.
-    :raises DescriptionError: the mass is not there.
+    :param link_frame: the frame of the link in URDF.
+    :raises DescriptionError: the mass is missing.
     """
     mass, inertia = required_child(element, 'mass'), element.find('inertia')
     value = _number(mass, 'value')
@@ -83,202 +68,106 @@ def inertial_from_element(element: Taken, home: FrameId, report: Report, link: s
         report.warn('inertial', link, line_of(element), 'has no <inertia>; its moments are 0')
     elif missing:
         report.warn('inertia', link, line_of(inertia),
-                    f'has no {", ".join(f"{name}=" for name in missing)}, taken for 0')
+                    f'has no {", ".join(f"{name}=" for name in missing)}; missing moments are 0')
     ixx, ixy, ixz, iyy, iyz, izz = (
         0.0 if inertia is None or name in missing else _number(inertia, name) for name in INERTIA)
-    return Inertial(Placement(origin_of(element), home), value, (ixx, ixy, ixz, iyy, iyz, izz))
+    return Inertial(Placement(origin_of(element), link_frame), value,
+                    (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def shapes_of(element: Taken, tag: str, home: FrameId, looks: MaterialTable, report: Report
-              ) -> tuple[Shape, ...]:
+def shapes_of(element: TrackedElement, tag: str, link_frame: FrameId, materials: MaterialTable,
+              report: Report) -> tuple[Shape, ...]:
     """
-    Read each ``<visual>`` or ``<collision>`` of a link, and what the writer of URDF noted of one.
+    Read each ``<visual>`` or ``<collision>`` of a link, and those that the URDF writer preserved.
 
-    What has no geometry that URDF knows is left out, and stays in the rest of the link.
+    A shape without a geometry of URDF is skipped; it stays among what is unread of the link.
 
-    :param home: the frame that URDF means by the link.
-    :param looks: see `collect_materials`.
+    :param link_frame: the frame of the link in URDF.
     """
     link, shapes = required_name(element), []
-    for child in element.each(tag, f'{_SDF}{tag}'):
-        problem = _problem(child) if child.tag == tag else ''
+    for child in element.take_all(tag, f'{{{SDF_NAMESPACE}}}{tag}'):
+        problem = _geometry_problem(child) if child.tag == tag else ''
         if problem:
             report.warn(tag, child.element.get('name') or link, line_of(child),
                         f'{problem}; it is left out')
-            element.leave(child)
+            element.put_back(child)
         else:
-            shapes.append(_shape(child, home, link, looks, report))
+            shapes.append(_shape(child, link_frame, link, materials, report))
     return tuple(shapes)
 
 
-def _problem(shape: Taken) -> str:
-    """Return why urdfdom has no such geometry; empty where it has."""
+def _geometry_problem(shape: TrackedElement) -> str:
+    """Return why urdfdom reads no geometry of a shape; empty if it reads one."""
     geometry = shape.element.find('geometry')
     if geometry is None:
         return 'has no <geometry>'
-    form = _forms(geometry)[:1]
-    if not form:
+    children = _geometry_children(geometry)
+    if not children:
         return 'has an empty <geometry>'
-    tag = str(form[0].tag)
+    tag = local_name(children[0])
     if tag not in _GEOMETRIES:
-        return f'<{tag}> is no geometry of URDF, which has {_KINDS}'
-    return '<mesh> has no filename=' if tag == 'mesh' and 'filename' not in form[0].attrib else ''
+        return f'<{tag}> is not a geometry of URDF; write one of {_GEOMETRY_TAGS}'
+    has_no_file = tag == 'mesh' and 'filename' not in children[0].attrib
+    return '<mesh> has no filename=' if has_no_file else ''
 
 
-def _forms(geometry: Element) -> list[Element]:
+def _geometry_children(geometry: Element) -> list[Element]:
+    """Return the children of a geometry that have no namespace."""
     return [child for child in geometry if not str(child.tag).startswith('{')]
 
 
-def _shape(element: Taken, home: FrameId, link: str, looks: MaterialTable,
+def _shape(element: TrackedElement, link_frame: FrameId, link: str, materials: MaterialTable,
            report: Report) -> Shape:
     tag = local_name(element)
-    kept = carried(element, 'sdf')
+    sdf = extract_foreign(element, 'sdf')
     material = None
     if tag == 'visual':
-        more = None if kept is None else Taken(kept)
-        material = _material(element, more, looks, report, link)
-        kept = None if more is None else more.rest()
+        preserved = None if sdf is None else TrackedElement(sdf)
+        material = visual_material(element, preserved, materials, report, link)
+        sdf = None if preserved is None else preserved.unread()
     geometry = None if element.tag != tag else _geometry(element, report, link)
-    placement = Placement(origin_of(element), home)
-    return Shape(element.get('name', ''), placement, geometry, material,
-                 Extension(element.rest(), kept), line_of(element))
+    placement = Placement(origin_of(element), link_frame)
+    return Shape(name=element.get('name', ''), placement=placement, geometry=geometry,
+                 material=material, extension=Extension(element.unread(), sdf),
+                 line=line_of(element))
 
 
-def _geometry(shape: Taken, report: Report, link: str) -> Geometry:
-    geometry = required_child(shape, 'geometry')
-    first, *others = _forms(geometry.element)
+def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
+    parent = required_child(shape, 'geometry')
+    first, *others = _geometry_children(parent.element)
     for other in others:
         report.warn(local_name(other), link, line_of(other),
-                    'is not read, a geometry is one shape')
-    form = required_child(geometry, str(first.tag))
+                    'is ignored; a geometry has one shape')
+    element = required_child(parent, str(first.tag))
     for name in ('size', 'radius', 'length'):
-        text = form.element.get(name, '')
-        if '-' in text and any(value < 0 for value in _floats(text)):
-            report.warn(form.tag, link, line_of(form), f'{name}={text!r} is negative')
-    scale = form.element.get('scale', '') if form.tag == 'mesh' else ''
-    if len(scale.split()) == 1:
-        report.warn('mesh', link, line_of(form), f'scale={scale!r} is one number, taken for all '
-                    'three axes')
-    return _GEOMETRIES[form.tag](form)
+        text = element.element.get(name, '')
+        with suppress(ValueError):  # _GEOMETRIES refuses other texts
+            if '-' in text and min(map(float, text.split())) < 0:
+                report.warn(element.tag, link, line_of(element), f'{name}={text!r} is negative')
+    scale = element.element.get('scale', '')
+    if element.tag == 'mesh' and len(scale.split()) == 1:
+        report.warn('mesh', link, line_of(element),
+                    f'scale={scale!r} is one number; it is used for all three axes')
+    return _GEOMETRIES[element.tag](element)
 
 
-def _floats(text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split()]
-    except ValueError:  # which the reader of the geometry says better
-        return []
-
-
-def _box(element: Taken) -> Box:
-    return Box(vector(_attribute(element, 'size'), element, 'size'))
-
-
-def _mesh(element: Taken) -> Mesh:
+def _mesh(element: TrackedElement) -> Mesh:
     scale = element.get('scale')
     if scale is not None and len(scale.split()) == 1:
         scale = ' '.join([scale] * 3)
-    return Mesh(_attribute(element, 'filename'),
+    return Mesh(required_attribute(element, 'filename'),
                 None if scale is None else vector(scale, element, 'scale'))
 
 
-_GEOMETRIES: Mapping[str, Callable[[Taken], Geometry]] = {
-    'box': _box,
+def _number(element: TrackedElement, name: str) -> float:
+    return number(required_attribute(element, name), element, name)
+
+
+_GEOMETRIES: Mapping[str, Callable[[TrackedElement], Geometry]] = {
+    'box': lambda element: Box(vector(required_attribute(element, 'size'), element, 'size')),
     'sphere': lambda element: Sphere(_number(element, 'radius')),
     'cylinder': lambda element: Cylinder(_number(element, 'radius'), _number(element, 'length')),
     'capsule': lambda element: Capsule(_number(element, 'radius'), _number(element, 'length')),
     'mesh': _mesh,
 }
-_KINDS = ', '.join(f'<{kind}>' for kind in _GEOMETRIES)
-
-
-def collect_materials(root: Taken, report: Report) -> MaterialTable:
-    """
-    Collect the materials that are defined, those of the robot first.
-
-    A visual may name what another one defines, for urdfdom and RViz find that too.
-    """
-    each: dict[Taken, Material] = {}
-    found: dict[str, Material] = {}
-    names: Counter[str] = Counter()
-    visuals = [visual for tag in ('visual', f'{_SDF}visual') for link in root.each('link')
-               for visual in link.each(tag)]
-    # Those of the robot itself stay what they are, beside the visuals that name them.
-    shared = map(Taken, root.element.iterchildren('material'))
-    for element in (*shared, *filter(None, (visual.find('material') for visual in visuals))):
-        each[element] = look = read_material(element, report)
-        names[look.name] += 1
-        if look.name and (look.color or look.texture) and (
-                found.setdefault(look.name, look) != look):
-            report.warn('material', look.name, line_of(element), 'is defined elsewhere with '
-                        'another colour or texture; each is taken as it stands')
-    unique = frozenset(name for name, count in names.items() if count == 1)
-    return MaterialTable(each, found, unique)
-
-
-def restore_colors(root: Element) -> None:
-    """Write colours as they were before `urdf_rules` took a part of them."""
-    for color in root.iter('color'):
-        if CUT in color.attrib:
-            color.set('rgba', uncut(color.get('rgba', ''), color.attrib.pop(CUT)))
-
-
-def read_material(element: Taken, report: Report) -> Material:
-    """Read ``<material>``."""
-    color, texture = element.find('color'), element.find('texture')
-    name = (element.get('name') or '').strip()
-    if texture is not None and not texture.element.get('filename'):
-        report.warn('texture', name, line_of(texture), 'has no filename=; there is no picture')
-        texture = None
-    return Material(name, None if color is None else _color(color.get('rgba'), color, 'rgba'),
-                    texture='' if texture is None else _attribute(texture, 'filename'))
-
-
-def _material(visual: Taken, kept: Taken | None, looks: MaterialTable, report: Report, link: str
-              ) -> Material | None:
-    """Read what a visual looks like, by its own definition or by the name of another one."""
-    element = visual.find('material')
-    lights = None if kept is None else kept.find('material')
-    if element is None and lights is None:
-        return None
-    look = Material() if element is None else (
-        looks.each.get(element) or read_material(element, report))
-    if element is not None and look.name and not look.color and not look.texture:
-        if look.name not in looks.defined and element.element.find('texture') is None:
-            report.warn('material', look.name, line_of(element),
-                        f'is not defined; the visual of link {link!r} has no colour')
-        look = looks.defined.get(look.name, look)
-    elif look.name in looks.single and look.name == material_name(link, visual.get('name', '')):
-        look = replace(look, name='')  # the writer has to give one, and gives the same again
-    if lights is not None:
-        ambient, specular, emissive = (None if child is None else _color(child.text, child)
-                                       for child in map(lights.find, LIGHT_COLORS))
-        return replace(look, ambient=ambient, specular=specular, emissive=emissive)
-    return with_default_lights(look)
-
-
-def with_default_lights(look: Material) -> Material:
-    """Give a material of URDF the lights that SDF tells apart from its colour."""
-    if look.color is None:
-        return look
-    return Material(look.name, look.color, look.color, DARK, DARK, look.texture)
-
-
-def material_name(link: str, visual: str) -> str:
-    """Name the material of a visual that has none."""
-    return f'{link}_{visual or "visual"}'
-
-
-def _color(text: str | None, element: Element | Taken, what: str = '') -> Color:
-    red, green, blue, alpha = numbers(text, 4, element, what)
-    return red, green, blue, alpha
-
-
-def _attribute(element: Element | Taken, name: str) -> str:
-    value = element.get(name)
-    if value is None:
-        raise DescriptionError(f'has no {name}=', element)
-    return value
-
-
-def _number(element: Taken, name: str) -> float:
-    return number(_attribute(element, name), element, name)
+_GEOMETRY_TAGS = ', '.join(f'<{tag}>' for tag in _GEOMETRIES)

@@ -12,57 +12,63 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""URDF as a robot: every joint placed in its parent link, every other link in its joint."""
+"""
+URDF, read as a robot.
+
+Each joint is placed in its parent link. Each link with a parent joint is placed in that joint.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.kinematics import with_mimics
+from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
+from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Joint, JOINT_TYPES, Limit, Link, Mimic, MODEL,
-    Placement, Robot, URDF_TYPES, WITHOUT_AXIS)
+    Axis, Dynamics, Extension, Frame, FrameId, Joint, Limit, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, ZERO
-from opencv_tools.robot.sdf.joint_reader import axis_from_element
-from opencv_tools.robot.sdf.joint_writer import AXES
-from opencv_tools.robot.sdf.reader import frame_from_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import pose_of
+from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
-from opencv_tools.robot.urdf.gazebo import in_link_frame, sorted_blocks
-from opencv_tools.robot.urdf.link_reader import (
-    collect_materials, inertial_from_element, MaterialTable, origin_of, restore_colors,
-    shapes_of)
-from opencv_tools.robot.urdf.tree import tree_of, TreeOfLinks
+from opencv_tools.robot.urdf.gazebo import extract_sdf, in_link_frame
+from opencv_tools.robot.urdf.link_reader import inertial_from_element, origin_of, shapes_of
+from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable, restore_colors
+from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of)
+    AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of)
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
-from opencv_tools.robot.xml.passthrough import carried, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
-_UNNAMED = 'robot'
+_DEFAULT_NAME = 'robot'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _ReadContext:
-    """What the parts of a robot are read with."""
+    """
+    Facts of the whole file that its elements are read with.
+
+    :param gazebo: elements of SDF from ``<gazebo>``, by their owner.
+    :param offsets: poses of parent joints in their child links, by name of the link; only those
+        that are not the identity.
+    """
 
     report: Report
-    tree: TreeOfLinks
-    looks: MaterialTable
+    tree: LinkTree
+    materials: MaterialTable
     gazebo: Mapping[FrameId, list[Element]]
-    offsets: Mapping[str, Pose]  # of joints in their child links, where they are apart
+    offsets: Mapping[str, Pose]
 
-    def home(self, link: str) -> FrameId:
-        """Give the frame that URDF means by a link: that of the joint above it."""
-        above = self.tree.above.get(link)
-        if above is not None and link in self.offsets:
-            return FrameId('joint', required_name(above))
+    def link_frame(self, link: str) -> FrameId:
+        """Return the frame of a link in URDF, which is that of its parent joint."""
+        parent_joint = self.tree.parent_joint.get(link)
+        if parent_joint is not None and link in self.offsets:
+            return FrameId('joint', required_name(parent_joint))
         return FrameId('link', link)
 
 
@@ -71,193 +77,204 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     Read a robot.
 
     :param element: the element ``<robot>``.
-    :param root_link: which link to take with all below it, where several hang on nothing.
-    :raises DescriptionError: it is no robot, or not a right one.
+    :param root_link: root of the tree to read, if the file has several trees.
+    :raises DescriptionError: the element is not a valid robot.
     """
-    root = Taken(element)
+    root = TrackedElement(element)
     if root.tag != 'robot':
-        raise DescriptionError(f'is no URDF, which begins with <robot>, not <{local_name(root)}>',
+        raise DescriptionError(f'is not URDF; its root is <{local_name(root)}> instead of <robot>',
                                root)
     name = root.get('name', '').strip()
     if not name:
-        name = _UNNAMED
-        report.warn('robot', '', line_of(root), f'has no name; it is called {name!r}')
+        name = _DEFAULT_NAME
+        report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     restore_colors(element)
-    tree = tree_of(root, report)
-    gazebo, rest = sorted_blocks(root, tree, report)
-    source = _ReadContext(report, tree, collect_materials(root, report), gazebo,
-                     {link: pose for link, joint in tree.above.items()
-                      if (pose := _sdf_pose(joint)) is not None and not pose.is_identity})
-    links = tuple(_link(link, source) for link in tree.links.values())
-    joints = tuple(_joint(joint, source) for joint in tree.joints.values())
-    frames, canonical = _frames(root, tree), _canonical_link(root, source)
-    extras = _carried(root, gazebo.get(MODEL, []))
-    if rest:
-        kept = etree.Element('robot') if extras.urdf is None else extras.urdf
-        kept.extend(rest)
-        extras = Extension(kept, extras.sdf)
-    robot = select_root(Robot(name, links, joints, frames, canonical, extras, source_of(root)),
-                     root_link, report)
-    with_mimics(robot, {})  # for what it says of joints that mimic each other in a circle
+    tree = build_tree(root, report)
+    gazebo, remaining = extract_sdf(root, tree, report)
+    context = _ReadContext(
+        report=report, tree=tree, materials=collect_materials(root, report), gazebo=gazebo,
+        offsets={link: pose for link, joint in tree.parent_joint.items()
+                 if (pose := _sdf_pose(joint)) is not None and not pose.is_identity})
+    robot = Robot(
+        name=name, source=source_of(root),
+        links=tuple(_link(link, context) for link in tree.links.values()),
+        joints=tuple(_joint(joint, context) for joint in tree.joints.values()),
+        frames=_frames(root, tree), canonical_link=_canonical_link(root, tree),
+        extension=_extension(root, gazebo.get(MODEL, []), remaining))
+    robot = select_root(robot, root_link, report)
+    check_mimic_cycles(robot)
     return robot
 
 
-def _canonical_link(root: Taken, source: _ReadContext) -> str:
+def _canonical_link(root: TrackedElement, tree: LinkTree) -> str:
     name = root.get(f'{_SDF}canonical_link', '')
-    if name and name not in source.tree.links:
-        raise DescriptionError(f'canonical_link={name!r} is no link', root)
+    if name and name not in tree.links:
+        raise DescriptionError(f'canonical_link={name!r} is not a link of the robot', root)
     return name
 
 
-def _link(element: Taken, source: _ReadContext) -> Link:
+def _link(element: TrackedElement, context: _ReadContext) -> Link:
     name = required_name(element)
-    home = source.home(name)
+    link_frame, offset = context.link_frame(name), context.offsets.get(name)
     inertial = element.find('inertial')
-    visuals, collisions = (shapes_of(element, tag, home, source.looks, source.report)
+    visuals, collisions = (shapes_of(element, tag, link_frame, context.materials, context.report)
                            for tag in ('visual', 'collision'))
-    offset = source.offsets.get(name)
-    extra = [in_link_frame(part, offset) for part in source.gazebo.get(FrameId('link', name), [])]
+    gazebo = [in_link_frame(child, offset)
+              for child in context.gazebo.get(FrameId('link', name), [])]
     return Link(
-        name, _link_placement(element, source),
-        None if inertial is None else inertial_from_element(inertial, home, source.report, name),
-        visuals, collisions, _carried(element, extra), line_of(element))
+        name=name, placement=_link_placement(element, context),
+        inertial=None if inertial is None else inertial_from_element(
+            inertial, link_frame, context.report, name),
+        visuals=visuals, collisions=collisions, extension=_extension(element, gazebo),
+        line=line_of(element))
 
 
-def _link_placement(element: Taken, source: _ReadContext) -> Placement:
-    """Place a link in the joint above it, the root in the model."""
+def _link_placement(element: TrackedElement, context: _ReadContext) -> Placement:
+    """Return the placement of a link in its parent joint, or of a root link in the model."""
     name = required_name(element)
-    above = source.tree.above.get(name)
-    if above is None:
+    parent_joint = context.tree.parent_joint.get(name)
+    if parent_joint is None:
         return Placement(_sdf_pose(element) or Pose(), MODEL)
-    offset = source.offsets.get(name)
+    offset = context.offsets.get(name)
     pose = offset.transform().inverse().pose() if offset else Pose()
-    return Placement(pose, FrameId('joint', required_name(above)))
+    return Placement(pose, FrameId('joint', required_name(parent_joint)))
 
 
-def _sdf_pose(element: Taken) -> Pose | None:
-    """Read what the writer of URDF noted of a pose that URDF has no word for."""
+def _sdf_pose(element: TrackedElement) -> Pose | None:
+    """Read the pose that the URDF writer preserved, if there is one."""
     pose = element.find(f'{_SDF}pose')
     return None if pose is None else pose_of(pose)
 
 
-def _joint(element: Taken, source: _ReadContext) -> Joint:
-    name = required_name(element)
-    kind = _type(element)
+def _joint(element: TrackedElement, context: _ReadContext) -> Joint:
+    name, joint_type = required_name(element), _type(element)
     is_loop = element.tag != 'joint'
-    parent, child = source.tree.ends(element)
-    placement = Placement(origin_of(element), source.home(parent))
+    parent, child = context.tree.ends(element)
+    placement = Placement(origin_of(element), context.link_frame(parent))
     if is_loop and (pose := _sdf_pose(element)) is not None:
         placement = Placement(pose, FrameId('link', child))
-    extra = source.gazebo.get(FrameId('joint', name), [])
-    own = element.get(f'{_SDF}type', '')
-    if not own:
-        axes = _axes(element, kind, source)
-        return Joint(name, kind, parent, child, placement, axes, is_loop,
-                     _carried(element, extra), line_of(element))
-    if own not in JOINT_TYPES:
-        raise DescriptionError(f'type={own!r} is no type of joint of SDF', element)
-    kept = _carried(element, extra)
-    more = Taken(etree.Element('joint') if kept.sdf is None else kept.sdf)
-    axes = tuple(axis_from_element(axis) for axis in map(more.find, AXES) if axis is not None)
-    return Joint(name, own, parent, child, placement, axes, is_loop,
-                 Extension(kept.urdf, more.rest()), line_of(element))
+    sdf_type = element.get(f'{_SDF}type', '')
+    axes = () if sdf_type else _axes(element, joint_type, context)
+    extension = _extension(element, context.gazebo.get(FrameId('joint', name), []))
+    if sdf_type:
+        joint_type = sdf_type
+        axes, extension = _sdf_axes(element, sdf_type, extension)
+    return Joint(name=name, type=joint_type, parent=parent, child=child, placement=placement,
+                 axes=axes, is_loop=is_loop, extension=extension, line=line_of(element))
 
 
-def _type(element: Taken) -> str:
-    kind = element.get('type')
-    if kind not in URDF_TYPES:
-        problem = 'has no type' if kind is None else f'type={kind!r} is no type of joint'
-        raise DescriptionError(f'{problem}; URDF has {", ".join(URDF_TYPES)}', element)
-    return kind
+def _sdf_axes(element: TrackedElement, sdf_type: str, extension: Extension
+              ) -> tuple[tuple[Axis, ...], Extension]:
+    """Return the axes of a joint that URDF does not have, and its extension without them."""
+    if sdf_type not in JOINT_KINDS:
+        raise DescriptionError(f'type={sdf_type!r} is not a joint type of SDF', element)
+    sdf = TrackedElement(etree.Element('joint') if extension.sdf is None else extension.sdf)
+    axes = tuple(axis_from_element(axis) for axis in map(sdf.find, AXES) if axis is not None)
+    return axes, Extension(extension.urdf, sdf.unread())
 
 
-def _axes(element: Taken, kind: str, source: _ReadContext) -> tuple[Axis, ...]:
-    """Read the axis of a joint that has one."""
-    if kind in WITHOUT_AXIS:
+def _type(element: TrackedElement) -> str:
+    joint_type = element.get('type')
+    if joint_type not in URDF_TYPES:
+        problem = 'has no type=' if joint_type is None else f'type={joint_type!r} is not supported'
+        raise DescriptionError(f'{problem}; give one of {", ".join(URDF_TYPES)}', element)
+    return joint_type
+
+
+def _axes(element: TrackedElement, joint_type: str, context: _ReadContext) -> tuple[Axis, ...]:
+    if joint_type in WITHOUT_AXIS:
         return ()
     axis = element.find('axis')
     xyz = (1.0, 0.0, 0.0)
     if axis is not None and 'xyz' in axis:
         xyz = vector(axis.get('xyz'), axis, 'xyz')
         if xyz == ZERO:
-            raise DescriptionError(f'xyz={axis.get("xyz")!r} has no direction; give the axis of '
-                                   f'{kind} joint {required_name(element)!r}', axis)
-    return (Axis(xyz, _limit(element, kind, source), _dynamics(element),
-                 _mimic(element, source)),)
+            raise DescriptionError(
+                f'xyz={axis.get("xyz")!r} has no direction; give {joint_type} joint '
+                f'{required_name(element)!r} a non-zero axis', axis)
+    return (Axis(xyz, _limit(element, joint_type, context), _dynamics(element),
+                 _mimic(element, context)),)
 
 
-def _limit(element: Taken, kind: str, source: _ReadContext) -> Limit | None:
+def _limit(element: TrackedElement, joint_type: str, context: _ReadContext) -> Limit | None:
     limit = element.find('limit')
+    has_position_limits = joint_type in ('revolute', 'prismatic')
     if limit is None:
-        if kind in ('revolute', 'prismatic'):
-            raise DescriptionError(f'a {kind} joint needs <limit effort= velocity=>', element)
+        if has_position_limits:
+            raise DescriptionError(
+                f'a {joint_type} joint requires <limit effort= velocity=>', element)
         return None
-    strength = []
-    for attribute in ('effort', 'velocity'):
-        if attribute not in limit and kind != 'planar':
-            raise DescriptionError(f'has no {attribute}=, which URDF demands', limit)
-        value = limit_number(limit.get(attribute, 'inf'), limit, attribute)
-        strength.append(abs(value) if math.isinf(value) else value)
-    if kind not in ('revolute', 'prismatic'):
-        return Limit(effort=strength[0], velocity=strength[1])
-    lower, upper = (limit_number(limit.get(attribute, '0'), limit, attribute)
-                    for attribute in ('lower', 'upper'))
+    effort, velocity = (_effort_or_velocity(limit, name, is_required=joint_type != 'planar')
+                        for name in ('effort', 'velocity'))
+    if not has_position_limits:
+        return Limit(effort=effort, velocity=velocity)
+    lower, upper = (limit_number(limit.get(name, '0'), limit, name) for name in ('lower', 'upper'))
     if lower > upper:
-        source.report.warn('limit', required_name(element), line_of(limit),
-                           f'lower={lower!r} is above upper={upper!r}')
-    return Limit(lower, upper, strength[0], strength[1])
+        context.report.warn('limit', required_name(element), line_of(limit),
+                            f'lower={lower!r} is greater than upper={upper!r}')
+    return Limit(lower, upper, effort, velocity)
 
 
-def _dynamics(element: Taken) -> Dynamics | None:
+def _effort_or_velocity(limit: TrackedElement, name: str, *, is_required: bool) -> float:
+    if name not in limit and is_required:
+        raise DescriptionError(f'has no {name}=, which URDF requires', limit)
+    value = limit_number(limit.get(name, 'inf'), limit, name)
+    return abs(value) if math.isinf(value) else value
+
+
+def _dynamics(element: TrackedElement) -> Dynamics | None:
     dynamics = element.find('dynamics')
     if dynamics is None:
         return None
-    damping, friction = (
-        number(dynamics.get(attribute), dynamics, attribute) if attribute in dynamics
-        else None for attribute in ('damping', 'friction'))
-    return Dynamics(damping, friction)
+    return Dynamics(*(number(dynamics.get(name), dynamics, name) if name in dynamics else None
+                      for name in ('damping', 'friction')))
 
 
-def _mimic(element: Taken, source: _ReadContext) -> Mimic | None:
+def _mimic(element: TrackedElement, context: _ReadContext) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None
     joint = mimic.element.get('joint', '').strip()
     if not joint:
-        raise DescriptionError('has no joint= to say which joint it follows', mimic)
-    if joint not in source.tree.joints:
-        source.report.warn('mimic', required_name(element), line_of(mimic),
-                           f'joint={joint!r} is no joint of the robot; it follows none')
+        raise DescriptionError('has no joint=; name the joint to follow', mimic)
+    if joint not in context.tree.joints:
+        context.report.warn('mimic', required_name(element), line_of(mimic),
+                            f'joint={joint!r} does not exist; the <mimic> is ignored')
         return None
     mimic.get('joint')
     return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),
                  number(mimic.get('offset', '0'), mimic, 'offset'))
 
 
-def _frames(root: Taken, tree: TreeOfLinks) -> tuple[Frame, ...]:
-    elements = root.each(f'{_SDF}frame')
+def _frames(root: TrackedElement, tree: LinkTree) -> tuple[Frame, ...]:
+    elements = root.take_all(f'{_SDF}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
-    for kind, names in (('frame', [required_name(element) for element in elements]),
+    for kind, names in (('frame', map(required_name, elements)),
                         ('joint', tree.joints), ('link', tree.links)):
         ids.update((name, FrameId(kind, name)) for name in names)
 
-    def lookup(name: str, element: Element | Taken) -> FrameId:
+    def lookup(name: str, element: AnyElement) -> FrameId:
         if name not in ids:
-            raise DescriptionError(f'there is no link, joint or frame {name!r}', element)
+            raise DescriptionError(f'{name!r} is not a link, joint or frame of the robot', element)
         return ids[name]
 
     frames = []
     for element in elements:
         frame = frame_from_element(element, lookup)
-        urdf = carried(element, 'urdf')
-        frames.append(replace(frame, extension=Extension(urdf, element.rest())))
+        urdf = extract_foreign(element, 'urdf')
+        frames.append(replace(frame, extension=Extension(urdf, element.unread())))
     return tuple(frames)
 
 
-def _carried(element: Taken, extra: list[Element]) -> Extension:
-    """Return what URDF says beyond a robot, and what is there of SDF."""
-    sdf = carried(element, 'sdf')
-    if extra:
-        sdf = etree.Element(local_name(element)) if sdf is None else sdf
-        sdf.extend(extra)
-    return Extension(element.rest(), sdf)
+def _extension(element: TrackedElement, sdf: Sequence[Element], urdf: Sequence[Element] = ()
+               ) -> Extension:
+    """Return the XML of an element that the model does not represent, with additional children."""
+    preserved, tag = extract_foreign(element, 'sdf'), local_name(element)
+    return Extension(_extended(element.unread(), tag, urdf), _extended(preserved, tag, sdf))
+
+
+def _extended(unread: Element | None, tag: str, children: Sequence[Element]) -> Element | None:
+    if children:
+        unread = etree.Element(tag) if unread is None else unread
+        unread.extend(children)
+    return unread

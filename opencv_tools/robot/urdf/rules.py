@@ -12,30 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """
-The rules by which the parser of URDF takes or refuses a file, kept by a robot that is written.
+Rules of the URDF parser that a written robot has to keep.
 
-What can be mended is mended. A colour that is cut is kept as ``sdf:rgba`` for the way back. What
-cannot be mended is refused.
+What breaks a rule is corrected or refused. The original of a clamped colour is kept as
+``sdf:rgba`` for the conversion back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 import math
 import re
 
-from opencv_tools.robot.model import UNLIMITED
-from opencv_tools.robot.renaming import next_free, numbered
-from opencv_tools.robot.sdf.rules import NAME
-from opencv_tools.robot.sdf.values import CUT as CUT_SDF
-from opencv_tools.robot.urdf.link_reader import CUT
+from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
+from opencv_tools.robot.unique import unique_name
+from opencv_tools.robot.urdf.materials import ORIGINAL_RGBA
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import cut, number_text, numbers_text, uncut
+from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
+from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 
-# Numbers of the parts of a joint that the parser reads, and those that have to be there.
+# Attributes of a joint's elements that the parser reads as numbers.
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     'calibration': ('rising', 'falling'),
     'dynamics': ('damping', 'friction'),
@@ -50,119 +48,114 @@ _VERSION = re.compile(r'1\.\d+')
 
 def keep_urdf_rules(root: Element, source: str, report: Report) -> None:
     """
-    Mend what the parser of URDF would refuse.
+    Correct what the parser of URDF would refuse.
 
     :param root: the element ``<robot>``; it is changed.
     :param source: the file that the robot comes from.
-    :param report: takes what is changed.
-    :raises DescriptionError: there is something that cannot be mended.
+    :raises DescriptionError: there is an error that cannot be corrected.
     """
-    for rule in _RULES:
-        rule(root, source, report)
+    _restore_sdf(root)
+    _complete_limits(root)
+    _complete_dynamics(root)
+    _clamp_colors(root, report)
+    _rename_materials(root, report)
+    _correct_version(root, report)
+    _check_numbers(root, source)
 
 
-def _restore(root: Element, _: str, __: Report) -> None:
-    """Restore what the rules of SDF changed in elements of Gazebo."""
+def _restore_sdf(root: Element) -> None:
+    """Restore names and colours in ``<gazebo>`` that the rules of SDF changed."""
     for block in root.iterfind('gazebo'):
         for element in block.iter():
-            if NAME in element.attrib:
-                element.set('name', element.attrib.pop(NAME))
-            if CUT_SDF in element.attrib:
-                element.text = uncut(element.text or '', element.attrib.pop(CUT_SDF))
+            if URDF_NAME in element.attrib:
+                element.set('name', element.attrib.pop(URDF_NAME))
+            if ORIGINAL_COLOR in element.attrib:
+                element.text = unclamped(element.text or '', element.attrib.pop(ORIGINAL_COLOR))
 
 
-def _complete_limits(root: Element, _: str, __: Report) -> None:
-    """Write the effort and the velocity of limits that have none: no limit."""
-    for limit in _parts(root, 'limit'):
+def _complete_limits(root: Element) -> None:
+    """Write the effort and velocity of limits that have none; they mean no limit."""
+    for limit in _joint_elements(root, 'limit'):
         for name in ('effort', 'velocity'):
             if name not in limit.attrib:
                 limit.set(name, number_text(UNLIMITED))
 
 
-def _complete_dynamics(root: Element, _: str, __: Report) -> None:
-    """Leave out ``<dynamics>`` that is empty; write the default where it says other things."""
+def _complete_dynamics(root: Element) -> None:
+    """Remove empty ``<dynamics>``, and write the default damping if there are no numbers."""
     for joint in root.iterfind('joint'):
         for dynamics in joint.findall('dynamics'):
             if not len(dynamics) and not dynamics.attrib:
                 joint.remove(dynamics)
-    for dynamics in _parts(root, 'dynamics'):
+    for dynamics in _joint_elements(root, 'dynamics'):
         if 'damping' not in dynamics.attrib and 'friction' not in dynamics.attrib:
             dynamics.set('damping', '0')
 
 
-def _cut_colors(root: Element, _: str, report: Report) -> None:
-    """Cut the parts of colours to 0 and 1."""
-    for path in ('material/color', 'link/visual/material/color'):
-        for color in root.iterfind(path):
-            _cut_color(color, report)
+def _clamp_colors(root: Element, report: Report) -> None:
+    """Clamp the components of colours to 0 and 1."""
+    for material in (*root.iterfind('material'), *root.iterfind('link/visual/material')):
+        for color in material.iterfind('color'):
+            text = color.get('rgba', '')
+            if not all(map(_NUMBER.fullmatch, text.split())):
+                continue
+            values = tuple(map(float, text.split()))
+            if clamped(values) != values:
+                color.set('rgba', numbers_text(clamped(values)))
+                color.set(ORIGINAL_RGBA, text)
+                report.warn('color', material.get('name', ''), line_of(color), f'rgba={text!r} is '
+                            f'outside 0 to 1, which URDF requires; {color.get("rgba")!r} is '
+                            'written')
 
 
-def _cut_color(color: Element, report: Report) -> None:
-    text = color.get('rgba', '')
-    if not all(map(_NUMBER.fullmatch, text.split())):
-        return
-    values = tuple(map(float, text.split()))
-    if cut(values) != values:
-        color.set('rgba', numbers_text(cut(values)))
-        color.set(CUT, text)
-        material = color.getparent()
-        name = '' if material is None else material.get('name', '')
-        report.warn('color', name, line_of(color), f'rgba={text!r} is beyond 0 to 1, which URDF '
-                    f'demands; {color.get("rgba")!r} stands there')
-
-
-def _name_materials(root: Element, _: str, report: Report) -> None:
-    """Name each material of the robot once: visuals of that name mean the first one."""
+def _rename_materials(root: Element, report: Report) -> None:
+    """Rename materials of the robot with equal names, as visuals use the first one."""
     materials = root.findall('material')
     taken = {material.get('name', '') for material in materials}
     seen: set[str] = set()
-    more: dict[str, Iterator[str]] = {}
+    counts: dict[str, int] = {}
     for material in materials:
         name = material.get('name', '')
         if name in seen:
-            new = next_free(more.setdefault(name, numbered(f'{name}_again')), taken)
+            new = unique_name(f'{name}_again', taken, counts)
             taken.add(new)
             material.set('name', new)
-            report.warn('material', name, line_of(material), 'URDF wants each name once; it is '
-                        f'called {new!r} there')
+            report.warn('material', name, line_of(material),
+                        f'URDF requires unique names; renamed to {new!r}')
         seen.add(name)
 
 
-def _write_version(root: Element, _: str, report: Report) -> None:
+def _correct_version(root: Element, report: Report) -> None:
     version = root.get('version')
     if version is not None and not _VERSION.fullmatch(version):
         root.set('version', '1.0')
-        report.warn('robot', root.get('name', ''), 0, f'version={version!r} is none of URDF; '
-                    "it is '1.0' there")
+        report.warn('robot', root.get('name', ''), 0,
+                    f"version={version!r} is not a version of URDF; '1.0' is written")
 
 
-def _refuse_numbers(root: Element, source: str, _: Report) -> None:
-    """Refuse what the parser does not read in a joint; all this stood in a file of URDF once."""
+def _check_numbers(root: Element, source: str) -> None:
+    """Refuse elements of joints that the parser cannot read; they come from a file of URDF."""
     for tag in _NUMBERS:
-        for part in _parts(root, tag):
-            flaw, joint = _flaw(part, tag), part.getparent()
+        for element in _joint_elements(root, tag):
+            flaw, joint = _flaw(element, tag), element.getparent()
             if flaw and joint is not None:
-                raise DescriptionError(f'{flaw} in joint {joint.get("name")!r}', source=source,
-                                       line=line_of(part), tag=tag)
+                raise DescriptionError(f'joint {joint.get("name")!r}: {flaw}', source=source,
+                                       line=line_of(element), tag=tag)
 
 
-def _parts(root: Element, tag: str) -> list[Element]:
-    """Return of each joint the first element with a tag; the parser looks at no other."""
-    found = (joint.find(tag) for joint in root.iterfind('joint'))
-    return [part for part in found if part is not None]
+def _joint_elements(root: Element, tag: str) -> Iterator[Element]:
+    """Return the first element with a tag of each joint; the parser reads no other."""
+    for joint in root.iterfind('joint'):
+        yield from joint.findall(tag)[:1]
 
 
-def _flaw(part: Element, tag: str) -> str:
-    needed = _REQUIRED.get(tag, '')
-    if needed and needed not in part.attrib:
-        return f'has no {needed}=, which URDF demands,'
+def _flaw(element: Element, tag: str) -> str:
+    """Return why the parser refuses an element of a joint; empty if it accepts the element."""
+    required = _REQUIRED.get(tag, '')
+    if required and required not in element.attrib:
+        return f'has no {required}=, which URDF requires'
     for name in _NUMBERS[tag]:
-        text = part.get(name, '0').strip()
+        text = element.get(name, '0').strip()
         if not _NUMBER.fullmatch(text) or math.isinf(float(text)):
             return f'{name}={text!r} is not a finite number'
     return ''
-
-
-_RULES: tuple[Callable[[Element, str, Report], None], ...] = (
-    _restore, _complete_limits, _complete_dynamics, _cut_colors, _name_materials, _write_version,
-    _refuse_numbers)

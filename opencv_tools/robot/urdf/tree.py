@@ -12,116 +12,112 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The links and joints of a URDF file: each name once, and all of them one tree or several."""
+"""Links and joints of a URDF file: unique names, and one or more trees without cycles."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 
 from lxml import etree
+from opencv_tools.robot.kinematics import cycle_text
 from opencv_tools.robot.model import WORLD
-from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.tracked import TrackedElement
+
+_LOOP_JOINT = f'{{{SDF_NAMESPACE}}}joint'
+_Elements = Mapping[str, TrackedElement]
 
 
 @dataclass(frozen=True)
-class TreeOfLinks:
+class LinkTree:
     """
-    The elements of links and joints by name, in the order of the file.
+    Elements of links and joints by name, in the order of the file.
 
-    :param joints: those that close loops, too.
-    :param above: the joint that is above each link, by the link's name.
+    :param joints: all joints, including those that close loops.
+    :param parent_joint: the parent joint of each link that has one, by name of the link.
     """
 
-    links: Mapping[str, Taken]
-    joints: Mapping[str, Taken]
-    above: Mapping[str, Taken]
+    links: _Elements
+    joints: _Elements
+    parent_joint: _Elements
 
-    def ends(self, joint: Taken) -> tuple[str, str]:
-        """
-        Name the parent and the child of a joint.
-
-        :raises DescriptionError: one is not given, or there is no such link.
-        """
-        return self._end(joint, 'parent'), self._end(joint, 'child')
-
-    def _end(self, joint: Taken, tag: str) -> str:
-        end = joint.find(tag)
-        if end is None:
-            raise DescriptionError(f'joint {required_name(joint)!r} has no <{tag} link=>', joint)
-        name = (end.get('link') or '').strip()
-        if name not in self.links:
-            problem = f'link={name!r} is no link of the robot' if name else 'has no link='
-            raise DescriptionError(f'{problem}, in joint {required_name(joint)!r}', end)
-        return name
+    def ends(self, joint: TrackedElement) -> tuple[str, str]:
+        """Return the names of the parent link and the child link of a joint."""
+        return _end(joint, 'parent', self.links), _end(joint, 'child', self.links)
 
 
-def tree_of(root: Taken, report: Report) -> TreeOfLinks:
+def build_tree(root: TrackedElement, report: Report) -> LinkTree:
     """
-    Find the links and joints of a robot, and which hangs on which.
+    Return the links and joints of a robot.
 
-    A link ``world`` that a joint names as its parent need not be there; it is an empty one then.
+    A missing link ``world`` that is the parent of a joint is added as an empty link.
 
-    :raises DescriptionError: there are none, a name occurs twice, or they are no trees.
+    :raises DescriptionError: there are no links, a name is not unique, or the links of a joint
+        are missing or not a tree.
     """
-    links = _by_name(root.each('link'))
+    links = _by_name(root.take_all('link'))
     if not links:
         raise DescriptionError('has no <link>', root)
-    loops = f'{{{SDF_NAMESPACE}}}joint'
-    joints = _by_name(root.each('joint', loops))
+    joints = _by_name(root.take_all('joint', _LOOP_JOINT))
     if WORLD not in links:
         _add_world(links, joints, report)
-    above: dict[str, Taken] = {}
-    tree = TreeOfLinks(links, joints, above)
+    parent_joint: dict[str, TrackedElement] = {}
+    tree = LinkTree(links, joints, parent_joint)
     for name, joint in joints.items():
         parent, child = tree.ends(joint)
         if parent == child:
             raise DescriptionError(f'joint {name!r} has link {parent!r} as parent and as child',
                                    joint)
-        if joint.tag == loops:
+        if joint.tag == _LOOP_JOINT:
             continue
-        if child in above:
+        if child in parent_joint:
             raise DescriptionError(f'link {child!r} is the child of two joints, '
-                                   f'{required_name(above[child])!r} and {name!r}', joint)
-        above[child] = joint
+                                   f'{required_name(parent_joint[child])!r} and {name!r}', joint)
+        parent_joint[child] = joint
     _check_cycles(tree)
     return tree
 
 
-def _add_world(links: dict[str, Taken], joints: Mapping[str, Taken], report: Report) -> None:
+def _end(joint: TrackedElement, tag: str, links: _Elements) -> str:
+    element = joint.find(tag)
+    if element is None:
+        raise DescriptionError(f'joint {required_name(joint)!r} has no <{tag} link=>', joint)
+    name = (element.get('link') or '').strip()
+    if name not in links:
+        problem = f'link={name!r} does not exist' if name else 'has no link='
+        raise DescriptionError(f'{problem}, in joint {required_name(joint)!r}', element)
+    return name
+
+
+def _add_world(links: dict[str, TrackedElement], joints: _Elements, report: Report) -> None:
     for name, joint in joints.items():
         parent = joint.element.find('parent')
         if parent is not None and parent.get('link', '').strip() == WORLD:
             report.warn('joint', name, line_of(parent),
-                        f'there is no link {WORLD!r}; it is taken for an empty one')
-            links[WORLD] = Taken(etree.Element('link', name=WORLD))
+                        f'link {WORLD!r} does not exist; an empty link is added')
+            links[WORLD] = TrackedElement(etree.Element('link', name=WORLD))
             return
 
 
-def _by_name(elements: list[Taken]) -> dict[str, Taken]:
-    found: dict[str, Taken] = {}
+def _by_name(elements: Iterable[TrackedElement]) -> dict[str, TrackedElement]:
+    found: dict[str, TrackedElement] = {}
     for element in elements:
         name = required_name(element)
         if name in found:
-            raise DescriptionError(f'name={name!r} is taken by another one in line '
-                                   f'{found[name].sourceline}', element)
+            raise DescriptionError(f'name={name!r} is also the name of the element in line '
+                                   f'{found[name].sourceline}; give each its own name', element)
         found[name] = element
     return found
 
 
-def _check_cycles(tree: TreeOfLinks) -> None:
-    fine: set[str] = set()
-    for link in tree.links:
-        path: dict[str, None] = {}
-        while link in tree.above and link not in fine:
-            if link in path:
-                circle = list(path)[list(path).index(link):]
-                raise DescriptionError(f'links hang on each other in a circle: '
-                                       f'{shortened(circle[::-1])}', tree.above[link])
-            path[link] = None
-            link = tree.ends(tree.above[link])[0]
-        fine.update(path)
+def _check_cycles(tree: LinkTree) -> None:
+    parents = {link: [tree.ends(joint)[0]] for link, joint in tree.parent_joint.items()}
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as err:
+        raise DescriptionError(f'kinematic cycle: {cycle_text(err)}',
+                               tree.parent_joint[err.args[1][0]]) from err

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A robot as URDF: what hangs on a joint is written in the joint's frame."""
+"""
+A robot, written as URDF.
+
+URDF has no link poses. Everything in a link is placed in the frame of its parent joint.
+"""
 
 from __future__ import annotations
 
@@ -21,46 +25,51 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, UNLIMITED, URDF_TYPES,
-    WITHOUT_AXIS)
+    Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.joint_writer import AXES, axis_to_element
-from opencv_tools.robot.sdf.scopes import MODEL_FRAME
-from opencv_tools.robot.sdf.values import NEWEST, pose_of
-from opencv_tools.robot.sdf.writer import frame_to_element
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
+from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
 from opencv_tools.robot.trees import select_root
-from opencv_tools.robot.urdf.link_writer import (
-    inertial_element, Materials, origin_element, shape_element)
+from opencv_tools.robot.urdf.gazebo import set_pose
+from opencv_tools.robot.urdf.link_writer import inertial_element, origin_element, shape_element
+from opencv_tools.robot.urdf.materials import MaterialNames
 from opencv_tools.robot.xml.document import Element, line_of
-from opencv_tools.robot.xml.numbers import number_text, numbers_text
+from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import (
-    carry, note_preserved, prefixes, restore, SDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.schema import GAZEBO, POSED
-from opencv_tools.robot.xml.taken import detached
+from opencv_tools.robot.xml.tracked import detached
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 
 
 @dataclass(frozen=True)
 class _WriteContext:
-    """What the parts of a robot are written with."""
+    """
+    Facts of the whole robot that its elements are written with.
+
+    :param frames: frames by the names that poses of SDF use.
+    """
 
     kinematics: Kinematics
     report: Report
-    materials: Materials
-    frames: Mapping[str, FrameId]  # by the names that poses of SDF are relative to
+    materials: MaterialNames
+    frames: Mapping[str, FrameId]
 
-    def home(self, link: str) -> FrameId:
-        """Give the frame that URDF means by a link: that of the joint above it."""
-        above = self.kinematics.joint_above.get(link)
-        return FrameId('joint', above.name) if above else FrameId('link', link)
+    def link_frame(self, link: str) -> FrameId:
+        """Return the frame of a link in URDF, which is that of its parent joint."""
+        parent_joint = self.kinematics.parent_joint.get(link)
+        return FrameId('joint', parent_joint.name) if parent_joint else FrameId('link', link)
 
-    def offset(self, link: str) -> Pose:
-        """Give where that frame is in the link's own one."""
-        return self.kinematics.between(FrameId('link', link), self.home(link))
+    def gazebo_tags(self, owner: FrameId) -> frozenset[str]:
+        """Return the tags of an object's SDF that are written into a ``<gazebo>`` block."""
+        # If a link and a joint have the same name, the block belongs to the link.
+        is_shadowed = owner.kind == 'joint' and owner.name in self.kinematics.child_joints
+        return frozenset() if is_shadowed else GAZEBO[owner.kind]
 
 
 def write_urdf(robot: Robot, report: Report) -> Element:
@@ -68,97 +77,98 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     Write a robot.
 
     :returns: the element ``<robot>``.
-    :raises DescriptionError: several of its links hang on nothing.
+    :raises DescriptionError: the robot has several root links.
     """
     robot = select_root(robot, '', report)
     kinematics = Kinematics(robot)
-    target = _WriteContext(kinematics, report, Materials.of(robot), _frames_by_name(robot))
-    root = etree.Element('robot', {'name': robot.name}, nsmap=prefixes(robot, 'sdf'))
+    frames = {MODEL_FRAME: MODEL}
+    for frame_id, owner in robot.frame_owners():
+        frames.setdefault(owner.name, frame_id)
+    context = _WriteContext(kinematics, report, MaterialNames.of(robot), frames)
+    root = etree.Element('robot', name=robot.name,
+                         nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
         root.set(f'{_SDF}canonical_link', robot.canonical_link)
-        note_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
+        report_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
-        _link_element(root, link, target)
+        _link_element(root, link, context)
     for joint in robot.joints:
-        _joint_element(root, joint, target)
+        _joint_element(root, joint, context)
     for frame in robot.frames:
-        element = frame_to_element(frame, kinematics)
-        restore(element, frame.extension.sdf)
-        carry(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
-        element.tag = f'{_SDF}frame'
-        root.append(element)
-        note_preserved(report, 'sdf', frame.name, frame.line, 'frame')
-    _gazebo_elements(root, robot, target)
-    restore(root, robot.extension.urdf)
-    carry(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report, robot.name, 0)
+        _frame_element(root, frame, context)
+    _gazebo_elements(root, robot, context)
+    merge_unread(root, robot.extension.urdf)
+    embed_foreign(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report,
+                  robot.name, 0)
     return root
 
 
-def _frames_by_name(robot: Robot) -> dict[str, FrameId]:
-    names = {MODEL_FRAME: MODEL}
-    for frame, thing in robot.framed():
-        names.setdefault(thing.name, frame)
-    return names
-
-
-def _link_element(root: Element, link: Link, target: _WriteContext) -> None:
-    kinematics, home = target.kinematics, target.home(link.name)
+def _link_element(root: Element, link: Link, context: _WriteContext) -> None:
+    kinematics, link_frame = context.kinematics, context.link_frame(link.name)
     element = etree.SubElement(root, 'link', name=link.name)
     if link.inertial:
-        inertial_element(element, link.inertial, kinematics.within(home, link.inertial.placement))
+        inertial_element(element, link.inertial,
+                         kinematics.within(link_frame, link.inertial.placement))
     for tag, shapes in (('visual', link.visuals), ('collision', link.collisions)):
         for shape in shapes:
-            shape_element(element, tag, shape, kinematics.within(home, shape.placement), link,
-                          target.materials, target.report)
-    if home.kind == 'link':
-        _note_pose(element, kinematics.between(MODEL, home), link.name, link.line, target.report)
-    restore(element, link.extension.urdf)
-    carry(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', target.report, link.name,
-          link.line)
+            pose = kinematics.within(link_frame, shape.placement)
+            shape_element(element, tag, shape, pose, link, context.materials, context.report)
+    if link_frame.kind == 'link':
+        _preserve_pose(element, kinematics.between(MODEL, link_frame), link, context.report)
+    merge_unread(element, link.extension.urdf)
+    embed_foreign(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', context.report,
+                  link.name, link.line)
 
 
-def _note_pose(element: Element, pose: Pose, name: str, line: int, report: Report) -> None:
-    """Keep a pose that URDF has no word for."""
-    if not pose.is_identity:
-        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-        note_preserved(report, 'sdf', name, line, 'pose')
-
-
-def _joint_element(root: Element, joint: Joint, target: _WriteContext) -> None:
-    kinematics, report = target.kinematics, target.report
+def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
+    kinematics, report = context.kinematics, context.report
     frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
-    kind = joint.type if joint.type in URDF_TYPES else 'floating'
+    joint_type = joint.type if joint.type in URDF_TYPES else 'floating'
     element = etree.SubElement(root, f'{_SDF}joint' if joint.is_loop else 'joint',
-                               name=joint.name, type=kind)
+                               name=joint.name, type=joint_type)
     if joint.is_loop:
-        report.warn('joint', joint.name, joint.line, 'closes a loop of links, of which URDF has '
-                    'none; kept as <sdf:joint>, which only the way back reads')
-    origin_element(element, kinematics.between(target.home(joint.parent), frame))
+        report.warn('joint', joint.name, joint.line, 'closes a loop of links, which URDF does not '
+                    'support; preserved as <sdf:joint> for the conversion back')
+    origin_element(element, kinematics.between(context.link_frame(joint.parent), frame))
     etree.SubElement(element, 'parent', link=joint.parent)
     etree.SubElement(element, 'child', link=joint.child)
-    if kind not in WITHOUT_AXIS and joint.axes:
-        _axis_elements(element, kind, joint.axes[0])
-    pose = kinematics.between(child, frame)
-    if joint.is_loop and pose.is_identity:
-        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
-    _note_pose(element, pose, joint.name, joint.line, report)
-    restore(element, joint.extension.urdf)
-    rest = joint.extension.sdf
-    if joint.type != kind:
-        report.warn('joint', joint.name, joint.line, f'URDF has no {joint.type} joints; it is a '
-                    'floating one there')
+    if joint_type not in WITHOUT_AXIS and joint.axes:
+        _axis_elements(element, joint_type, joint.axes[0])
+    _preserve_pose(element, kinematics.between(child, frame), joint, report)
+    merge_unread(element, joint.extension.urdf)
+    sdf = joint.extension.sdf
+    if joint.type != joint_type:
+        report.warn('joint', joint.name, joint.line, f'{joint.type} joints are not supported by '
+                    'URDF; written as a floating joint')
         element.set(f'{_SDF}type', joint.type)
-        rest = _with_axes(joint)
-    carry(element, _without(rest, _in_gazebo(joint.name, 'joint', target)), 'sdf', report,
-          joint.name, joint.line)
+        sdf = _with_axes(joint)
+    embed_foreign(element, _without(sdf, context.gazebo_tags(frame)), 'sdf', report, joint.name,
+                  joint.line)
 
 
-def _axis_elements(element: Element, kind: str, axis: Axis) -> None:
+def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
+    element = frame_to_element(frame, context.kinematics)
+    merge_unread(element, frame.extension.sdf)
+    embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
+    element.tag = f'{_SDF}frame'
+    root.append(element)
+    report_preserved(context.report, 'sdf', frame.name, frame.line, 'frame')
+
+
+def _preserve_pose(element: Element, pose: Pose, owner: Link | Joint, report: Report) -> None:
+    """Write a pose that URDF cannot express. Only loop joints need it if it is the identity."""
+    if not pose.is_identity or (isinstance(owner, Joint) and owner.is_loop):
+        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
+    if not pose.is_identity:
+        report_preserved(report, 'sdf', owner.name, owner.line, 'pose')
+
+
+def _axis_elements(element: Element, joint_type: str, axis: Axis) -> None:
     etree.SubElement(element, 'axis', xyz=numbers_text(axis.xyz))
-    reach = kind in ('revolute', 'prismatic')
+    has_position_limits = joint_type in ('revolute', 'prismatic')
     limit = axis.limit or Limit()
-    if reach or math.isfinite(limit.effort) or math.isfinite(limit.velocity):
-        names = ('lower', 'upper', 'effort', 'velocity') if reach else ('effort', 'velocity')
+    if has_position_limits or math.isfinite(limit.effort) or math.isfinite(limit.velocity):
+        names = [*(('lower', 'upper') if has_position_limits else ()), 'effort', 'velocity']
         etree.SubElement(element, 'limit', {
             name: _limit_text(getattr(limit, name)) for name in names})
     if axis.dynamics:
@@ -178,68 +188,56 @@ def _limit_text(value: float) -> str:
 
 
 def _with_axes(joint: Joint) -> Element:
-    """Give all that SDF says of a joint that URDF has no type for, the axes too."""
-    holder = etree.Element('joint')
+    """Return the SDF of a joint whose type URDF does not have, with its axes."""
+    element = etree.Element('joint')
     for axis, tag in zip(joint.axes, AXES):
-        holder.append(axis_to_element(axis, tag, NEWEST))
-    restore(holder, joint.extension.sdf, marked=True)
-    return holder
+        element.append(axis_to_element(axis, tag, NEWEST))
+    merge_unread(element, joint.extension.sdf, marked=True)
+    return element
 
 
-def _without(rest: Element | None, tags: frozenset[str]) -> Element | None:
-    """Leave out what a ``<gazebo>`` block has."""
-    if rest is None or not any(part.tag in tags for part in rest):
-        return rest
-    copy = detached(rest)
-    for part in list(copy):
-        if part.tag in tags:
-            copy.remove(part)
+def _without(unread: Element | None, tags: frozenset[str]) -> Element | None:
+    """Return the SDF of an object without what is written into a ``<gazebo>`` block."""
+    if unread is None or not any(child.tag in tags for child in unread):
+        return unread
+    copy = detached(unread)
+    for child in list(copy):
+        if child.tag in tags:
+            copy.remove(child)
     return copy if len(copy) or copy.attrib else None
 
 
-def _in_gazebo(name: str, kind: str, target: _WriteContext) -> frozenset[str]:
-    """Tell what of an object goes into a ``<gazebo>`` block: of two of one name, the link's."""
-    if kind == 'joint' and name in target.kinematics.joints_below:
-        return frozenset()
-    return GAZEBO[kind]
+def _gazebo_elements(root: Element, robot: Robot, context: _WriteContext) -> None:
+    """Write elements of SDF into ``<gazebo>`` blocks, from which Gazebo reads them."""
+    owners: list[tuple[FrameId, Robot | Link | Joint]] = [
+        (MODEL, robot), *((FrameId('link', link.name), link) for link in robot.links),
+        *((FrameId('joint', joint.name), joint) for joint in robot.joints)]
+    for frame, owner in owners:
+        tags, unread = context.gazebo_tags(frame), owner.extension.sdf
+        children = [] if unread is None else [child for child in unread if child.tag in tags]
+        if children:
+            block = etree.SubElement(root, 'gazebo', {} if frame == MODEL else {
+                'reference': owner.name})
+            block.extend(_in_joint_frame(child, frame, context) for child in children)
+        for child in children:
+            context.report.preserve(str(child.tag), owner.name, line_of(child),
+                                    'not supported by URDF; preserved in <gazebo>')
 
 
-def _gazebo_elements(root: Element, robot: Robot, target: _WriteContext) -> None:
-    """Write elements of SDF where Gazebo takes them from a file of URDF."""
-    things = [(MODEL, robot.extension.sdf),
-              *((FrameId('link', link.name), link.extension.sdf) for link in robot.links),
-              *((FrameId('joint', joint.name), joint.extension.sdf) for joint in robot.joints)]
-    for owner, rest in things:
-        tags = _in_gazebo(owner.name, owner.kind, target)
-        parts = [] if rest is None else [part for part in rest if part.tag in tags]
-        if parts:
-            block = etree.SubElement(root, 'gazebo',
-                                     {} if owner == MODEL else {'reference': owner.name})
-            block.extend(_in_home(part, owner, target) for part in parts)
-        for part in parts:
-            target.report.preserve(str(part.tag), owner.name or robot.name, line_of(part),
-                                'URDF has no word for it; kept in <gazebo>, which Gazebo reads')
-
-
-def _in_home(part: Element, owner: FrameId, target: _WriteContext) -> Element:
-    """Give an element of SDF with its pose in the frame that URDF means by its link."""
-    part = detached(part)
-    if owner.kind != 'link' or part.tag not in POSED:
-        return part
-    pose = part.find('pose')
-    offset = target.offset(owner.name)
-    if offset.is_identity and (pose is None or not pose.attrib):
-        return part
+def _in_joint_frame(element: Element, owner: FrameId, context: _WriteContext) -> Element:
+    """Return an element of SDF with its pose in the frame of its link in URDF."""
+    element = detached(element)
+    if owner.kind != 'link' or element.tag not in POSED:
+        return element
+    pose, link_frame = element.find('pose'), context.link_frame(owner.name)
+    if (pose is None or not pose.attrib) and (
+            context.kinematics.between(owner, link_frame).is_identity):
+        return element
     name = '' if pose is None else pose.get('relative_to', pose.get('frame', ''))
-    if name not in target.frames and name:
-        target.report.warn(str(part.tag), owner.name, line_of(part),
-                           f'its pose is relative to {name!r}, which is not there; it is taken as '
-                           'relative to the link')
-    placement = Placement(pose_of(pose), target.frames.get(name, owner))
-    here = target.kinematics.within(target.home(owner.name), placement)
-    if pose is None:
-        pose = etree.Element('pose')
-        part.insert(0, pose)
-    pose.attrib.clear()
-    pose.text = numbers_text(here.xyz + here.rpy)
-    return part
+    if name and name not in context.frames:
+        context.report.warn(str(element.tag), owner.name, line_of(element),
+                            f'<pose> is relative to {name!r}, which does not exist; it is read as '
+                            'relative to the link')
+    placement = Placement(pose_of(pose), context.frames.get(name, owner))
+    set_pose(element, context.kinematics.within(link_frame, placement))
+    return element

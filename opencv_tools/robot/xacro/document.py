@@ -12,30 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Documents as xacro works on them, with the place in a file that each element comes from."""
+"""Documents that xacro expands, with the file and line of each element."""
 
 from __future__ import annotations
 
 from typing import Any
 from xml.dom import expatbuilder, minidom
 
-_PLACE = 'place'  # under which an element keeps file and line
-# As xml.sax.saxutils has them, which takes longer to import than all else here.
-_IN_TEXT = str.maketrans({'&': '&amp;', '<': '&lt;', '>': '&gt;'})
-_IN_ATTRIBUTE = _IN_TEXT | str.maketrans(
+_LOCATION = 'location'  # key of the location among the data of an element
+# Like xml.sax.saxutils, which takes long to import.
+_TEXT_ESCAPES = str.maketrans({'&': '&amp;', '<': '&lt;', '>': '&gt;'})
+_ATTRIBUTE_ESCAPES = _TEXT_ESCAPES | str.maketrans(
     {'"': '&quot;', '\n': '&#10;', '\r': '&#13;', '\t': '&#9;'})
 
-Place = tuple[str, int]
+Location = tuple[str, int]
 
 
-def place_of(element: minidom.Element) -> Place:
-    """Give file and line of an element."""
-    place: Place = element.getUserData(_PLACE) or ('', 0)
-    return place
+def location_of(element: minidom.Element) -> Location:
+    """Return the file and line of an element."""
+    location: Location = element.getUserData(_LOCATION) or ('', 0)
+    return location
 
 
-class PlacedBuilder(expatbuilder.ExpatBuilderNS):
-    """Parses into the elements that xacro works on, with the place of each."""
+class LocatedBuilder(expatbuilder.ExpatBuilderNS):
+    """Parser that creates the elements that xacro needs, with their locations."""
 
     def __init__(self, source: str) -> None:
         super().__init__()
@@ -44,22 +44,24 @@ class PlacedBuilder(expatbuilder.ExpatBuilderNS):
     def start_element_handler(self, name: str, attributes: list[str]) -> None:
         super().start_element_handler(name, attributes)
         line = self.getParser().CurrentLineNumber
-        self.curNode.setUserData(_PLACE, (self._source, line), _KeepPlace())
+        self.curNode.setUserData(_LOCATION, (self._source, line), _CopyLocation())
 
 
-class _KeepPlace:
-    """Gives copies of an element, as macros make them, the place of the original."""
+class _CopyLocation:
+    """Handler that copies the location when a macro copies an element."""
 
-    def handle(self, _: int, key: str, place: Place, source: object, copy: Any) -> None:
-        copy.setUserData(key, place, self)
+    def handle(self, _: int, key: str, location: Location, source: object, copy: Any) -> None:
+        copy.setUserData(key, location, self)
 
 
-def text_of(document: minidom.Document, source: str) -> str:
+def to_text(document: minidom.Document, source: str) -> str:
     """
-    Write a document, each element of a file in the line that it has there.
+    Return the text of a document without comments. Elements of a file keep their lines.
 
-    What macros and other files put in between is in the line of what is before it, so that
-    messages about it lead to where it is asked for. Comments are left out.
+    Elements of macros and of other files are on the line of the element before them, so that
+    messages about them lead to the macro call or the include.
+
+    :param source: the file whose elements keep their lines.
     """
     parts: list[str] = []
     line = 1
@@ -70,14 +72,14 @@ def text_of(document: minidom.Document, source: str) -> str:
             parts.append(node)
         elif isinstance(node, minidom.Text):
             if node.data.strip():
-                parts.append(node.data.translate(_IN_TEXT))
+                parts.append(node.data.translate(_TEXT_ESCAPES))
                 line += node.data.count('\n')
         elif isinstance(node, minidom.Element):
-            file, wanted = place_of(node)
-            if file == source and wanted > line:
-                parts.append('\n' * (wanted - line))
-                line = wanted
-            attributes = ''.join(f' {name}="{value.translate(_IN_ATTRIBUTE)}"'
+            node_source, node_line = location_of(node)
+            if node_source == source and node_line > line:
+                parts.append('\n' * (node_line - line))
+                line = node_line
+            attributes = ''.join(f' {name}="{value.translate(_ATTRIBUTE_ESCAPES)}"'
                                  for name, value in node.attributes.items())
             parts.append(f'<{node.tagName}{attributes}>')
             pending.append(f'</{node.tagName}>')

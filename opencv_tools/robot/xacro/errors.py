@@ -12,83 +12,87 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where in a file of xacro something is wrong, and what, as one sentence."""
+"""Errors of xacro as one line with the location of the element."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import re
 from types import TracebackType
+from typing import TypeVar
 
-from opencv_tools.robot.xacro.document import place_of
+from opencv_tools.robot.xacro.document import location_of
 from opencv_tools.robot.xml.document import DescriptionError
 
-# What $(find package) stands for until it is known what the path is used for: an absolute path
-# with characters of Unicode's private area, which no file has.
+# An expanded $(find package) until it is known how the path is used. It is an absolute path with
+# characters of Unicode's private use area, which no file has.
 PACKAGE_MARKER = re.compile('/\ue000([^\ue000\ue001]*)\ue001')
-TOO_LARGE = ('takes more memory to expand than any robot; look for a property or an expression '
-             'that grows without end')
+TOO_LARGE = ('needs more memory than the limit for a robot description; look for a property or an '
+             'expression that grows without end')
 _LONGEST = 400  # characters of a message
+_Error = TypeVar('_Error', bound=BaseException)
 
 
 class XacroProblem(Exception):
-    """What is wrong with a file, yet without its place."""
+    """An error in a file, without its location."""
 
 
-def sentence(err: Exception, source: str) -> DescriptionError:
-    """Say in a sentence what went wrong, and where."""
+def to_description_error(err: Exception, source: str) -> DescriptionError:
+    """Return an error of xacro as one line, with the location of the element that it expanded."""
     causes = list(_causes(err))
-    known = next((cause for cause in causes if isinstance(cause, DescriptionError)), None)
-    place, line, tag = _place(err.__traceback__) or (source, 0, '')
-    if known is not None and not any(isinstance(cause, OSError) for cause in causes):
+    known = _first(causes, DescriptionError)
+    if known and not _first(causes, OSError):
         return known
-    trouble = next((cause for cause in causes if isinstance(cause, XacroProblem)), None)
     argument = next((cause for cause in causes if type(cause).__name__ == 'ArgException'), None)
-    if any(isinstance(cause, RecursionError) for cause in causes):
-        message = 'a macro calls itself without end'
-    elif any(isinstance(cause, MemoryError) for cause in causes):
+    if _first(causes, RecursionError):
+        message = 'infinite recursion: a macro calls itself'
+    elif _first(causes, MemoryError):
         message = TOO_LARGE
     elif argument is not None:
-        message = (f'argument {str(argument)!r} has no value; give it one by '
-                   f'--arg {argument}:=VALUE')
-    elif trouble is not None:
-        message = str(trouble)
+        message = f'argument {str(argument)!r} has no value; set it with --arg {argument}:=VALUE'
     else:
-        message = str(err).strip() or f'cannot be expanded: {type(causes[-1]).__name__}'
-    return DescriptionError(one_line(message), source=place, line=line, tag=tag)
+        message = (str(_first(causes, XacroProblem) or err).strip()
+                   or f'cannot be expanded: {type(causes[-1]).__name__}')
+    file, line, tag = _location(err.__traceback__) or (source, 0, '')
+    return DescriptionError(one_line(message), source=file, line=line, tag=tag)
 
 
 def one_line(message: str) -> str:
-    """Give a message of xacro as one line, with packages as the file names them."""
+    """Return a message of xacro as one line of limited length, with packages as in the file."""
     message = PACKAGE_MARKER.sub(r'$(find \1)', ' '.join(message.split()))
     message = message.replace(' (<expression>, line 1)', '')
     return message if len(message) <= _LONGEST else f'{message[:_LONGEST]} ...'
 
 
+def os_error(err: BaseException) -> OSError | None:
+    """Return the error of the operating system that led to an error, if there is one."""
+    return _first(_causes(err), OSError)
+
+
+def _first(causes: Iterable[BaseException], kind: type[_Error]) -> _Error | None:
+    return next((cause for cause in causes if isinstance(cause, kind)), None)
+
+
 def _causes(err: BaseException | None) -> Iterator[BaseException]:
-    """Give an error and those that led to it; xacro keeps some as attributes."""
+    """Return an error and the errors that led to it, some of which xacro keeps as attributes."""
     pending, seen = [err], set()
     while pending:
-        one = pending.pop(0)
-        if isinstance(one, BaseException) and id(one) not in seen:
-            seen.add(id(one))
-            yield one
-            pending += [getattr(one, 'exc', None), one.__cause__, one.__context__]
+        cause = pending.pop(0)
+        if isinstance(cause, BaseException) and id(cause) not in seen:
+            seen.add(id(cause))
+            yield cause
+            pending += [getattr(cause, 'exc', None), cause.__cause__, cause.__context__]
 
 
-def os_error(err: BaseException) -> BaseException | None:
-    return next((cause for cause in _causes(err) if isinstance(cause, OSError)), None)
-
-
-def _place(traceback: TracebackType | None) -> tuple[str, int, str] | None:
-    """Give file, line and tag of the element that xacro was at, which it keeps to itself."""
+def _location(traceback: TracebackType | None) -> tuple[str, int, str] | None:
+    """Return file, line and tag of the element that xacro expanded, from its local variables."""
     found = None
     while traceback is not None:
         if traceback.tb_frame.f_code.co_name == 'eval_all':
             node = traceback.tb_frame.f_locals.get('node')
             while node is not None and node.nodeType != node.ELEMENT_NODE:
                 node = node.parentNode
-            if node is not None and place_of(node)[0]:
-                found = (*place_of(node), node.tagName)
+            if node is not None and location_of(node)[0]:
+                found = (*location_of(node), node.tagName)
         traceback = traceback.tb_next
     return found

@@ -13,16 +13,16 @@
 # limitations under the License.
 
 """
-Files of xacro, expanded by the package of that name.
+Expansion of xacro files with the package xacro.
 
-Expanding evaluates the Python expressions of a file. Whatever it finds wrong comes out as one
-sentence, and ``$(find package)`` as a URI, because a path of one machine helps no other one.
+The expansion evaluates the Python expressions of a file. ``$(find package)`` becomes a
+``package://`` URI, because the path of a folder is valid on one machine only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 import importlib
 from io import StringIO
 import os
@@ -34,198 +34,196 @@ from xml.dom import minidom
 
 from lxml import etree
 from opencv_tools.regular_files import describe_kind
-from opencv_tools.robot.xacro.document import place_of, PlacedBuilder, text_of
+from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
-    one_line, os_error, PACKAGE_MARKER, sentence, XacroProblem)
+    one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
 from opencv_tools.robot.xml.document import (
     DescriptionError, display_name, Element, parse, read_bytes)
-from opencv_tools.robot.xml.report import Line, Report
+from opencv_tools.robot.xml.report import Report, SourceLine
 
-_XACRO = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
-_FOUND_URI = re.compile(f'(?i:file:(?://localhost)?)/*{PACKAGE_MARKER.pattern}')
-# Of macros that call each other; Python's own limit is not much above.
-_DEEPEST = 120
-_MOST_CALLS = 5000
+_NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
+_MARKER_URI = re.compile(f'(?i:file:(?://localhost)?)/*{PACKAGE_MARKER.pattern}')
+# Macros that call each other. The recursion limit of Python is not much higher.
+_MAX_DEPTH = 120
+_MAX_CALLS = 5000
 _PACKAGE = re.compile(r'[\w.-]+')
 
 
 def is_xacro(root: Element) -> bool:
-    """Tell whether a file declares the namespace of xacro anywhere."""
-    return any(namespace and _XACRO.fullmatch(namespace[1])
+    """Return whether a document declares the namespace of xacro anywhere."""
+    return any(namespace and _NAMESPACE.fullmatch(namespace[1])
                for _, namespace in etree.iterwalk(root, events=('start-ns',)))
 
 
 def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report) -> bytes:
     """
-    Expand a file of xacro.
+    Expand a xacro file.
 
-    :param path: the file, which its includes are relative to; ``-`` for standard input.
-    :param data: what it contains.
-    :param arguments: of ``xacro:arg``, by name.
-    :returns: XML with no more of xacro in it.
-    :raises DescriptionError: it cannot be expanded.
+    :param path: path of the file, to which includes are relative; ``-`` for standard input.
+    :param data: content of the file.
+    :param arguments: values of ``xacro:arg``, by name.
+    :returns: XML without xacro.
+    :raises DescriptionError: the file cannot be expanded.
     """
+    source = display_name(path)
     try:
-        xacro = importlib.import_module('xacro')
+        patched = _PatchedXacro(report)
     except ImportError as err:
-        raise DescriptionError('is xacro, and the package xacro is not installed '
-                               '(apt install ros-jazzy-xacro, or pip install xacro)',
-                               source=display_name(path)) from err
+        raise DescriptionError('is a xacro file, but the package xacro is not installed; run apt '
+                               'install ros-jazzy-xacro or pip install xacro', source=source
+                               ) from err
     values = _Arguments(arguments)
-    said = StringIO()
-    # A file's own messages and xacro's go to the terminal at once otherwise.
-    with _reset(xacro), redirect_stdout(said), redirect_stderr(said):
-        expansion = _Expansion(xacro, report)
-        expansion.install()
-        xacro.init_stacks(None if path == '-' else path)
+    output = StringIO()  # of the file and of xacro
+    with patched, redirect_stdout(output), redirect_stderr(output):
         try:
-            document = expansion.dom(data, display_name(path))
-            xacro.process_doc(document, mappings=values, verbosity=0)
-            expanded = _with_uris(document, display_name(path), report)
+            expanded = _with_uris(patched.expand(path, data, values), source, report)
         except Exception as err:
-            raise sentence(err, display_name(path)) from err
-    for line in said.getvalue().splitlines():
+            raise to_description_error(err, source) from err
+    for line in output.getvalue().splitlines():
         level, colon, message = line.partition(': ')
         if colon and level in ('warning', 'error'):
             report.warn('xacro', '', 0, one_line(message))
-    known = ', '.join(sorted(map(repr, values.asked)))
+    known = ', '.join(sorted(map(repr, values.requested)))
     for name in arguments:
-        if name not in values.asked:
-            report.warn('xacro:arg', name, 0, 'is no argument of this file, which has '
+        if name not in values.requested:
+            report.warn('xacro:arg', name, 0, 'is not an argument of this file, which has '
                         f'{known or "none"}; it is ignored')
     return expanded
 
 
 class _Arguments(dict[str, str]):
-    """Arguments that know which of them a file has asked for."""
+    """Arguments that record which of them a file requests."""
 
     def __init__(self, values: Mapping[str, str]) -> None:
         super().__init__(values)
-        self.asked: set[object] = set()
+        self.requested: set[object] = set()
 
     def __contains__(self, name: object) -> bool:
-        self.asked.add(name)
+        self.requested.add(name)
         return super().__contains__(name)
 
     def __getitem__(self, name: str) -> str:
-        self.asked.add(name)
+        self.requested.add(name)
         return super().__getitem__(name)
 
 
-@contextmanager
-def _reset(xacro: Any) -> Iterator[None]:
-    """Put back everything that an expansion changes in the package."""
-    substitution: Any = importlib.import_module('xacro.substitution_args')
-    names = ('abs_filename_spec', 'filestack', 'handle_macro_call', 'macrostack', 'parse',
-             'verbosity')
-    kept = {name: getattr(xacro, name) for name in names}
-    find, finds = substitution._eval_find, dict(substitution._eval_dict)
-    context, includes = dict(xacro.substitution_args_context), list(xacro.all_includes)
-    try:
-        yield
-    finally:
-        for name, value in kept.items():
-            setattr(xacro, name, value)
-        substitution._eval_find = find
-        substitution._eval_dict.clear()
-        substitution._eval_dict.update(finds)
-        xacro.substitution_args_context.clear()
-        xacro.substitution_args_context.update(context)
-        xacro.all_includes[:] = includes
+class _PatchedXacro:
+    """
+    The package xacro with some functions replaced while the context is active.
 
+    xacro has no options for these replacements. It also keeps the state of an expansion in global
+    variables, which are restored at the end.
 
-class _Expansion:
-    """What takes the place of functions of xacro while a file is expanded."""
+    =======================  ======================================================================
+    function                 purpose of the replacement
+    =======================  ======================================================================
+    ``parse``                applies the limits of `xml.document.parse` to included files, refuses
+                             include cycles, and records the line of each element
+    ``abs_filename_spec``    finds packages by environment variables too, and refuses pipes and
+                             devices
+    ``handle_macro_call``    limits the depth and the number of macro calls
+    ``_eval_find``           marks ``$(find package)``, so that it can become a URI
+    =======================  ======================================================================
+    """
 
-    def __init__(self, xacro: Any, report: Report) -> None:
-        self._xacro = xacro
+    def __init__(self, report: Report) -> None:
+        self._xacro: Any = importlib.import_module('xacro')
+        self._substitution: Any = importlib.import_module('xacro.substitution_args')
         self._report = report
-        self._spec, self._call = xacro.abs_filename_spec, xacro.handle_macro_call
+        self._original = dict(vars(self._xacro))
         self._calls = 0
 
-    def install(self) -> None:
-        """Put them there."""
-        substitution: Any = importlib.import_module('xacro.substitution_args')
-        self._xacro.abs_filename_spec = self._file
-        self._xacro.parse = self._parse
-        self._xacro.handle_macro_call = self._called
-        substitution._eval_find = _find
-        substitution._eval_dict['find'] = _find
+    def __enter__(self) -> _PatchedXacro:
+        xacro, substitution = self._xacro, self._substitution
+        self._original_find = substitution._eval_find
+        self._contents = [(values, dict(values)) for values in (
+            substitution._eval_dict, xacro.substitution_args_context)]
+        self._includes = list(xacro.all_includes)
+        xacro.parse = self._parse
+        xacro.abs_filename_spec = self._path
+        xacro.handle_macro_call = self._call_macro
+        substitution._eval_find = substitution._eval_dict['find'] = _find
+        return self
 
-    def dom(self, data: bytes, source: str) -> minidom.Document:
-        """
-        Parse as xacro does, once it is known to be harmless.
+    def __exit__(self, *_: object) -> None:
+        vars(self._xacro).update(self._original)
+        self._substitution._eval_find = self._original_find
+        for values, contents in self._contents:
+            values.clear()
+            values.update(contents)
+        self._xacro.all_includes[:] = self._includes
 
-        :raises DescriptionError: it is not XML, or declares entities.
-        """
-        parse(data, source, self._report)
-        return PlacedBuilder(source).parseString(data)
+    def expand(self, path: str, data: bytes, arguments: dict[str, str]) -> minidom.Document:
+        """Return the expanded document of a file."""
+        self._xacro.init_stacks(None if path == '-' else path)
+        document = self._document(data, display_name(path))
+        self._xacro.process_doc(document, mappings=arguments, verbosity=0)
+        return document
 
-    def _file(self, name: str) -> str:
-        """Name a file that is included, or read as YAML; but none that has no end."""
-        path = str(self._spec(PACKAGE_MARKER.sub(lambda found: _folder(found[1]), name)))
+    def _document(self, data: bytes, source: str) -> minidom.Document:
+        parse(data, source, self._report)  # refuses what is not safe to parse
+        return LocatedBuilder(source).parseString(data)
+
+    def _parse(self, _: object, filename: str) -> minidom.Document:
+        """Parse an included file."""
+        stack = self._xacro.filestack
+        path = os.path.normpath(filename)
+        including = [os.path.realpath(file) for file in stack[:-1] if file is not None]
+        if os.path.realpath(path) in including:
+            raise XacroProblem(f'file {path!r} includes itself'
+                               + (' through other files' if len(stack) > 2 else ''))
+        try:
+            data = read_bytes(path)
+        except DescriptionError as err:
+            # xacro ignores this error if the include is optional.
+            stack.pop()
+            raise self._xacro.XacroException(f'file {path!r} cannot be read',
+                                             exc=os_error(err)) from err
+        return self._document(data, path)
+
+    def _path(self, name: str) -> str:
+        """Return the path of a file to include or to read as YAML."""
+        name = PACKAGE_MARKER.sub(lambda marker: _package_folder(marker[1]), name)
+        path = str(self._original['abs_filename_spec'](name))
         with suppress(OSError, ValueError):
             mode = Path(path).stat().st_mode
             if not stat.S_ISDIR(mode) and (kind := describe_kind(mode)):
                 raise XacroProblem(f'file {path!r} is {kind}; only regular files are read')
         return path
 
-    def _called(self, node: minidom.Element, macros: object, symbols: object) -> object:
-        """Expand a macro, unless a few of them have called each other too often."""
+    def _call_macro(self, node: minidom.Element, macros: object, symbols: object) -> object:
         if not node.tagName.startswith('xacro:'):
             return False
-        if len(self._xacro.macrostack) > _DEEPEST:
+        if len(self._xacro.macrostack) > _MAX_DEPTH:
             raise RecursionError
         self._calls += 1
-        if self._calls > _MOST_CALLS:
-            raise XacroProblem(f'more than {_MOST_CALLS} macros are called, which no robot needs')
-        return self._call(node, macros, symbols)
-
-    def _parse(self, _: object, filename: str) -> minidom.Document:
-        """Parse a file that is included."""
-        stack = self._xacro.filestack
-        path = os.path.normpath(filename)
-        above = [os.path.realpath(other) for other in stack[:-1] if other is not None]
-        if os.path.realpath(path) in above:
-            raise XacroProblem(f'file {path!r} includes itself'
-                          + (', by way of others' if len(stack) > 2 else ''))
-        try:
-            data = read_bytes(path)
-        except DescriptionError as err:
-            # As xacro has it, so that optional files may be missing.
-            stack.pop()
-            raise self._xacro.XacroException(f'file {path!r} is not there or cannot be read',
-                                             exc=os_error(err)) from err
-        return self.dom(data, path)
+        if self._calls > _MAX_CALLS:
+            raise XacroProblem(f'more than {_MAX_CALLS} macro calls, the limit for a robot '
+                               'description')
+        return self._original['handle_macro_call'](node, macros, symbols)
 
 
 def _find(package: str) -> str:
-    """Stand in for the folder of a package."""
+    """Return a marker for the folder of a package."""
     if not _PACKAGE.fullmatch(package):
-        raise XacroProblem(f'$(find {package}) names no package')
+        raise XacroProblem(f'$(find {package}) is not the name of a package')
     return f'/\ue000{package}\ue001'
 
 
-def _folder(package: str) -> str:
-    """
-    Give the real folder of a package.
-
-    :raises XacroProblem: it is not installed.
-    """
+def _package_folder(package: str) -> str:
     try:
         index: Any = importlib.import_module('ament_index_python.packages')
         return str(index.get_package_share_directory(package))
     except (ImportError, LookupError, OSError, ValueError):
         pass
-    for folder in _candidates(package):
+    for folder in _candidate_folders(package):
         if folder.is_dir():
             return str(folder)
-    raise XacroProblem(f'package {package!r} of $(find {package}) is not there; '
-                       'source the workspace '
-                  'that has it, or put it on AMENT_PREFIX_PATH or ROS_PACKAGE_PATH')
+    raise XacroProblem(f'package {package!r} of $(find {package}) is not found; source its '
+                       'workspace, or add it to AMENT_PREFIX_PATH or ROS_PACKAGE_PATH')
 
 
-def _candidates(package: str) -> Iterator[Path]:
+def _candidate_folders(package: str) -> Iterator[Path]:
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         yield Path(prefix) / 'share' / package
     for entry in filter(None, os.environ.get('ROS_PACKAGE_PATH', '').split(os.pathsep)):
@@ -237,21 +235,21 @@ def _candidates(package: str) -> Iterator[Path]:
 
 
 def _with_uris(document: minidom.Document, source: str, report: Report) -> bytes:
-    """Write a document, with the folders of packages as URIs."""
-    text = _FOUND_URI.sub(r'package://\1', text_of(document, source))
+    """Return the text of a document with package URIs instead of markers."""
+    text = _MARKER_URI.sub(r'package://\1', to_text(document, source))
     if PACKAGE_MARKER.search(text):
-        _warn_of_paths(document, report)
+        _report_paths(document, report)
     return PACKAGE_MARKER.sub(r'package://\1', text).encode()
 
 
-def _warn_of_paths(document: minidom.Document, report: Report) -> None:
-    """Say where something other than a URI was to be a path."""
+def _report_paths(document: minidom.Document, report: Report) -> None:
+    """Report paths of packages that become URIs where a URI may not be expected."""
     for element in document.getElementsByTagName('*'):
         texts = [child.data for child in element.childNodes if child.nodeType == child.TEXT_NODE]
         if element.tagName not in ('mesh', 'texture'):
             texts += [value for _, value in element.attributes.items()]
-        for found in PACKAGE_MARKER.finditer(_FOUND_URI.sub('', ' '.join(texts))):
-            source, line = place_of(element)
-            report.warn(element.tagName, element.getAttribute('name'), Line(line, source),
-                        f'$(find {found[1]}) is written as package://{found[1]}, because the path '
-                        'is one of this machine')
+        for marker in PACKAGE_MARKER.finditer(_MARKER_URI.sub('', ' '.join(texts))):
+            source, line = location_of(element)
+            report.warn(element.tagName, element.getAttribute('name'), SourceLine(line, source),
+                        f'$(find {marker[1]}) is written as package://{marker[1]}, because its '
+                        'path is only valid on this machine')

@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Files of xacro, expanded in a process of their own.
+Expansion of xacro files in a separate process.
 
-The expressions in a file are Python, which nothing in the same process can end for certain. This
-process has limits for its memory and its time.
+The Python expressions in a file cannot be stopped reliably in the same process. The separate
+process has limits of memory and time.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ from opencv_tools.robot.xacro.expand import expand
 from opencv_tools.robot.xml.document import DescriptionError, display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
 
-# The modules are those of this process, wherever it has them from.
+# The process imports from the same folders as this one.
 _START = ('import sys; sys.path[:] = sys.argv[1:]; '
           'from opencv_tools.robot.xacro.process import main; main()')
-_REPLY = b'\0'  # after what else may have been written, by sitecustomize for example
+_REPLY = b'\0'  # begins the reply; other output, for example of sitecustomize, is before it
 
 
 @dataclass(frozen=True)
 class Limits:
     """
-    What the process may use.
+    Limits of the process.
 
-    :param memory: bytes, those of Python and its modules too.
-    :param seconds: of processor time.
-    :param wait: seconds until it has to be done, also where it waits for something.
-    :param grace: seconds beyond each, in which it can say where it was.
+    :param memory: address space in bytes, including Python and its modules.
+    :param seconds: processor time.
+    :param wait: elapsed time in seconds.
+    :param grace: seconds beyond both times in which the process can report its location.
     """
 
     memory: int = 1_500_000_000
@@ -60,29 +60,29 @@ class Limits:
     grace: int = 5
 
     def impose(self) -> None:
-        """Limit this process. Reaching a limit raises an `XacroProblem`."""
+        """Limit this process. It raises an `XacroProblem` when it reaches a limit of time."""
         signal.signal(signal.SIGXCPU, self._end)
         signal.signal(signal.SIGALRM, self._end)
         _restrict(resource.RLIMIT_CORE, 0)
         _restrict(resource.RLIMIT_AS, self.memory)
         _restrict(resource.RLIMIT_CPU, self.seconds, self.seconds + self.grace)
-        # Again and again: xacro goes on after some errors.
+        # The alarm repeats, because xacro continues after some errors.
         signal.setitimer(signal.ITIMER_REAL, self.wait, 1.0)
 
     def _end(self, number: int, _: FrameType | None) -> None:
-        raise XacroProblem(self.too_slow if number == signal.SIGXCPU else self.too_late)
+        raise XacroProblem(self.too_slow if number == signal.SIGXCPU else self.timeout)
 
     @property
     def too_slow(self) -> str:
-        """Return the message for too much processor time."""
-        return (f'takes more than {self.seconds} s of processor time to expand; look for an '
+        """Message for too much processor time."""
+        return (f'expansion needs more than {self.seconds} s of processor time; look for an '
                 'expression that does not end')
 
     @property
-    def too_late(self) -> str:
-        """Return the message for too long a wait."""
-        return (f'is not expanded after {self.wait:g} s; look for an expression that does not end '
-                'or a file that cannot be read')
+    def timeout(self) -> str:
+        """Message for too much elapsed time."""
+        return (f'expansion timed out after {self.wait:g} s; look for an expression that does not '
+                'end, or a file that cannot be read')
 
 
 LIMITS = Limits()
@@ -91,27 +91,27 @@ LIMITS = Limits()
 def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
                  limits: Limits = LIMITS) -> bytes:
     """
-    Expand a file of xacro as `expand` does, in a process of its own.
+    Expand a xacro file as `expand` does, in a separate process.
 
-    :param limits: of that process.
-    :raises DescriptionError: it cannot be expanded, or not within the limits.
+    :param limits: limits of the process.
+    :raises DescriptionError: the file cannot be expanded within the limits.
     """
     source = display_name(path)
     request = json.dumps({'path': path, 'arguments': dict(arguments), 'source': report.source,
                           'limits': asdict(limits)})
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable or 'python3', '-c', _START, *map(str, sys.path)],
             input=request.encode() + b'\n' + data, capture_output=True,
             timeout=limits.wait + limits.grace, check=False)
     except subprocess.TimeoutExpired as err:
-        raise DescriptionError(limits.too_late, source=source) from err
+        raise DescriptionError(limits.timeout, source=source) from err
     except OSError as err:
-        raise DescriptionError(f'cannot be expanded, no process can be started: {err.strerror}',
+        raise DescriptionError(f'cannot be expanded: no process can be started: {err.strerror}',
                                source=source) from err
-    _, begun, answer = done.stdout.partition(_REPLY)
-    if done.returncode or not begun:
-        raise DescriptionError(_why_ended(done, limits), source=source)
+    _, marker, answer = process.stdout.partition(_REPLY)
+    if process.returncode or not marker:
+        raise DescriptionError(_exit_reason(process, limits), source=source)
     head, _, expanded = answer.partition(b'\n')
     reply = json.loads(head)
     report.notes.extend(Note(**note) for note in reply['notes'])
@@ -120,29 +120,30 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     return expanded
 
 
-def _why_ended(done: subprocess.CompletedProcess[bytes], limits: Limits) -> str:
+def _exit_reason(process: subprocess.CompletedProcess[bytes], limits: Limits) -> str:
     """Return why the process ended without a reply."""
-    last = done.stderr.decode(errors='replace').strip().rpartition('\n')[2]
-    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    message = process.stderr.decode(errors='replace').strip().rpartition('\n')[2]
+    if process.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return limits.too_slow
-    if last.startswith('MemoryError'):
+    if message.startswith('MemoryError'):
         return TOO_LARGE
-    return f'cannot be expanded: {last[:200] or f"the process ended with {done.returncode}"}'
+    return 'cannot be expanded: ' + (
+        message[:200] or f'the process ended with exit status {process.returncode}')
 
 
-def _restrict(what: int, soft: int, hard: int | None = None) -> None:
-    """Lower a limit of this process; one that is lower already stays."""
-    _, most = resource.getrlimit(what)
+def _restrict(limit: int, soft: int, hard: int | None = None) -> None:
+    """Lower a limit of this process; a lower limit stays as it is."""
+    _, maximum = resource.getrlimit(limit)
     hard = soft if hard is None else hard
-    if most != resource.RLIM_INFINITY:
-        soft, hard = min(soft, most), min(hard, most)
-    with suppress(OSError, ValueError):  # not every system has every limit
-        resource.setrlimit(what, (soft, hard))
+    if maximum != resource.RLIM_INFINITY:
+        soft, hard = min(soft, maximum), min(hard, maximum)
+    with suppress(OSError, ValueError):  # some systems do not support every limit
+        resource.setrlimit(limit, (soft, hard))
 
 
 def main() -> None:
-    """Expand what standard input has, and write that, or what is wrong, to standard output."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent says what there is to say
+    """Expand the request on standard input, and write the reply to standard output."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent process reports Ctrl-C
     # Text that others print goes before the reply, or to standard error.
     sys.stdout.flush()
     output = os.dup(sys.stdout.fileno())

@@ -12,99 +12,104 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Numbers as the texts of XML have them."""
+"""Numbers in the texts of XML."""
 
 from __future__ import annotations
 
 import math
 import sys
 
-from opencv_tools.robot.model import UNLIMITED
-from opencv_tools.robot.pose import Vector
-from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.taken import Taken
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError
+
+# A limit of this magnitude or more means no limit, because URDF and older SDF have no infinity.
+UNLIMITED = 1e16
 
 
-def numbers(text: str | None, count: int, element: Element | Taken, what: str = ''
+def numbers(text: str | None, count: int, element: AnyElement, attribute: str = ''
             ) -> tuple[float, ...]:
     """
-    Read numbers that stand in a text.
+    Read finite numbers from a text.
 
-    :param count: how many there have to be.
-    :param what: the attribute that has them, for messages; empty for the text of the element.
-    :raises DescriptionError: there are others, or one is not a number, or not finite.
+    :param count: expected number of numbers.
+    :param element: element of the text, for messages.
+    :param attribute: attribute of the text, for messages; empty for the text of the element.
+    :raises DescriptionError: the text is not as many finite numbers.
     """
     try:
         values = tuple(map(_float, (text or '').split()))
     except ValueError:
         values = ()
     if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = 'a finite number' if count == 1 else f'{count} finite numbers'
-        subject = f'{what}=' if what else ''
-        raise DescriptionError(f'{subject}{quoted(text)} is not {wanted}', element)
+        expected = 'a finite number' if count == 1 else f'{count} finite numbers'
+        raise _error(text, expected, element, attribute)
     return values
 
 
-def number(text: str | None, element: Element | Taken, what: str = '') -> float:
+def number(text: str | None, element: AnyElement, attribute: str = '') -> float:
     """Read one number, as `numbers` does."""
-    return numbers(text, 1, element, what)[0]
+    return numbers(text, 1, element, attribute)[0]
 
 
-def vector(text: str | None, element: Element | Taken, what: str = '') -> Vector:
+def vector(text: str | None, element: AnyElement, attribute: str = ''
+           ) -> tuple[float, float, float]:
     """Read three numbers, as `numbers` does."""
-    x, y, z = numbers(text, 3, element, what)
+    x, y, z = numbers(text, 3, element, attribute)
     return x, y, z
 
 
-def limit_number(text: str | None, element: Element | Taken, what: str = '') -> float:
-    """Read a limit; one as large as `model.UNLIMITED` means none, which is infinite."""
+def limit_number(text: str | None, element: AnyElement, attribute: str = '') -> float:
+    """Read a limit; it is infinite from ``UNLIMITED`` on."""
     try:
         value = _float((text or '').strip())
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        subject = f'{what}=' if what else ''
-        raise DescriptionError(f'{subject}{quoted(text)} is not a number', element)
+        raise _error(text, 'a number', element, attribute)
     return math.copysign(math.inf, value) if abs(value) >= UNLIMITED else value
 
 
+def _error(text: str | None, expected: str, element: AnyElement, attribute: str
+           ) -> DescriptionError:
+    subject = f'{attribute}=' if attribute else ''
+    return DescriptionError(f'{subject}{quoted(text)} is not {expected}', element)
+
+
 def quoted(text: str | None) -> str:
-    """Quote a text in a message, the beginning of one that is long."""
+    """Return a text in quotation marks for a message, shortened if it is long."""
     text = (text or '').strip()
     return repr(text if len(text) <= 60 else f'{text[:57]}...')
 
 
 def _float(word: str) -> float:
-    """Read a number as C does: Python's digits of other scripts and underscores are none."""
+    """Read a number as C does, without the underscores and foreign digits of Python."""
     if '_' in word or not word.isascii():
         raise ValueError
     return float(word)
 
 
-def uncut(text: str, kept: str | None) -> str:
-    """
-    Return the colour that a writer cut to 0 and 1, unless someone changed it since.
+def clamped(color: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the components of a colour clamped to 0 and 1."""
+    return tuple(min(max(component, 0.0), 1.0) for component in color)
 
-    :param text: the colour as it stands there.
-    :param kept: the colour of before; None where it was not cut.
+
+def unclamped(text: str, original: str | None) -> str:
+    """
+    Return the original text of a colour that was clamped, unless the colour was changed since.
+
+    :param original: text before it was clamped; None if it was not clamped.
     """
     try:
-        values, before = (tuple(map(_float, words.split())) for words in (text, kept or ''))
+        color, before = (tuple(map(_float, words.split())) for words in (text, original or ''))
     except ValueError:
         return text
-    return kept if kept and values == cut(before) else text
-
-
-def cut(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Cut the parts of a colour to 0 and 1."""
-    return tuple(min(max(value, 0.0), 1.0) for value in values)
+    return original if original and color == clamped(before) else text
 
 
 def number_text(value: float) -> str:
     """
-    Write a number so that reading it gives the same one, a whole one without a point.
+    Return the text of a number that reads as the same number; an integer has no point.
 
-    Numbers so small that C++ cannot read them are 0.
+    Subnormal numbers become 0, because C++ cannot read them.
     """
     if abs(value) < sys.float_info.min:
         value = 0.0
@@ -112,5 +117,5 @@ def number_text(value: float) -> str:
 
 
 def numbers_text(values: tuple[float, ...]) -> str:
-    """Write numbers with spaces between them."""
+    """Return the texts of numbers with blanks between them."""
     return ' '.join(map(number_text, values))

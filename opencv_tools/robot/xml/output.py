@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files and standard output, written whole or not at all."""
+"""Atomic output to files and to standard output."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 import errno
 import os
 from pathlib import Path
@@ -30,44 +31,50 @@ _LONGEST_MESSAGE = 10_000  # characters
 
 
 class NotWrittenError(DescriptionError):
-    """A file, or standard output, that cannot be written."""
+    """A file, or standard output, cannot be written."""
 
     def __init__(self, path: str | None, err: OSError) -> None:
         super().__init__(f'cannot be written: {err.strerror}', source=path or '<stdout>')
 
 
-def write(path: str | None, data: bytes) -> None:
-    """Write a file whole or not at all, or to standard output where there is no path."""
-    write_all([(path, data)])
+@contextmanager
+def _not_written(path: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as err:
+        raise NotWrittenError(path, err) from err
 
 
 def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     """
-    Write several files, each as `write` does, or none of them.
+    Write several files atomically, or none of them.
 
-    :raises NotWrittenError: one cannot be written.
+    :param files: paths and contents. The path None or ``-`` is standard output.
+    :raises NotWrittenError: a file cannot be written.
     """
-    ready: list[tuple[str, Path, Path]] = []
+    streams: list[tuple[str, Path | None, bytes]] = []
+    ready: list[tuple[str, Path, Path]] = []  # path, temporary file, target
     try:
-        streams = []
         for path, data in files:
             target = None if path is None or path == '-' else Path(path).resolve()
             if path is None or target is None or _is_stream(target):
-                streams.append((path, data, target))
-            else:
-                ready.append((path, _beside(path, target, data), target))
-        # What is written there cannot be taken back, so that all else is ready by then.
-        for path, data, target in reversed(streams):
+                streams.append((path or '-', target, data))
+                continue
+            with _not_written(path):
+                if target.is_dir():
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+                ready.append((path, write_beside(target, data), target))
+        # Output to a stream cannot be undone, so all files are ready before it.
+        for path, target, data in reversed(streams):
             if target is None:
                 print_bytes(data)
             else:
-                _write_stream(path, target, data)
+                with _not_written(path):
+                    target.write_bytes(data)
         while ready:
             path, temporary, target = ready[0]
-            try:
+            with _not_written(path):
                 temporary.replace(target)
-            except OSError as err:
-                raise NotWrittenError(path, err) from err
             ready.pop(0)
     finally:
         for _, temporary, _ in ready:
@@ -75,28 +82,11 @@ def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
 
 
 def _is_stream(target: Path) -> bool:
-    """Return whether something is there that is no file, such as /dev/null or a pipe."""
+    """Return whether a path exists and is neither a file nor a folder, such as a pipe."""
     try:
         return target.exists() and not target.is_file() and not target.is_dir()
-    except OSError:  # writing a file there says why
+    except OSError:  # write_beside reports the error
         return False
-
-
-def _write_stream(path: str | None, target: Path, data: bytes) -> None:
-    try:
-        target.write_bytes(data)
-    except OSError as err:
-        raise NotWrittenError(path, err) from err
-
-
-def _beside(path: str, target: Path, data: bytes) -> Path:
-    """Write a temporary file where it can take the place of another one."""
-    try:
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        return write_beside(target, data)
-    except OSError as err:
-        raise NotWrittenError(path, err) from err
 
 
 def print_text(text: str) -> None:
@@ -112,12 +102,12 @@ def print_message(text: str) -> None:
 
 
 def print_bytes(data: bytes) -> None:
-    """Write to standard output, all of it or an error."""
+    """Write data to standard output, completely or with an error."""
     try:
-        write_buffer(sys.stdout.buffer, data)
+        write_buffer(sys.stdout.buffer, data)  # with PYTHONUNBUFFERED, write() may write a part
         sys.stdout.buffer.flush()
     except OSError as err:
-        # Nothing of it is left to be flushed at the exit.
+        # Otherwise Python would write the buffer again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(err, BrokenPipeError):
             raise

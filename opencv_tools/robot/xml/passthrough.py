@@ -12,115 +12,117 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a reader did not take of an element: carried in the other format, and put back."""
+"""
+XML that a reader does not consume, preserved for the conversion back.
+
+What only URDF can express has the prefix ``urdf`` in SDF. What only SDF can express has the prefix
+``sdf`` in URDF. Unread XML is in an element ``<preserved:urdf>`` or ``<preserved:sdf>``.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from lxml import etree
-from opencv_tools.robot.model import Robot
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import detached, PART, Taken, TEXT
+from opencv_tools.robot.xml.tracked import detached, PARTLY_READ, TEXT_READ, TrackedElement
 
-# What a writer notes for the reader of the way back has the namespace of the format that it is
-# about. What was not read is in an element of a namespace of its own, in the words of its format.
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
-# The name that a thing had before it was renamed is a note, too.
-_NAME = f'{{{URDF_NAMESPACE}}}name'
+# The name that an element has in URDF, if SDF does not allow it.
+URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
+_OTHER_FORMAT = {'urdf': 'SDF', 'sdf': 'URDF'}
 
 
-def restore(element: Element, rest: Element | None, *, marked: bool = False) -> None:
+def merge_unread(element: Element, unread: Element | None, *, marked: bool = False) -> None:
     """
-    Put back into an element what `Taken.rest` left of it.
+    Add unread XML to an element of the same format.
 
-    :param element: the element as it was written from what was read; it is changed.
-    :param marked: whether ``PART`` stays, because the element is to be carried itself.
+    :param element: element that was written from the model; it is changed.
+    :param unread: result of `TrackedElement.unread`.
+    :param marked: whether to keep ``PARTLY_READ``, because the element is itself preserved.
     """
-    if rest is None:
+    if unread is None:
         return
     written = {child.tag: child for child in reversed(element)}
-    if rest.text and not element.text:
-        element.text = rest.text
-    for name, value in rest.attrib.items():
-        if name != PART:
+    if unread.text and not element.text:
+        element.text = unread.text
+    for name, value in unread.attrib.items():
+        if name != PARTLY_READ:
             element.set(name, value)
-    for part in rest:
-        target = written.get(part.tag) if PART in part.attrib else None
-        if target is None and part.get(PART) == TEXT:
-            continue  # what has no text any more has no attributes
-        if target is None:
-            copy = detached(part)
+    for child in unread:
+        target = written.get(child.tag) if PARTLY_READ in child.attrib else None
+        if target is not None:
+            merge_unread(target, child, marked=marked)
+        elif child.get(PARTLY_READ) != TEXT_READ:  # an element whose text is gone is left out
+            copy = detached(child)
             if not marked:
-                etree.strip_attributes(copy, PART)
+                etree.strip_attributes(copy, PARTLY_READ)
             element.append(copy)
-        else:
-            restore(target, part, marked=marked)
 
 
-def carry(element: Element, rest: Element | None, language: str, report: Report, name: str,
-          line: int) -> None:
+def embed_foreign(element: Element, unread: Element | None, origin: str, report: Report,
+                  name: str, line: int) -> None:
     """
-    Put into an element what only the other format has a word for.
+    Add unread XML of the other format to an element, inside ``<preserved:...>``.
 
-    :param element: the element as it was written from what was read; it is changed.
-    :param language: the format that has the words, ``urdf`` or ``sdf``.
-    :param name: the name of the thing, for the report.
+    :param element: element that was written from the model; it is changed.
+    :param unread: result of `TrackedElement.unread`.
+    :param origin: the format of the unread XML, ``urdf`` or ``sdf``.
+    :param name: name of the element, for the report.
+    :param line: line of the element, for the report.
     """
-    if rest is None:
+    if unread is None:
         return
-    copy = detached(rest)
-    copy.tag = f'{{{_PRESERVED}}}{language}'
-    if language == 'urdf' and 'name' in copy.attrib:
-        element.set(_NAME, copy.attrib.pop('name'))
+    copy = detached(unread)
+    copy.tag = f'{{{_PRESERVED}}}{origin}'
+    if origin == 'urdf' and 'name' in copy.attrib:
+        element.set(URDF_NAME, copy.attrib.pop('name'))
     if not len(copy) and not copy.attrib and not copy.text:
         return
     element.append(copy)
-    other = 'SDF' if language == 'urdf' else 'URDF'
-    for tag in (*(f'@{etree.QName(name).localname}' for name in copy.attrib),
+    for tag in (*(f'@{etree.QName(key).localname}' for key in copy.attrib),
                 *map(local_name, copy)):
-        report.preserve(tag, name, line,
-                        f'not supported by {other}; preserved in <preserved:{language}>')
+        report.preserve(tag, name, line, f'not supported by {_OTHER_FORMAT[origin]}; preserved in '
+                        f'<preserved:{origin}>')
 
 
-def carried(taken: Taken, language: str) -> Element | None:
+def extract_foreign(element: TrackedElement, origin: str) -> Element | None:
     """
-    Take from an element what `carry` put there.
+    Read what `embed_foreign` added to an element.
 
-    :returns: an element of the same tag; None where nothing is carried.
+    :param origin: the format of the unread XML, ``urdf`` or ``sdf``.
+    :returns: an element with the tag of the element; None if nothing was added.
     """
-    own = taken.get(_NAME) if language == 'urdf' else None
-    found = taken.first(f'{{{_PRESERVED}}}{language}')
-    if found is None and own is None:
+    name = element.get(URDF_NAME) if origin == 'urdf' else None
+    preserved = element.take_first(f'{{{_PRESERVED}}}{origin}')
+    if preserved is None and name is None:
         return None
-    tag = local_name(taken)
-    rest = etree.Element(tag) if found is None else detached(found.element)
-    rest.tag = tag
-    if own is not None:
-        rest.set('name', own)
-    return rest
+    tag = local_name(element)
+    unread = etree.Element(tag) if preserved is None else detached(preserved.element)
+    unread.tag = tag
+    if name is not None:
+        unread.set('name', name)
+    return unread
 
 
-def note_preserved(report: Report, prefix: str, name: str, line: int, tag: str) -> None:
-    """Note what is in the namespace of the one format that has a word for it."""
-    other = 'SDF' if prefix == 'urdf' else 'URDF'
-    kept = f'attribute {prefix}:{tag[1:]}' if tag.startswith('@') else f'<{prefix}:{tag}>'
-    report.preserve(tag, name, line, f'not supported by {other}; preserved as {kept}')
+def report_preserved(report: Report, origin: str, name: str, line: int, tag: str) -> None:
+    """Report an element or an ``@attribute`` in the namespace of the only format that has it."""
+    kept = f'attribute {origin}:{tag[1:]}' if tag.startswith('@') else f'<{origin}:{tag}>'
+    report.preserve(tag, name, line,
+                    f'not supported by {_OTHER_FORMAT[origin]}; preserved as {kept}')
 
 
-def prefixes(robot: Robot, own: str) -> dict[str | None, str]:
+def namespaces(elements: Iterable[Element], origin: str) -> dict[str | None, str]:
     """
-    Collect the namespaces that what is carried was written with.
+    Return the namespaces of a document that is written, by prefix.
 
-    :param own: the prefix of what the writer notes.
+    :param elements: unread elements in the document, whose namespaces are kept.
+    :param origin: the format that is not the one of the document, ``urdf`` or ``sdf``.
     """
-    things = [robot, *(thing for _, thing in robot.framed()), *(
-        shape for link in robot.links for shape in (*link.visuals, *link.collisions))]
-    found: dict[str, str] = {}
-    for thing in things:
-        for rest in (thing.extension.urdf, thing.extension.sdf):
-            if rest is not None:
-                found.update((prefix, uri) for prefix, uri in rest.nsmap.items() if prefix)
-    return {**dict(sorted(found.items())), own: PREFIXES[own], 'preserved': _PRESERVED}
+    found = {prefix: uri for element in elements for prefix, uri in element.nsmap.items()
+             if prefix}
+    return {**dict(sorted(found.items())), origin: PREFIXES[origin], 'preserved': _PRESERVED}

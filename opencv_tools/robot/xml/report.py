@@ -12,43 +12,41 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a conversion could not say in the other format, and what it kept for the way back."""
+"""Report of a conversion: what was preserved for the conversion back, and what was lossy."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-PRESERVED = 'preserved'  # kept in a namespace of its own; the way back restores it
-LOSSY = 'lossy'  # means something else now, or is gone
+PRESERVED = 'preserved'  # kept in a namespace of its own; the conversion back restores it
+LOSSY = 'lossy'  # changed or lost
 
 
-class Line(int):
+class SourceLine(int):
     """
-    A line that knows its file, for robots that are read from several.
+    Number of a line in a known file, for robots that are read from several files.
 
-    :param source: the name of the file; empty when that is not known.
+    :param source: name of the file; empty if it is unknown.
     """
 
     source: str
 
-    def __new__(cls, line: int, source: str = '') -> Line:
+    def __new__(cls, line: int, source: str = '') -> SourceLine:
         new = super().__new__(cls, line)
         new.source = source
         return new
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Note:
     """
-    One thing that a conversion did beyond writing the same in other words.
+    A change that a conversion made to an element.
 
-    :param level: ``carried`` or ``reported``.
-    :param source: the file that it was found in.
-    :param element: its tag.
-    :param name: of the element, or of what it is in; empty when neither has one.
-    :param line: in the file it comes from; 0 when that is not known.
-    :param message: a sentence.
+    :param level: ``PRESERVED`` or ``LOSSY``.
+    :param element: tag of the element.
+    :param name: name of the element or of its nearest owner; empty if neither has a name.
+    :param line: line in the file; 0 if it is unknown.
     """
 
     level: str
@@ -59,42 +57,43 @@ class Note:
     message: str
 
     def text(self) -> str:
-        """Give the note as a line of a terminal."""
-        place = f'{self.source}:{self.line}' if self.line else self.source
+        """Return the note as one line of text."""
+        location = f'{self.source}:{self.line}' if self.line else self.source
         name = f' {self.name!r}' if self.name else ''
-        return f'{place}: <{self.element}>{name}: {self.message}'
+        return f'{location}: <{self.element}>{name}: {self.message}'
 
 
 @dataclass
 class Report:
     """
-    The notes of one conversion, in the order in which they were made.
+    Notes of one conversion, in the order in which they were made.
 
-    :param source: the file that is being read.
+    :param source: the file that is read.
     """
 
     source: str = ''
     notes: list[Note] = field(default_factory=list)
 
     def preserve(self, element: str, name: str, line: int, message: str) -> None:
-        """Note what was kept in a namespace of its own."""
-        self._note(PRESERVED, element, name, line, message)
+        """Add a note about an element that is preserved."""
+        self._add(PRESERVED, element, name, line, message)
 
     def warn(self, element: str, name: str, line: int, message: str) -> None:
-        """Note what means something else now, or is gone."""
-        self._note(LOSSY, element, name, line, message)
+        """Add a note about an element that is changed or lost."""
+        self._add(LOSSY, element, name, line, message)
 
-    def _note(self, level: str, element: str, name: str, line: int, message: str) -> None:
-        source = line.source if isinstance(line, Line) else ''
-        self.notes.append(Note(level, source or self.source, element, name, int(line), message))
+    def _add(self, level: str, element: str, name: str, line: int, message: str) -> None:
+        source = line.source if isinstance(line, SourceLine) else ''
+        self.notes.append(Note(level=level, source=source or self.source, element=element,
+                               name=name, line=int(line), message=message))
 
     @property
     def warnings(self) -> list[Note]:
-        """Give what means something else now, or is gone."""
+        """All notes about elements that are changed or lost."""
         return [note for note in self.notes if note.level == LOSSY]
 
     def as_json(self) -> dict[str, Any]:
-        """Give both lists as JSON has them."""
+        """Return the notes as JSON, in one list for each level."""
         return {level: [{key: value for key, value in asdict(note).items() if key != 'level'}
                         for note in self.notes if note.level == level]
                 for level in (LOSSY, PRESERVED)}

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Elements of SDF that other modules have to know by name."""
+"""Elements of URDF and SDF that several modules need."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-# Moments of inertia, in the order in which they are kept.
+# Moments and products of inertia, in the order of the model.
 INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
-# What Gazebo takes from <gazebo> and <gazebo reference> as it is. In URDF that is where these
-# elements of SDF belong, and in SDF they stand in the model, the link and the joint themselves.
+# Elements of SDF that Gazebo copies from <gazebo> and <gazebo reference> into the model, the link
+# or the joint. The converter moves them between these places.
 GAZEBO: Mapping[str, frozenset[str]] = {
     'model': frozenset({
         'allow_auto_disable', 'enable_wind', 'plugin', 'self_collide', 'static'}),
@@ -32,5 +32,5 @@ GAZEBO: Mapping[str, frozenset[str]] = {
         'velocity_decay'}),
     'joint': frozenset({'sensor'}),
 }
-# Those of a link that have a pose of their own, in its frame where they do not say otherwise.
+# Elements of a link that have a pose, by default in the frame of the link.
 POSED = frozenset({'audio_source', 'light', 'particle_emitter', 'projector', 'sensor'})

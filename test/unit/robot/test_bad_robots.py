@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is no robot, or is made to do harm: one line, exit status 2, at once, nothing written."""
+"""Invalid and hostile input: one line, exit status 2, limited time, and no output."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots' / 'urdf'
-# Seconds of processor time, thirty times what it takes: how fast the machine is must not decide.
-AT_ONCE = 15.0
+# Processor time in seconds, thirty times the usual, so that a slow machine does not fail.
+MAX_SECONDS = 15.0
 SECRET = 'not for everyone'
 DEEP = 10_000
 
@@ -41,7 +41,7 @@ XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 
 def _bomb(document: str) -> str:
-    """Begin a document with entities that would become a gigabyte."""
+    """Return the beginning of a document with entities that expand to a gigabyte."""
     declared = [f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 10)]
     return '\n'.join([f'<!DOCTYPE {document} [', '<!ENTITY e0 "ha">', *declared, ']>', ''])
 
@@ -65,8 +65,8 @@ class Bad:
     """
     A file that is refused.
 
-    :param words: in the message.
-    :param others: files beside it.
+    :param words: parts of the message.
+    :param others: names and contents of files in the same folder.
     """
 
     data: str | bytes
@@ -75,8 +75,8 @@ class Bad:
     others: tuple[tuple[str, str], ...] = ()
 
 
-# By a process each, because it would be the process that suffers.
-HARMFUL = {
+# Files that could use up memory or time; each is read in a process of its own.
+HOSTILE = {
     'entity bomb in URDF': Bad(URDF_BOMB, ('robot.urdf:2: ', '<!ENTITY>')),
     'entity bomb in UTF-16': Bad(
         '<?xml version="1.0" encoding="UTF-16"?>'.encode('utf-16') + URDF_BOMB.encode('utf-16-le'),
@@ -108,7 +108,7 @@ HARMFUL = {
         (('b.xacro', f'<robot {XACRO}><xacro:include filename="a.xacro"/></robot>'),)),
     'SDF that includes itself by way of another file': Bad(
         '<sdf version="1.8"><model name="a"><include><uri>b.sdf</uri></include></model></sdf>',
-        ('includes itself',), 'a.sdf',
+        ('include cycle', 'a.sdf -> '), 'a.sdf',
         (('b.sdf', '<sdf version="1.8"><model name="b">\n<include><uri>a.sdf</uri></include>'
                    '</model></sdf>'),)),
     'includes that double with every file': Bad(
@@ -119,13 +119,13 @@ HARMFUL = {
             ('30.sdf', '<sdf version="1.8"><model name="m"><link name="a"/></model></sdf>'))),
 }
 
-# What an entity would bring in must not be seen.
+# Files with entities whose content must not be read.
 READS_FILES = {
     'external entity': Bad(EXTERNAL, ('entit',)),
     'external entity in xacro': Bad(EXTERNAL.replace('{more}', XACRO), ('entit',)),
     'entity in an attribute in UTF-16': Bad(
         '<!DOCTYPE robot [<!ENTITY name "arm">]><robot name="&name;"><link name="base"/></robot>'
-        .encode('utf-16'), ('entities are not read',)),
+        .encode('utf-16'), ('entity declarations are not supported',)),
     'external entity in UTF-16': Bad(EXTERNAL.encode('utf-16'), ()),
     'external entity in UTF-16 in xacro': Bad(
         EXTERNAL.replace('{more}', XACRO).encode('utf-16'), ('entit',)),
@@ -133,8 +133,8 @@ READS_FILES = {
     'DTD of its own': Bad(EXTERNAL_DTD, ()),
 }
 
-# In this process: they are merely wrong.
-WRONG = {
+# Files that are only invalid; they are read in this process.
+INVALID = {
     'not UTF-8': Bad(b'<robot name="\xff\xfe\xfa">\n<link name="base"/></robot>', (
         'not well-formed XML',)),
     'a picture': Bad(b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR', ('not well-formed XML',)),
@@ -186,11 +186,11 @@ def _process(*arguments: str) -> list[str]:
 
 
 def _refused(command: str, path: Path, output: Path) -> str:
-    """Run a command that refuses its input, and give its message."""
+    """Run a command that refuses its input, and return its message."""
     before = _children_time()
     done = subprocess.run(_process(command, str(path), '-o', str(output)), cwd=ROOT,
                           capture_output=True, text=True, timeout=DEADLINE)
-    assert _children_time() - before < AT_ONCE
+    assert _children_time() - before < MAX_SECONDS
     assert done.returncode == 2, done.stderr
     assert done.stdout == ''
     assert not output.exists()
@@ -211,8 +211,8 @@ def _one_line(message: str, command: str) -> str:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('bad', HARMFUL.values(), ids=HARMFUL.keys())
-def test_what_would_do_harm(bad: Bad, tmp_path: Path) -> None:
+@pytest.mark.parametrize('bad', HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_files(bad: Bad, tmp_path: Path) -> None:
     path = _written(bad, tmp_path)
     message = _refused(_name(path), path, tmp_path / 'output')
     for words in bad.words:
@@ -220,7 +220,7 @@ def test_what_would_do_harm(bad: Bad, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('bad', READS_FILES.values(), ids=READS_FILES.keys())
-def test_files_that_entities_name_are_not_read(
+def test_external_entities_are_not_read(
         bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     secret = tmp_path / 'secret'
     secret.write_text(SECRET)
@@ -239,8 +239,8 @@ def test_files_that_entities_name_are_not_read(
             assert words in _one_line(message, 'urdf_to_sdf')
 
 
-@pytest.mark.parametrize('bad', WRONG.values(), ids=WRONG.keys())
-def test_what_is_no_robot(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize('bad', INVALID.values(), ids=INVALID.keys())
+def test_invalid_files(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path, output = _written(bad, tmp_path), tmp_path / 'output'
     output.write_text('from before')
     command = {'sdf_to_urdf': sdf_to_urdf, 'urdf_to_sdf': urdf_to_sdf}[_name(path)]
@@ -255,8 +255,7 @@ def test_what_is_no_robot(bad: Bad, tmp_path: Path, capfd: pytest.CaptureFixture
     assert sorted(tmp_path.iterdir()) == sorted([path, output])
 
 
-def test_names_of_files_are_shown_as_they_are(tmp_path: Path,
-                                              capfd: pytest.CaptureFixture[str]) -> None:
+def test_file_names_in_messages(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'a b%20ü.urdf'
     path.write_text('<robot name="r"><link/></robot>')
     assert urdf_to_sdf([str(path)]) == 2
@@ -264,8 +263,9 @@ def test_names_of_files_are_shown_as_they_are(tmp_path: Path,
 
 
 @pytest.mark.parametrize('command', [urdf_to_sdf, sdf_to_urdf, robot_frames])
-def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path,
-                             capfd: pytest.CaptureFixture[str]) -> None:
+def test_unreadable_paths(
+        command: Callable[[list[str]], int], tmp_path: Path,
+        capfd: pytest.CaptureFixture[str]) -> None:
     pipe, text = tmp_path / 'pipe', tmp_path / 'text'
     os.mkfifo(pipe)
     text.touch()
@@ -283,23 +283,21 @@ def test_what_cannot_be_read(command: Callable[[list[str]], int], tmp_path: Path
 
 
 @pytest.mark.parametrize(('uri', 'instead'), [
-    ('https://example.com/a.urdf', 'download the file and name it'),
-    ('package://arm/urdf/a.urdf', 'name the file, $(ros2 pkg prefix --share arm)/urdf/a.urdf'),
-    ('model://arm', 'name the file or the folder of the model'),
-    ('file:///home/a.urdf', 'name the file, /home/a.urdf')])
-def test_what_is_no_file_but_a_uri(uri: str, instead: str, capfd: pytest.CaptureFixture[str]
-                                   ) -> None:
+    ('https://example.com/a.urdf', 'download the file and give its path'),
+    ('package://arm/urdf/a.urdf', 'give the path $(ros2 pkg prefix --share arm)/urdf/a.urdf'),
+    ('model://arm', 'give the path of the file or of the model folder'),
+    ('file:///home/a.urdf', 'give the path /home/a.urdf')])
+def test_uris_are_not_read(uri: str, instead: str, capfd: pytest.CaptureFixture[str]) -> None:
     for command in (urdf_to_sdf, sdf_to_urdf, robot_frames):
         assert command([uri]) == 2
         scheme = uri.partition(':')[0]
         assert _one_line(capfd.readouterr().err, command.__name__) == (
-            f'{command.__name__}: error: {uri}: cannot be read: only files are read, and this is '
-            f'a URI of {scheme}:; {instead}\n')
+            f'{command.__name__}: error: {uri}: cannot be read: URIs of {scheme}: '
+            f'are not supported; {instead}\n')
 
 
 @pytest.mark.parametrize('folder', ['/dev/fd', '/proc/self/fd'])
-def test_what_the_shell_has_opened_is_read(folder: str, capfd: pytest.CaptureFixture[str]
-                                           ) -> None:
+def test_files_that_the_shell_opened(folder: str, capfd: pytest.CaptureFixture[str]) -> None:
     reading, writing = os.pipe()
     os.write(writing, b'<robot name="a"><link name="b"/></robot>')
     os.close(writing)
@@ -310,8 +308,8 @@ def test_what_the_shell_has_opened_is_read(folder: str, capfd: pytest.CaptureFix
     assert '<link name="b">' in capfd.readouterr().out
 
 
-def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]
-                                           ) -> None:
+def test_comparison_with_an_unreadable_file(
+        tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     fine, none = str(ROBOTS / 'ok_arm.urdf'), str(tmp_path / 'none.urdf')
     for arguments in ([fine, none], [none, fine]):
         assert robot_compare(arguments) == 2
@@ -319,13 +317,13 @@ def test_either_of_two_that_cannot_be_read(tmp_path: Path, capfd: pytest.Capture
 
 
 @pytest.mark.process
-def test_what_has_no_end() -> None:
+def test_endless_device() -> None:
     message = _refused('urdf_to_sdf', Path('/dev/zero'), Path('/nowhere/output'))
     assert '/dev/zero' in message
 
 
 @pytest.mark.process
-def test_sixty_megabytes_of_dashes_take_little_memory(tmp_path: Path) -> None:
+def test_memory_for_many_dashes_in_comments(tmp_path: Path) -> None:
     path = tmp_path / 'robot.sdf'
     with path.open('wb') as file:
         file.write(b'<sdf version="1.6">\n')
@@ -346,8 +344,7 @@ def test_sixty_megabytes_of_dashes_take_little_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('output', ['none/output.sdf', 'file/output.sdf', '.'])
-def test_where_nothing_can_be_written(output: str, tmp_path: Path,
-                                      capfd: pytest.CaptureFixture[str]) -> None:
+def test_unwritable_output(output: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'file').touch()
     target = tmp_path / output
     assert urdf_to_sdf([str(ROBOTS / 'ok_arm.urdf'), '-o', str(target)]) == 2
@@ -358,13 +355,13 @@ def test_where_nothing_can_be_written(output: str, tmp_path: Path,
     assert list(tmp_path.iterdir()) == [tmp_path / 'file']
 
 
-# Without a buffer a write may write a part only; with one, what failed is tried again at the end.
+# An unbuffered write can be partial. A buffered write that fails is repeated at exit.
 BUFFERS = pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
 
 
 @pytest.mark.process
 @BUFFERS
-def test_a_disk_that_is_full(unbuffered: str) -> None:
+def test_full_disk(unbuffered: str) -> None:
     with Path('/dev/full').open('wb') as full:
         done = subprocess.run(_process('urdf_to_sdf', str(ROBOTS / 'ok_arm.urdf')), cwd=ROOT,
                               stdout=full, stderr=subprocess.PIPE, text=True, timeout=30,
@@ -375,8 +372,8 @@ def test_a_disk_that_is_full(unbuffered: str) -> None:
 
 @pytest.mark.process
 @BUFFERS
-def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
-    # More than a pipe takes, so that it is written to when nobody reads any more.
+def test_closed_pipe(unbuffered: str, tmp_path: Path) -> None:
+    # The output is larger than a pipe, so the command still writes when the pipe is closed.
     links = ''.join(f'<link name="{"a" * 100}{n}"/>' for n in range(2000))
     joints = ''.join(
         f'<joint name="{n}" type="fixed"><parent link="{"a" * 100}0"/>'
@@ -394,7 +391,7 @@ def test_readers_that_have_seen_enough(unbuffered: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_control_c_while_xacro_expands(tmp_path: Path) -> None:
+def test_ctrl_c_during_the_expansion_of_xacro(tmp_path: Path) -> None:
     path = tmp_path / 'robot.urdf.xacro'
     path.write_text(f'<robot name="a" {XACRO}><link name="${{9**9**9}}"/></robot>')
     command = ['env', '--default-signal=INT', *_process('urdf_to_sdf', str(path))]
@@ -404,14 +401,14 @@ def test_control_c_while_xacro_expands(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=30) == (b'', b'')
     assert process.returncode == 128 + signal.SIGINT
-    # It would go on for 20 s of processor time otherwise.
+    # The limit of 20 s of processor time must not be what ends it.
     while (used := _used(child)) is not None:
         assert used < 10
         time.sleep(0.01)
 
 
 def _used(pid: str) -> float | None:
-    """Return the seconds of processor time that a process has used, None where it has ended."""
+    """Return the processor time of a process in seconds, or None if it has ended."""
     fields = _stat(pid)
     if fields[0] in 'ZX':
         return None
@@ -419,7 +416,7 @@ def _used(pid: str) -> float | None:
 
 
 def _stat(pid: str) -> list[str]:
-    """Return what is known of a process, from its state on, which is Z where it has ended."""
+    """Return the fields of /proc/pid/stat from the state on; the state is Z after the end."""
     try:
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     except (FileNotFoundError, ProcessLookupError):
@@ -427,36 +424,36 @@ def _stat(pid: str) -> list[str]:
 
 
 def _child_of(pid: int) -> str:
-    """Wait until a process has started another one, and sleeps."""
+    """Return the child of a process, when it has started and the process sleeps."""
     end = time.monotonic() + 30
     while not (children := [path.name for path in Path('/proc').glob('[0-9]*')
                             if _stat(path.name)[1:2] == [f'{pid}']]):
         assert time.monotonic() < end
         time.sleep(0.01)
-    _wait_until_it_waits(pid)
+    _wait_until_asleep(pid)
     return children[0]
 
 
 @pytest.mark.process
-def test_control_c() -> None:
-    # What a shell starts in the background does not heed Ctrl-C, nor does what that starts.
+def test_ctrl_c() -> None:
+    # Background processes of a shell ignore SIGINT, and so do their children.
     command = ['env', '--default-signal=INT', *_process('urdf_to_sdf', '-')]
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE) as process:
         assert process.stdin
-        # What is more than a pipe takes is written when it is being read.
+        # More data than a pipe holds is only written after the process reads.
         process.stdin.write(bytes(1_000_000))
         process.stdin.flush()
-        # Python sees a signal that comes just before it waits only when the wait is over.
-        _wait_until_it_waits(process.pid)
+        # Python handles a signal that arrives just before a wait only after the wait.
+        _wait_until_asleep(process.pid)
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 128 + signal.SIGINT
         assert process.stdout and process.stderr
         assert (process.stdout.read(), process.stderr.read()) == (b'', b'')
 
 
-def _wait_until_it_waits(pid: int) -> None:
-    """Wait until a process sleeps, as one does that reads what is not there yet."""
+def _wait_until_asleep(pid: int) -> None:
+    """Wait until a process sleeps, for example while it waits for input."""
     end = time.monotonic() + 30
     while _stat(f'{pid}')[0] != 'S':
         assert time.monotonic() < end

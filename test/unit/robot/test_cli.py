@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The commands for robots: what they read and write, what they say, and their exit status."""
+"""Commands for robots: input, output, messages and exit status."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def forest(tmp_path: Path) -> str:
 
 
 @pytest.mark.process
-def test_they_are_a_pipe() -> None:
+def test_conversion_in_a_pipe() -> None:
     command = [sys.executable, '-m', 'opencv_tools.robot.cli']
     there = subprocess.run([*command, 'urdf_to_sdf', '-'], input=MY_ROBOT.read_bytes(),
                            capture_output=True, check=True, timeout=30)
@@ -77,7 +77,7 @@ def test_they_are_a_pipe() -> None:
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
 
 
-def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: Text) -> None:
+def test_warnings_and_report(arm: str, tmp_path: Path, capsys: Text) -> None:
     report = tmp_path / 'report.json'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / 'arm.sdf'), '--report', str(report)]) == 0
     out, err = capsys.readouterr()
@@ -94,7 +94,7 @@ def test_what_is_reported_is_said_and_listed(arm: str, tmp_path: Path, capsys: T
 
 
 @pytest.mark.parametrize('report', ['no/report.json', '.', '/dev/full'])
-def test_nothing_is_written_where_the_report_cannot_be(
+def test_no_output_with_an_unwritable_report(
         report: str, arm: str, tmp_path: Path, capfd: Text) -> None:
     output = tmp_path / 'out.sdf'
     for arguments in (['-o', str(output)], []):
@@ -109,7 +109,7 @@ def test_nothing_is_written_where_the_report_cannot_be(
 
 
 @pytest.mark.parametrize('output', ['no/out.sdf', '.', '/dev/full'])
-def test_no_report_is_written_where_the_output_cannot_be(
+def test_no_report_with_an_unwritable_output(
         output: str, arm: str, tmp_path: Path, capfd: Text) -> None:
     report = tmp_path / 'report.json'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / output), '--report', str(report)]) == 2
@@ -117,7 +117,7 @@ def test_no_report_is_written_where_the_output_cannot_be(
     assert [path.name for path in tmp_path.iterdir()] == ['arm.urdf']
 
 
-def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> None:
+def test_report_of_gazebo_elements(tmp_path: Path) -> None:
     path = tmp_path / 'robot.urdf'
     path.write_text('<robot name="r"><link name="a"/>\n<gazebo reference="a"><sensor name="s" '
                     'type="imu"/>\n<mu1>1</mu1></gazebo>\n<gazebo><plugin name="p" filename="f"/>'
@@ -130,19 +130,19 @@ def test_what_goes_to_gazebo_and_comes_from_there_is_listed(tmp_path: Path) -> N
 
     assert urdf_to_sdf([str(path), '-o', there, '--report', str(report)]) == 0
     *moved, kept = carried()
-    assert moved == [('sensor', 'a', 2, 'out of <gazebo>; SDF has it in the link itself'),
-                     ('plugin', 'r', 4, 'out of <gazebo>; SDF has it in the model itself')]
+    assert moved == [('sensor', 'a', 2, 'moved from <gazebo> into the link'),
+                     ('plugin', 'r', 4, 'moved from <gazebo> into the model')]
     assert kept[:3] == ('gazebo', 'r', 0)
     lines = Path(there).read_text().splitlines()
     assert sdf_to_urdf([there, '-o', str(path), '--report', str(report)]) == 0
-    word = 'URDF has no word for it; kept in <gazebo>, which Gazebo reads'
+    word = 'not supported by URDF; preserved in <gazebo>'
     assert [(*note[:2], note[3]) for note in carried()] == [
         ('plugin', 'r', word), ('sensor', 'a', word)]
     assert ['<plugin' in lines[carried()[0][2] - 1], '<sensor' in lines[carried()[1][2] - 1]
             ] == [True, True]
 
 
-def test_a_model_is_named_by_its_folder(tmp_path: Path, capsys: Text) -> None:
+def test_model_folder_as_input(tmp_path: Path, capsys: Text) -> None:
     folder, config = str(MODEL.parent), str(MODEL.parent / 'model.config')
     assert robot_compare([folder, config]) == robot_compare([folder, str(MODEL)]) == 0
     assert robot_frames([folder]) == 0
@@ -152,10 +152,10 @@ def test_a_model_is_named_by_its_folder(tmp_path: Path, capsys: Text) -> None:
         assert json.loads(report.read_text())['input'] == str(MODEL)
     capsys.readouterr()
     assert urdf_to_sdf([folder]) == 2
-    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is SDF already\n'
+    assert capsys.readouterr().err == f'urdf_to_sdf: error: {MODEL}: is already SDF\n'
 
 
-def test_a_comparison_counts_and_lists_the_differences(tmp_path: Path, capsys: Text) -> None:
+def test_list_and_number_of_differences(tmp_path: Path, capsys: Text) -> None:
     one, other = tmp_path / 'one.urdf', tmp_path / 'other.urdf'
     for path, count in ((one, 1), (other, 61)):
         path.write_text('<robot name="r"><link name="a"/>' + ''.join(
@@ -171,7 +171,7 @@ def test_a_comparison_counts_and_lists_the_differences(tmp_path: Path, capsys: T
     assert lines[-1] == '120 differences'
 
 
-def test_strict_fails_where_something_was_reported(arm: str, tmp_path: Path) -> None:
+def test_exit_status_with_strict(arm: str, tmp_path: Path) -> None:
     output = tmp_path / 'out.sdf'
     assert urdf_to_sdf([arm, '-o', str(output), '--strict']) == 1
     assert output.exists()
@@ -180,7 +180,7 @@ def test_strict_fails_where_something_was_reported(arm: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(('choice', 'mass'), [('keep', None), ('zero', '0'), ('default', '1')])
-def test_inertial(choice: str, mass: str | None, tmp_path: Path) -> None:
+def test_inertial_option(choice: str, mass: str | None, tmp_path: Path) -> None:
     output = tmp_path / 'out.sdf'
     assert urdf_to_sdf([str(MY_ROBOT), '-o', str(output), '--inertial', choice]) == 0
     links = ElementTree.parse(output).findall('model/link')
@@ -190,12 +190,12 @@ def test_inertial(choice: str, mass: str | None, tmp_path: Path) -> None:
 @pytest.mark.parametrize(('choice', 'uri'), [
     ('model', 'model://opencv_tools/'), ('package', 'package://opencv_tools/'),
     ('keep', 'package://opencv_tools/')])
-def test_mesh_uri(choice: str, uri: str, capsys: Text) -> None:
+def test_mesh_uri_option(choice: str, uri: str, capsys: Text) -> None:
     assert urdf_to_sdf([str(MY_ROBOT), '--mesh-uri', choice]) == 0
     assert f'<uri>{uri}meshes/my_robot/robot_base.stl</uri>' in capsys.readouterr().out
 
 
-def test_names_come_back(arm: str, tmp_path: Path, capsys: Text) -> None:
+def test_name_round_trip(arm: str, tmp_path: Path, capsys: Text) -> None:
     there, back = str(tmp_path / 'arm.sdf'), str(tmp_path / 'back.urdf')
     assert urdf_to_sdf([arm, '-o', there]) == 0
     assert '"left__tip"' in Path(there).read_text()
@@ -207,7 +207,7 @@ def test_names_come_back(arm: str, tmp_path: Path, capsys: Text) -> None:
     assert 'base_footprint' in capsys.readouterr().out
 
 
-def test_one_of_several_models_and_roots_is_chosen(forest: str, capsys: Text) -> None:
+def test_model_and_root_options(forest: str, capsys: Text) -> None:
     assert sdf_to_urdf([forest]) == 2
     assert '--model' in capsys.readouterr().err
     assert sdf_to_urdf([forest, '--model', 'oak']) == 2
@@ -222,11 +222,11 @@ def test_one_of_several_models_and_roots_is_chosen(forest: str, capsys: Text) ->
     assert "'acorn'" in capsys.readouterr().err
 
 
-def test_what_is_written_is_whole_or_not_there(arm: str, tmp_path: Path, capsys: Text) -> None:
+def test_atomic_output(arm: str, tmp_path: Path, capsys: Text) -> None:
     output = tmp_path / 'out.sdf'
     output.write_text('precious')
     assert urdf_to_sdf([str(MODEL), '-o', str(output)]) == 2
-    assert 'is SDF already' in capsys.readouterr().err
+    assert 'is already SDF' in capsys.readouterr().err
     assert output.read_text() == 'precious'
     assert urdf_to_sdf([arm, '-o', str(tmp_path / 'no' / 'such.sdf')]) == 2
     assert 'cannot be written: No such file' in capsys.readouterr().err
@@ -237,14 +237,14 @@ def test_what_is_written_is_whole_or_not_there(arm: str, tmp_path: Path, capsys:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['arm.urdf', 'link.sdf', 'out.sdf']
 
 
-def test_a_file_can_be_converted_where_it_is(arm: str) -> None:
+def test_conversion_in_place(arm: str) -> None:
     assert urdf_to_sdf([arm, '-o', arm]) == 0
     assert sdf_to_urdf([arm, '-o', arm]) == 0
     assert '<robot' in Path(arm).read_text()
 
 
 @pytest.mark.parametrize('version', ['1.4', '1.5', '1.6', '1.7', '1.8', '1.9', '1.10', '1.12'])
-def test_each_version_says_the_same(version: str, tmp_path: Path) -> None:
+def test_every_sdf_version(version: str, tmp_path: Path) -> None:
     output = str(tmp_path / 'out.sdf')
     assert urdf_to_sdf([str(MY_ROBOT), '-o', output, '--sdf-version', version]) == 0
     assert f'version="{version}"' in Path(output).read_text()
@@ -254,7 +254,7 @@ def test_each_version_says_the_same(version: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize('arguments', [
     ['--sdf-version', '1.13'], ['--sdf-version', 'new'], ['--sdf-version', '1.6', '--poses',
                                                           'relative']])
-def test_versions_that_cannot_be_written(arguments: list[str], capsys: Text) -> None:
+def test_unsupported_sdf_versions(arguments: list[str], capsys: Text) -> None:
     assert urdf_to_sdf([str(MY_ROBOT), *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == '' and len(err.splitlines()) == 1
@@ -270,7 +270,7 @@ def test_usage_errors(arguments: list[str], capsys: Text) -> None:
     assert 'usage: urdf_to_sdf' in capsys.readouterr().err
 
 
-def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
+def test_xacro_arguments(tmp_path: Path, capsys: Text) -> None:
     path = tmp_path / 'arm.urdf.xacro'
     path.write_text('<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
                     '<xacro:arg name="size" default="1"/><xacro:arg name="name" default="base"/>'
@@ -282,7 +282,7 @@ def test_arguments_of_xacro(tmp_path: Path, capsys: Text) -> None:
         assert urdf_to_sdf([str(path), '--arg', argument]) == 0
         assert written in capsys.readouterr().out
     assert urdf_to_sdf([str(path), '--arg', 'sise:=0.25']) == 0
-    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is no argument of this file, "
+    assert (f"urdf_to_sdf: warning: {path}: <xacro:arg> 'sise': is not an argument of this file, "
             "which has 'name', 'size'; it is ignored\n") in capsys.readouterr().err
     assert urdf_to_sdf([str(XACRO), '--arg', 'size=1']) == 0
     assert 'which has none; it is ignored' in capsys.readouterr().err
@@ -300,7 +300,7 @@ def test_frames_as_json(capsys: Text) -> None:
     assert listing['links']['base_link']['collisions'][0]['pose'][2] == pytest.approx(0.05)
 
 
-def test_control_characters_of_names_are_escaped(tmp_path: Path, capsys: Text) -> None:
+def test_escaped_control_characters(tmp_path: Path, capsys: Text) -> None:
     path = tmp_path / 'red.urdf'
     link = '<link name="a&#x9b;31m"/>'  # what some terminals take for the beginning of a command
     for links, status in ((link, 0), (2 * link, 2)):
@@ -321,20 +321,20 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
         assert robot_frames([str(path), '--joint', position, '--format', 'json']) == 0
         assert json.loads(capsys.readouterr().out)['links']['b']['pose'][:3] == [0, 0, 0.5]
     assert robot_frames([str(path), '--joint', 'down=0.5']) == 2
-    assert "'down'; the movable joints are 'up'\n" in capsys.readouterr().err
+    assert "'down' does not exist; the movable joints are 'up'\n" in capsys.readouterr().err
     for wrong in ('up=nan', 'up', '=1', ':=1'):
         with pytest.raises(SystemExit):
             robot_frames([str(path), '--joint', wrong])
 
 
-def test_the_picture_is_beside_the_text(tmp_path: Path, capsys: Text) -> None:
+def test_plot_beside_the_list(tmp_path: Path, capsys: Text) -> None:
     picture = tmp_path / 'frames.svg'
     assert robot_frames([str(MODEL), '--plot', str(picture)]) == 0
     assert 'base_link' in capsys.readouterr().out
     assert b'<svg' in picture.read_bytes()
 
 
-def test_standard_input_is_read_once(monkeypatch: pytest.MonkeyPatch, capsys: Text) -> None:
+def test_standard_input_of_a_comparison(monkeypatch: pytest.MonkeyPatch, capsys: Text) -> None:
     monkeypatch.setattr(sys, 'stdin', TextIOWrapper(BytesIO(MY_ROBOT.read_bytes())))
     assert robot_compare(['-', '-']) == 2
     assert 'standard input' in capsys.readouterr().err

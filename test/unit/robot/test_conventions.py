@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The picture of both conventions, and the room that texts have in all pictures of robots."""
+"""Picture of both conventions, and the layout of texts in all pictures of robots."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 import numpy as np
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
-from opencv_tools.robot.frames import conventions, plot
-from opencv_tools.robot.frames.drawing import numbers
-from opencv_tools.robot.frames.figures import DPI
+from opencv_tools.robot.drawing import conventions, plot
+from opencv_tools.robot.drawing.figure import DPI
+from opencv_tools.robot.drawing.primitives import pose_text
 from opencv_tools.robot.frames.listing import frames
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot
@@ -39,7 +39,7 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 
 ROOT = Path(__file__).parents[3]
-# The joints are not where their links are; the second one's parent is such a link.
+# Both joints are away from their links.
 SHIFTED = """<sdf version="1.9"><model name="shifted"><link name="base"/>
 <link name="arm"><pose>0.5 0 0.3 0 0 0</pose></link>
 <link name="hand"><pose>0.5 0 0.7 0 0 0</pose></link>
@@ -55,14 +55,14 @@ LIMB = (('shoulder_pitch', 0.1, 0.24), ('shoulder_roll', 0.05, -0.01),
 
 
 def limb(side: str, body: str, at: float) -> list[tuple[str, str, Vector]]:
-    """Return the links of a limb: each with its parent and where it is there."""
+    """Return the links of a limb, each with its parent link and position."""
     names = [body, *(f'{side}_{body}_{part}_link' for part, _, _ in LIMB)]
     return [(name, parent, (0.0, at * y, z))
             for name, parent, (_, y, z) in zip(names[1:], names, LIMB)]
 
 
 def thirty() -> Robot:
-    """Build a tall robot of 30 links with long names, as humanoids have them."""
+    """Create a tall robot of 30 links with long names, similar to a humanoid."""
     parts = [('pelvis', 'base_footprint', (0.0, 0.0, 0.9)), ('torso', 'pelvis', (0.0, 0.0, 0.1)),
              ('head', 'torso', (0.0, 0.0, 0.45)), ('imu', 'torso', (-0.04, 0.0, 0.15)),
              ('camera', 'head', (0.05, 0.0, 0.1))]
@@ -78,7 +78,7 @@ def thirty() -> Robot:
 
 
 def short() -> Robot:
-    """Build a robot with names that are shorter than the headings of the picture."""
+    """Create a robot with names shorter than the headings of the picture."""
     return Robot('r', (Link('a', Placement(Pose(), MODEL)), Link(
         'b', Placement(Pose(), FrameId('joint', 'j')))), (Joint('j', 'fixed', 'a', 'b', Placement(
             Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
@@ -114,7 +114,7 @@ def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
 
 
 def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
-    """Return all texts that a figure draws, each with the rectangle of its pixels."""
+    """Return all texts that a figure draws, each with its bounding box in pixels."""
     found = []
 
     def draw(self: Any, renderer: Any) -> None:
@@ -130,7 +130,7 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
 
 
 @PICTURES
-def test_texts_are_in_the_picture_and_apart(
+def test_texts_inside_the_picture_without_overlaps(
         name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
     robot = ROBOTS[name]
     names = [link.name for link in robot.links] + [joint.name for joint in robot.joints]
@@ -148,7 +148,7 @@ def test_texts_are_in_the_picture_and_apart(
 
 
 @pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
-def test_the_view_in_space_fills_its_part_of_the_picture(name: str) -> None:
+def test_space_view_filling_its_cell(name: str) -> None:
     figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
     view, renderer = figure.axes[0], figure.canvas.get_renderer()
     assert not any(one.get_clip_on() for one in view.collections)
@@ -176,7 +176,7 @@ def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]
 
 
 def entries(axes: Any) -> dict[str, str]:
-    """Return what stands below each bold line of the columns of a panel."""
+    """Return the numbers below each title in the columns of a panel."""
     texts = [one for one in axes.texts if type(one) is Text]
     assert [one.get_fontsize() for one in texts[:2]] == [12, 9]  # the headings
     found: dict[str, str] = {}
@@ -197,10 +197,10 @@ NAMES = dict.fromkeys(['base_link', 'upper_arm', 'forearm', 'tool'], '')
 
 
 @pytest.mark.parametrize('name', ['my_arm', 'my_arm.sdf'])
-def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
+def test_origins_in_urdf_and_link_poses_in_sdf(name: str) -> None:
     urdf, sdf = panels(ROBOTS[name])
-    assert urdf.texts[0].get_text() == 'URDF: joints are placed'
-    assert sdf.texts[0].get_text() == 'SDF: links are placed'
+    assert urdf.texts[0].get_text() == 'URDF places joints'
+    assert sdf.texts[0].get_text() == 'SDF places links'
     assert entries(urdf) == NAMES | ORIGINS
     assert entries(sdf) == {
         'frame of the model': '', 'base_link': 'xyz 0 0 0  rpy 0 0 0',
@@ -208,7 +208,7 @@ def test_urdf_has_origins_and_sdf_has_poses_of_links(name: str) -> None:
         'tool': 'xyz 0 0 0.85  rpy 0 0 0'}
 
 
-def test_origins_stay_and_links_are_moved() -> None:
+def test_fixed_origins_and_moved_links() -> None:
     urdf, sdf = panels(ROBOTS['my_arm'], MOVED['my_arm'])
     assert [text.get_text() for text in urdf.figure.texts] == [
         'robot my_arm at elbow=0.5, slide=0.1']
@@ -222,17 +222,17 @@ def test_origins_stay_and_links_are_moved() -> None:
     assert found['tool, moved'] == 'xyz 0.2157 0 0.8949  rpy 0 0.5 0'
 
 
-def test_joints_that_are_not_at_their_links(shifted: Robot) -> None:
+def test_joints_away_from_their_links(shifted: Robot) -> None:
     urdf, sdf = panels(shifted)
     found = entries(urdf)
     assert found['hinge (revolute)'] == 'in base\nxyz 0.2 0 0.3  rpy 0 0 0'
-    # In URDF the arm is where its joint is, so the wrist is seen from there.
+    # In URDF, the frame of the arm is the frame of its joint.
     root = convert_to_urdf(shifted, Report())
     origin = root.find('joint[@name="wrist"]/origin')
     assert isinstance(origin, etree._Element)
     xyz = [float(value) for value in origin.get('xyz', '').split()]
     assert xyz == pytest.approx([0.3, 0.0, 0.15])
-    assert found['wrist (prismatic)'] == f'in arm\n{numbers(xyz, (0.0, 0.0, 0.0), "  ")}'
+    assert found['wrist (prismatic)'] == f'in arm\n{pose_text(xyz, (0.0, 0.0, 0.0), "  ")}'
     assert entries(sdf) == {
         'frame of the model': '', 'base': 'xyz 0 0 0  rpy 0 0 0',
         'arm': 'xyz 0.5 0 0.3  rpy 0 0 0', 'hand': 'xyz 0.5 0 0.7  rpy 0 0 0',
@@ -242,13 +242,13 @@ def test_joints_that_are_not_at_their_links(shifted: Robot) -> None:
 
 
 def arrows(axes: Any) -> list[tuple[Any, Any]]:
-    """Return from where to where the arrows of a panel go, in inches."""
+    """Return the starts and ends of the arrows of a panel in inches."""
     return [(one.xyann, one.xy) for one in axes.texts
             if (getattr(one, 'arrowprops', None) or {}).get('arrowstyle') == '-|>']
 
 
 def seen(*points: Vector) -> list[tuple[float, float]]:
-    """Return points as an eye at 55 degrees to the right and 22 above sees them."""
+    """Return the projections of points for a viewer 55 degrees to the right and 22 above."""
     right = (math.sin(math.radians(55)), math.cos(math.radians(55)), 0.0)
     low, high = math.sin(math.radians(22)), math.cos(math.radians(22))
     up = (-low * right[1], low * right[0], high)
@@ -256,7 +256,7 @@ def seen(*points: Vector) -> list[tuple[float, float]]:
              math.fsum(a * b for a, b in zip(up, point))) for point in points]
 
 
-def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Robot) -> None:
+def test_arrows_to_joints_and_to_links(shifted: Robot) -> None:
     urdf, sdf = panels(shifted)
     base, hinge, wrist, arm, hand = seen(
         (0.0, 0.0, 0.0), (0.2, 0.0, 0.3), (0.5, 0.0, 0.45), (0.5, 0.0, 0.3), (0.5, 0.0, 0.7))
@@ -274,12 +274,12 @@ def test_arrows_go_from_links_to_joints_and_from_the_model_to_links(shifted: Rob
         for got, point in zip(zip(*joints.get_data()), (hinge, wrist), strict=True):
             assert (got[0] - x, got[1] - y) == pytest.approx(
                 (scale * point[0], scale * point[1]), abs=1e-9)
-    # Both panels show the robot at one scale.
+    # Both panels have the same scale.
     assert math.dist(*arrows(urdf)[0]) / math.dist(base, hinge) == pytest.approx(
         math.dist(*arrows(sdf)[0]) / math.dist(base, arm))
 
 
-def test_each_text_has_a_line_to_its_point() -> None:
+def test_lines_from_texts_to_points() -> None:
     for axes in panels(ROBOTS['thirty']):
         count = len(entries(axes))
         leaders = [line for line in axes.lines if line.get_color() == '#bbbbbb']
@@ -290,7 +290,7 @@ def test_each_text_has_a_line_to_its_point() -> None:
         assert len(points) == 29 and set(points) <= set(ends)
 
 
-def test_robots_of_many_links_have_numbers_of_some() -> None:
+def test_maximum_number_of_entries() -> None:
     names = [f'link_{index}' for index in range(70)]
     robot = Robot('many', (Link(names[0], Placement(Pose(), MODEL)), *(
         Link(name, Placement(Pose(), FrameId('joint', name))) for name in names[1:])), tuple(
@@ -311,6 +311,6 @@ def test_shipped_picture(
     assert 'joint elbow (revolute)' in capsys.readouterr().out
     assert 10_000 < shipped.stat().st_size < 100_000
     one, other = imread(shipped), imread(made)
-    # Other versions of matplotlib draw texts a little wider or smaller.
+    # Text sizes differ slightly between versions of matplotlib.
     assert one.shape[:2] == pytest.approx(other.shape[:2], rel=0.05)
     assert one.shape[1] / DPI > 8

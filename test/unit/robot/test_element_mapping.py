@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Every row of docs/element_mapping.md is true, and no element of either format is missing.
+Each row of docs/element_mapping.md, and all elements of both formats.
 
-Each element is put into a robot, with nothing else that is not needed for it. That robot is
-converted there and back, and so is the same one without the element.
+Each element is added to a small robot. The robots with and without the element are converted to
+the other format and back.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Element = etree._Element
 TABLES = Path(__file__).parents[3] / 'docs' / 'element_mapping.md'
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
 CONVERTED = 'converted'
-FATES = {CONVERTED, PRESERVED, LOSSY}
+OUTCOMES = {CONVERTED, PRESERVED, LOSSY}
 
 MASS = {
     'urdf': '<inertial><mass value="1"/>'
@@ -55,8 +55,8 @@ MASS = {
     'sdf': '<inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>'
            '</inertial>',
 }
-# Paths go into the last of several links and joints: into the arm and the elbow.
-WHOLE = {
+# A path leads to the last of several links and joints: to the arm and the elbow.
+SMALL_ROBOTS = {
     'urdf': f"""
 <robot name="robot">
   <link name="body">{MASS['urdf']}</link>
@@ -95,8 +95,8 @@ WHOLE = {
 </sdf>""",
 }
 
-# What has to be in an element for it to be one, by the end of its path; all others begin empty.
-FILLED = {
+# Minimal contents of an element, by the end of its path; all other elements are empty.
+CONTENTS = {
     'urdf': {
         'visual': '<visual><geometry><sphere radius="1"/></geometry></visual>',
         'collision': '<collision><geometry><sphere radius="1"/></geometry></collision>',
@@ -147,8 +147,8 @@ FILLED = {
     },
 }
 
-# What an element says, by the end of its path; all others say 0.25.
-SAID = {
+# Text of an element or attribute, by the end of its path; the default is 0.25.
+TEXTS = {
     'urdf': {
         '@name': 'else', '@xyz': '0.6 0 0.8', '@rpy': '0.1 0.2 0.3', '@size': '1 2 3',
         '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
@@ -179,7 +179,7 @@ SAID = {
     },
 }
 
-# What comes back with the same meaning in other numbers.
+# Elements that are restored with the same meaning but other numbers.
 REWRITTEN = re.compile(
     r'model/@placement_frame|model/frame/pose|model/joint/axis2/(xyz|mimic)')
 
@@ -189,12 +189,12 @@ class Row:
     """
     A row of a table.
 
-    :param paths: what it is about, one by one.
-    :param fates: a part of ``FATES``.
+    :param paths: the paths of the row, without alternatives.
+    :param outcomes: a subset of ``OUTCOMES``.
     """
 
     paths: tuple[str, ...]
-    fates: frozenset[str]
+    outcomes: frozenset[str]
     text: str
 
 
@@ -203,9 +203,9 @@ def _rows(language: str) -> list[Row]:
     heading = {'urdf': 'element of URDF', 'sdf': 'element of SDF'}[language]
     table = TABLES.read_text().split(f'| {heading} |')[1].split('\n\n')[0]
     for line in table.splitlines()[2:]:
-        first, fates, _ = (cell.strip() for cell in line.strip('|').split('|', 2))
+        first, outcomes, _ = (cell.strip() for cell in line.strip('|').split('|', 2))
         rows.append(Row(tuple(_alternatives(first.strip('`'))),
-                        frozenset(fates.split(', ')), line))
+                        frozenset(outcomes.split(', ')), line))
     return rows
 
 
@@ -214,82 +214,82 @@ def _alternatives(text: str) -> Iterator[str]:
     return map(''.join, itertools.product(*parts))
 
 
-ROWS = {language: _rows(language) for language in WHOLE}
+ROWS = {language: _rows(language) for language in SMALL_ROBOTS}
 LISTED = {language: [line for line in (ROBOTS / f'{language}_elements.txt').read_text().split('\n')
-                     if line and not line.startswith('#')] for language in WHOLE}
+                     if line and not line.startswith('#')] for language in SMALL_ROBOTS}
 
 
 def _row(language: str, path: str) -> Row | None:
-    """Find the row that a path belongs to: its own, or the longest that has all that is inside."""
+    """Return the row of a path: its own, or the longest that includes it by ``/**``."""
     best: tuple[int, bool, Row] | None = None
     for row in ROWS[language]:
-        for one in row.paths:
-            stem = one.removesuffix('/**')
-            fits = path == stem or (stem != one and path.startswith(f'{stem}/'))
-            if fits and (best is None or (len(stem), path == one) > best[:2]):
-                best = len(stem), path == one, row
+        for pattern in row.paths:
+            stem = pattern.removesuffix('/**')
+            fits = path == stem or (stem != pattern and path.startswith(f'{stem}/'))
+            if fits and (best is None or (len(stem), path == pattern) > best[:2]):
+                best = len(stem), path == pattern, row
     return best[2] if best else None
 
 
-PATHS = [(language, path) for language in WHOLE
+PATHS = [(language, path) for language in SMALL_ROBOTS
          for path in dict.fromkeys([*LISTED[language], *(
              one.removesuffix('/**') for row in ROWS[language] for one in row.paths)])]
 
 
-def test_the_tables_can_be_read() -> None:
+def test_format_of_the_tables() -> None:
     for language, rows in ROWS.items():
         assert len(rows) > 50
         paths = [path for row in rows for path in row.paths]
         assert len(set(paths)) == len(paths), 'an element has two rows'
         for row in rows:
-            assert row.fates <= FATES and row.fates, row.text
+            assert row.outcomes <= OUTCOMES and row.outcomes, row.text
             for path in row.paths:
                 stem = path.removesuffix('/**')
                 assert any(f'{one}/'.startswith(f'{stem}/') for one in LISTED[language]), row.text
 
 
-@pytest.mark.parametrize('language', WHOLE)
-def test_every_element_has_a_row(language: str) -> None:
+@pytest.mark.parametrize('language', SMALL_ROBOTS)
+def test_row_of_every_element(language: str) -> None:
     assert [path for path in LISTED[language] if _row(language, path) is None] == []
 
 
-def test_what_gazebo_takes_is_in_the_tables() -> None:
+def test_rows_of_elements_in_gazebo() -> None:
     for owner, tags in GAZEBO.items():
         path = 'model' if owner == 'model' else f'model/{owner}'
         for tag in tags - {'plugin'}:
             row = _row('sdf', f'{path}/{tag}')
-            assert row and row.fates == {PRESERVED} and '<gazebo' in row.text
+            assert row and row.outcomes == {PRESERVED} and '<gazebo' in row.text
 
 
 @pytest.mark.parametrize(('language', 'path'), PATHS)
-def test_every_row_is_true(language: str, path: str) -> None:
+def test_conversion_of_every_element(language: str, path: str) -> None:
     row = _row(language, path)
     assert row is not None
     with_it, without = _built(language, path), _built(language, _above(language, path, row))
     same = etree.tostring(with_it, method='c14n') == etree.tostring(without, method='c14n')
     there, report = _converted(language, with_it)
-    _check_way_back(language, path, row, with_it, there)
-    if same:  # there is no robot without it
+    _check_round_trip(language, path, row, with_it, there)
+    if same:  # the element is required
         return
     bare, bare_report = _converted(language, without)
     plain = _plain(language, there) != _plain(language, bare)
-    if CONVERTED in row.fates:
+    if CONVERTED in row.outcomes:
         assert plain, 'makes no difference to the other format'
-    elif row.fates == {PRESERVED}:
+    elif row.outcomes == {PRESERVED}:
         assert not plain, 'makes a difference to the other format'
-    kept, kept_before = _kept(language, there), _kept(language, bare)
-    if PRESERVED in row.fates:
-        assert kept != kept_before, 'is not preserved'
+    kept, kept_without = _preserved(language, there), _preserved(language, bare)
+    if PRESERVED in row.outcomes:
+        assert kept != kept_without, 'is not preserved'
         assert path.endswith('@name') or _notes(report, PRESERVED)
     else:
         name = path.rpartition('/')[2].lstrip('@')
-        assert kept[name] == kept_before[name], 'is preserved'
+        assert kept[name] == kept_without[name], 'is preserved'
     reported = _notes(report, LOSSY) - _notes(bare_report, LOSSY)
-    assert bool(reported) == (LOSSY in row.fates), reported
+    assert bool(reported) == (LOSSY in row.outcomes), reported
 
 
 def _above(language: str, path: str, row: Row) -> str:
-    """Give the path to what an element is in, which the same row says nothing about."""
+    """Return the nearest enclosing path with another row."""
     while '/' in path and _row(language, path) == row:
         path = path.rpartition('/')[0]
     return path
@@ -301,8 +301,8 @@ def _by_end(table: Mapping[str, str], path: str) -> str | None:
 
 
 def _built(language: str, path: str) -> Element:
-    """Build a robot that has what a path leads to."""
-    root = etree.fromstring(WHOLE[language], etree.XMLParser(remove_blank_text=True))
+    """Build a robot with the element of a path."""
+    root = etree.fromstring(SMALL_ROBOTS[language], etree.XMLParser(remove_blank_text=True))
     element = top = root if language == 'urdf' else root[0]
     steps = path.split('/')[1:]
     if 'axis2' in steps:
@@ -313,17 +313,17 @@ def _built(language: str, path: str) -> Element:
     for step in steps:
         done += f'/{step}'
         if step.startswith('@'):
-            _set(element, step, str(_by_end(SAID[language], done) or '0.25'), done, top)
+            _set(element, step, str(_by_end(TEXTS[language], done) or '0.25'), done, top)
             break
         element = _child(language, element, step, done)
     else:
         inside = any(one.startswith(f'{path}/') for one in LISTED[language])
-        text = _by_end(SAID[language], path)
+        text = _by_end(TEXTS[language], path)
         if text or not (len(element) or element.attrib or inside):
             element.text = text or '0.25'
-    if path.endswith('gazebo/static'):  # which is said of the whole robot
+    if path.endswith('gazebo/static'):  # applies to the whole robot
         del top.findall('gazebo')[-1].attrib['reference']
-    _fasten(top)
+    _connect_nested_models(top)
     return root
 
 
@@ -333,14 +333,14 @@ def _child(language: str, element: Element, step: str, done: str) -> Element:
         return found[-1]
     if element.tag == 'geometry':
         element.clear()
-    filled = _by_end(FILLED[language], done)
+    filled = _by_end(CONTENTS[language], done)
     child = etree.fromstring(filled) if filled else etree.Element(step)
     element.append(child)
     return child
 
 
 def _set(element: Element, step: str, value: str, path: str, top: Element) -> None:
-    if path.endswith('/link/@name'):  # and who names the link
+    if path.endswith('/link/@name'):  # and its references
         for end in top.findall('joint')[-1].findall('child'):
             end.text = value if end.text else None
             if end.get('link'):
@@ -350,8 +350,8 @@ def _set(element: Element, step: str, value: str, path: str, top: Element) -> No
         element.text = '1 2 3 0 0 0.6 0.8'
 
 
-def _fasten(top: Element) -> None:
-    """Fasten what a model inside the model has to the other links."""
+def _connect_nested_models(top: Element) -> None:
+    """Connect the links of nested models to the other links."""
     for inner in (*top.findall('include'), *top.findall('model')):
         name = inner.findtext('name') or inner.get('name') or 'camera'
         joint = etree.SubElement(top, 'joint', name='mount', type='fixed')
@@ -375,7 +375,7 @@ def _converted(language: str, root: Element) -> tuple[Element, Report]:
     return convert_to_urdf(robot, report), report
 
 
-def _check_way_back(language: str, path: str, row: Row, root: Element, there: Element) -> None:
+def _check_round_trip(language: str, path: str, row: Row, root: Element, there: Element) -> None:
     other = 'sdf' if language == 'urdf' else 'urdf'
     back, _ = _converted(other, there)
     original, restored = (_read(language, one, Report()) for one in (root, back))
@@ -385,14 +385,14 @@ def _check_way_back(language: str, path: str, row: Row, root: Element, there: El
             names = ([thing.name for thing in getattr(robot, kind)]
                      for robot in (original, restored))
             assert next(names) == next(names)
-    if row.fates & {PRESERVED} and CONVERTED not in row.fates and not REWRITTEN.search(path):
+    if row.outcomes & {PRESERVED} and CONVERTED not in row.outcomes and not REWRITTEN.search(path):
         top = (root, back) if language == 'urdf' else (root[0], back[0])
         assert _at(top[0], path)
         assert set(_at(top[0], path)) <= set(_at(top[1], path)), 'is not restored'
 
 
 def _at(top: Element, path: str) -> list[str]:
-    """Give what stands at a path, in all elements that it leads to."""
+    """Return the values of all elements or attributes at a path."""
     inside, _, attribute = '/'.join(['.', *path.split('/')[1:]]).partition('/@')
     found = top.findall(inside)
     if attribute:
@@ -401,7 +401,7 @@ def _at(top: Element, path: str) -> list[str]:
 
 
 def _stripped(element: Element) -> Element:
-    """Copy an element without blanks around its texts."""
+    """Copy an element without white space around its texts."""
     copy = deepcopy(element)
     copy.tail = None
     for inner in copy.iter():
@@ -411,34 +411,34 @@ def _stripped(element: Element) -> Element:
     return copy
 
 
-def _is_kept(language: str, name: str) -> bool:
-    """Tell whether what has this name is for the format that was read."""
+def _is_preserved(language: str, name: str) -> bool:
+    """Return whether a name belongs to the format that was read."""
     namespaces = (f'{{{PREFIXES[prefix]}}}' for prefix in (language, 'preserved'))
     return name.startswith(tuple(namespaces)) or (language == 'sdf' and name == 'gazebo')
 
 
 def _plain(language: str, root: Element) -> str:
-    """Give a converted robot without what is carried."""
+    """Return a converted robot without the preserved parts."""
     copy = _stripped(root)
     for element in list(copy.iter()):
         holder = element.getparent()
-        if holder is not None and _is_kept(language, str(element.tag)):
+        if holder is not None and _is_preserved(language, str(element.tag)):
             holder.remove(element)
         for name in list(element.attrib):
-            if _is_kept(language, str(name)):
+            if _is_preserved(language, str(name)):
                 del element.attrib[name]
     etree.cleanup_namespaces(copy)
     return etree.tostring(copy, method='c14n').decode()
 
 
-def _kept(language: str, root: Element) -> Counter[str]:
-    """Count what is carried in a converted robot, by name and by what it says."""
+def _preserved(language: str, root: Element) -> Counter[str]:
+    """Count the preserved parts of a converted robot, by name and by value."""
     found: Counter[str] = Counter()
     for element in root.iter():
         above = (element, *element.iterancestors())
-        inside = any(_is_kept(language, str(one.tag)) for one in above)
+        inside = any(_is_preserved(language, str(one.tag)) for one in above)
         entries = [(str(name), str(value)) for name, value in element.attrib.items()
-                   if inside or _is_kept(language, str(name))]
+                   if inside or _is_preserved(language, str(name))]
         if inside:
             entries.append((str(element.tag), (element.text or '').strip()))
         for name, value in entries:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Each file in data/robots becomes what its name says, and what its comments say."""
+"""Fixtures in data/robots: outcomes by their names, and facts by their comments."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Extension, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.taken import PART
+from opencv_tools.robot.xml.tracked import PARTLY_READ
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]
 Text = pytest.CaptureFixture[str]
-# Of what is preserved: whose it is, the tags that lead to it, its attributes and its text.
+# A preserved element: owner, path of tags, attributes and text.
 Entry = tuple[str, tuple[str, ...], tuple[tuple[str, str], ...], str]
 
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots'
@@ -50,32 +50,32 @@ FINE = [name for name in FIXTURES if name.startswith('ok_')]
 TUTORIAL = [name for name in FIXTURES if name.startswith('tutorial_')]
 CONVERTED = [*WARNINGS, *FINE, *TUTORIAL]
 
-# A file with nothing in it has no comment either.
-SAID_HERE = {'error_empty.urdf': ['not well-formed XML']}
+# Expected messages of an empty file, which has no comments.
+EXPECTED = {'error_empty.urdf': ['not well-formed XML']}
 
-# What is in a link that moved with its joint's frame has its pose computed there and back.
+# The conversion moves the link frame, so poses in it are computed there and back.
 COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
 
-# What breaks a rule of SDF or URDF is mended, so that it does not come back as it was.
-MENDED = {'ok_contact_of_a_visuals_name.sdf', 'warning_materials_of_one_name.sdf',
-          'warning_version_of_urdf.sdf'}
+# The conversion corrects what breaks a rule of the format, so it is not restored.
+CORRECTED = {'ok_contact_of_a_visuals_name.sdf', 'warning_duplicate_material_name.sdf',
+             'warning_version_of_urdf.sdf'}
 
-# What the independent check cannot judge, and why.
-NOT_JUDGED = {
-    'ok_axis_not_of_length_1.urdf': 'yourdfpy moves a prismatic joint by its axis as it is',
-    'ok_capsule.urdf': 'yourdfpy knows no capsules',
-    'ok_shapes.sdf': 'yourdfpy knows no capsules',
-    'ok_mimic_of_a_mimic.urdf': 'yourdfpy takes a mimic of a mimic for 0',
-    'warning_capsule_without_length.sdf': 'yourdfpy knows no capsules',
-    'warning_geometry_empty.urdf': 'yourdfpy wants a geometry',
-    'warning_geometry_unknown.urdf': 'yourdfpy knows no ellipsoids',
-    'warning_visual_without_geometry.urdf': 'yourdfpy wants a geometry',
+# Fixtures that yourdfpy cannot check, and the reason.
+NOT_IN_YOURDFPY = {
+    'ok_axis_not_of_length_1.urdf': 'yourdfpy does not normalise the axis of a prismatic joint',
+    'ok_capsule.urdf': 'yourdfpy does not support capsules',
+    'ok_shapes.sdf': 'yourdfpy does not support capsules',
+    'ok_mimic_of_a_mimic.urdf': 'yourdfpy reads the position of a mimic of a mimic as 0',
+    'warning_capsule_without_length.sdf': 'yourdfpy does not support capsules',
+    'warning_geometry_empty.urdf': 'yourdfpy requires a geometry',
+    'warning_geometry_unknown.urdf': 'yourdfpy does not support ellipsoids',
+    'warning_visual_without_geometry.urdf': 'yourdfpy requires a geometry',
 }
 
 
 def _expected(name: str) -> list[str]:
     found = re.search(r'<!-- expect: (.*?) -->', _text(name))
-    return found[1].split('; ') if found else SAID_HERE[name]
+    return found[1].split('; ') if found else EXPECTED[name]
 
 
 def _expected_line(name: str) -> int:
@@ -108,7 +108,7 @@ Ways = Callable[[str], tuple[Path, Path]]
 
 @pytest.fixture(scope='module')
 def ways(tmp_path_factory: pytest.TempPathFactory) -> Ways:
-    """Give the file in the other format that a fixture becomes, and the one on the way back."""
+    """Return a function that converts a fixture, and converts the result back."""
     return functools.cache(lambda name: _convert(name, tmp_path_factory.mktemp('ways')))
 
 
@@ -120,7 +120,7 @@ def _convert(name: str, folder: Path, options: Sequence[str] = ()) -> tuple[Path
     return there, back
 
 
-def test_there_are_enough_fixtures() -> None:
+def test_number_of_fixtures() -> None:
     assert len(ERRORS) >= 60
     assert len(WARNINGS) >= 20
     assert len(FINE) >= 60
@@ -158,13 +158,13 @@ def test_warnings(name: str, tmp_path: Path, capfd: Text) -> None:
     line = _expected_line(name)
     if line:
         assert f'{path}:{line}: <' in message
-    # What is reported is converted all the same.
+    # A file with warnings is converted, too.
     assert command([str(path), '--strict', '-o', str(tmp_path / 'output')]) == 1
     assert (tmp_path / 'output').read_text() == output
 
 
 @pytest.mark.parametrize('name', FINE)
-def test_nothing_is_reported_of_what_is_fine(name: str, capfd: Text) -> None:
+def test_fixtures_without_warnings(name: str, capfd: Text) -> None:
     assert _there(name)([str(FIXTURES[name]), '--strict']) == 0
     output, message = capfd.readouterr()
     assert message == ''
@@ -172,17 +172,18 @@ def test_nothing_is_reported_of_what_is_fine(name: str, capfd: Text) -> None:
 
 
 @pytest.mark.parametrize('name', CONVERTED)
-def test_the_way_back_gives_the_same_robot(name: str, ways: Ways) -> None:
+def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
     there, back = ways(name)
     original = _read(FIXTURES[name])
     assert differences(original, _read(there), samples=5, tolerance=1e-12) == []
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in MENDED])
-def test_the_way_back_restores_all_that_was_carried(name: str, ways: Ways) -> None:
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in CORRECTED])
+def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
     _, back = ways(name)
-    original, restored = (Counter(_all_carried(_read(path))) for path in (FIXTURES[name], back))
+    original, restored = (Counter(_extension_entries(_read(path)))
+                          for path in (FIXTURES[name], back))
     if name in COMPUTED_POSES:
         original, restored = (Counter({key: count for key, count in found.items()
                                        if key[1][-1] != 'pose'}) for found in (original, restored))
@@ -190,7 +191,7 @@ def test_the_way_back_restores_all_that_was_carried(name: str, ways: Ways) -> No
 
 
 @pytest.mark.parametrize('name', [name for name in CONVERTED if not _is_sdf(name)])
-def test_relative_poses_leave_every_number_alone(name: str, tmp_path: Path) -> None:
+def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
     original, restored = _read(FIXTURES[name]), _read(back)
     assert differences(original, restored, samples=0, tolerance=0) == []
@@ -201,20 +202,21 @@ def test_relative_poses_leave_every_number_alone(name: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize('name', [name for name in CONVERTED if _is_sdf(name)])
-def test_relative_poses_give_the_same_robot(name: str, tmp_path: Path) -> None:
+def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
     assert differences(_read(FIXTURES[name]), _read(back), samples=5, tolerance=1e-12) == []
 
 
 @pytest.mark.parametrize('version', ['1.4', '1.5', '1.6', '1.7', '1.9', '1.12'])
-def test_every_version_gives_the_same_robot(version: str, tmp_path: Path) -> None:
+def test_versions_of_sdf(version: str, tmp_path: Path) -> None:
     wrong = []
     for name in CONVERTED:
         if not _is_sdf(name):
             _, back = _convert(name, tmp_path, ['--sdf-version', version])
             original, restored = _read(FIXTURES[name]), _read(back)
             if (differences(original, restored, samples=1, tolerance=1e-12)
-                    or Counter(_all_carried(restored)) != Counter(_all_carried(original))):
+                    or Counter(_extension_entries(restored))
+                    != Counter(_extension_entries(original))):
                 wrong.append(name)
     assert wrong == []
 
@@ -226,8 +228,7 @@ AXES = [(name, *fact.groups()) for name in CONVERTED for fact in re.finditer(
 
 
 @pytest.mark.parametrize(('name', 'kind', 'thing', 'numbers'), PLACES)
-def test_frames_are_where_the_comments_say(name: str, kind: str, thing: str, numbers: str
-                                           ) -> None:
+def test_frames_in_comments(name: str, kind: str, thing: str, numbers: str) -> None:
     x, y, z, roll, pitch, yaw = map(float, numbers.split())
     found = Kinematics(_read(FIXTURES[name])).pose(FrameId(kind, thing))
     expected = Pose((x, y, z), (roll, pitch, yaw)).transform()
@@ -236,14 +237,13 @@ def test_frames_are_where_the_comments_say(name: str, kind: str, thing: str, num
 
 
 @pytest.mark.parametrize(('name', 'thing', 'numbers'), AXES)
-def test_axes_point_where_the_comments_say(name: str, thing: str, numbers: str) -> None:
+def test_axes_in_comments(name: str, thing: str, numbers: str) -> None:
     joint, = (joint for joint in _read(FIXTURES[name]).joints if joint.name == thing)
     found = normalised(joint.axes[0].xyz)
     assert found == pytest.approx(tuple(map(float, numbers.split())), abs=1e-12)
 
 
-# What Gazebo takes from a <gazebo> block is placed in what URDF means by the link, the joint's
-# frame.
+# Elements of a <gazebo> block have their poses in the frame of the parent joint.
 MOVED = [
     ('ok_joint_frame_away_from_the_child.sdf', 'knock', '0.8 0 0 0 0 -1.5707963267948966'),
     ('ok_light_with_a_placed_pose.sdf', 'bulb', '0.5 1 1 0 0 -1.5707963267948966'),
@@ -253,8 +253,7 @@ MOVED = [
 
 
 @pytest.mark.parametrize(('name', 'thing', 'numbers'), MOVED)
-def test_what_gazebo_places_moves_with_the_frame_of_its_link(
-        name: str, thing: str, numbers: str, ways: Ways) -> None:
+def test_poses_in_gazebo_blocks(name: str, thing: str, numbers: str, ways: Ways) -> None:
     there = etree.parse(ways(name)[0])
     pose, = there.xpath(f'gazebo/*[@name="{thing}"]/pose')
     assert pose.attrib == {}
@@ -263,35 +262,34 @@ def test_what_gazebo_places_moves_with_the_frame_of_its_link(
 
 
 @pytest.fixture(scope='module')
-def judge() -> ModuleType:
-    return pytest.importorskip('yourdfpy', reason='no package of ROS has it: pip install yourdfpy')
+def yourdfpy() -> ModuleType:
+    return pytest.importorskip('yourdfpy', reason='not packaged for ROS: pip install yourdfpy')
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in NOT_JUDGED])
-def test_an_independent_reader_moves_the_urdf_in_the_same_way(
-        name: str, ways: Ways, judge: ModuleType) -> None:
+@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in NOT_IN_YOURDFPY])
+def test_forward_kinematics_of_yourdfpy(name: str, ways: Ways, yourdfpy: ModuleType) -> None:
     there, back = ways(name)
     path = there if _is_sdf(name) else back
     robot = _read(path)
-    seen = judge.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
+    seen = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
     generator = random.Random(7)
     for sample in range(3):
         positions = {joint: generator.uniform(-1, 1) if sample else 0.0
                      for joint in seen.actuated_joint_names}
-        _compare_with_judge(robot, seen, positions)
+        _compare_with_yourdfpy(robot, seen, positions)
 
 
-def _compare_with_judge(robot: Robot, seen: Any, positions: dict[str, float]) -> None:
+def _compare_with_yourdfpy(robot: Robot, seen: Any, positions: dict[str, float]) -> None:
     kinematics = Kinematics(robot)
-    # It takes a floating joint for a fixed one, and so a screw, which URDF only knows as floating.
+    # yourdfpy reads floating joints as fixed. Screw joints are floating in URDF.
     moved = {name: value for name, value in positions.items()
              if seen.joint_map[name].type in ('revolute', 'continuous', 'prismatic')}
     seen.update_cfg({**dict.fromkeys(positions, 0.0), **moved})
-    poses = kinematics.at(with_mimics(robot, {name: (moved[name],) for name in moved}))
+    poses = kinematics.forward(with_mimics(robot, {name: (moved[name],) for name in moved}))
     base, = kinematics.roots
     home = poses[FrameId('link', base)].inverse()
-    # The frame that URDF means by a link is that of the joint above it.
-    for joint in kinematics.joint_above.values():
+    # The frame of a link in URDF is that of its parent joint.
+    for joint in kinematics.parent_joint.values():
         ours = home @ poses[FrameId('joint', joint.name)]
         theirs = seen.get_transform(joint.child, base)
         assert math.dist(ours.translation, theirs[:3, 3]) < 1e-9
@@ -299,14 +297,14 @@ def _compare_with_judge(robot: Robot, seen: Any, positions: dict[str, float]) ->
 
 
 def _numbers(link: Link) -> tuple[object, ...]:
-    """Give the numbers that place what is in a link, and its mass."""
+    """Return the numbers of the placements in a link, and its mass."""
     inertial = link.inertial
     return (link.placement.pose, [shape.placement.pose for shape in link.visuals],
             [shape.placement.pose for shape in link.collisions],
             inertial and (inertial.placement.pose, inertial.mass, inertial.inertia))
 
 
-def _all_carried(robot: Robot) -> Iterator[Entry]:
+def _extension_entries(robot: Robot) -> Iterator[Entry]:
     yield from _entries(robot.extension, 'model')
     for link in robot.links:
         yield from _entries(link.extension, f'link {link.name}')
@@ -324,6 +322,6 @@ def _entries(extension: Extension, owner: str) -> Iterator[Entry]:
     for root in (extension.urdf, extension.sdf):
         for element in () if root is None else root.iter(etree.Element):
             path = [str(step.tag) for step in (element, *element.iterancestors())]
-            attributes = tuple(sorted((str(name), str(value))
-                                      for name, value in element.attrib.items() if name != PART))
+            attributes = tuple(sorted((str(name), str(value)) for name, value
+                                      in element.attrib.items() if name != PARTLY_READ))
             yield owner, tuple(reversed(path)), attributes, (element.text or '').strip()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Links that fixed joints hold together, made one."""
+"""Lumping of links that fixed joints connect."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def urdf(data: bytes) -> Robot:
 
 
 def about_the_origin(inertial: Inertial, kinematics: Kinematics) -> np.ndarray:
-    """Give moments of inertia about the model's origin, along the model's axes."""
-    pose = kinematics.placed(inertial.placement)
+    """Return moments of inertia in the frame of the model."""
+    pose = kinematics.placement_pose(inertial.placement)
     xx, xy, xz, yy, yz, zz = inertial.inertia
     rotation = np.reshape(pose.rotation, (3, 3))
     own = rotation @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ rotation.T
@@ -62,28 +62,28 @@ def about_the_origin(inertial: Inertial, kinematics: Kinematics) -> np.ndarray:
     return own + inertial.mass * (p @ p * np.eye(3) - np.outer(p, p))
 
 
-def test_two_points_of_mass_are_a_dumbbell() -> None:
+def test_total_inertial_of_two_point_masses() -> None:
     robot = lump_fixed(urdf(ARM), Report())
     assert [link.name for link in robot.links] == ['base', 'tip']
     inertial = robot.links[0].inertial
     assert inertial is not None
     assert (inertial.mass, inertial.placement.pose.xyz) == (4.0, (0.5, 0.0, 0.0))
-    # Two kg at half a metre on either side: 2 * 2 * 0.25 about y and z.
+    # Two masses of 2 kg at a distance of 0.5 m: 2 * 2 * 0.25 about y and z.
     assert inertial.inertia == pytest.approx((0, 0, 0, 1, 0, 1))
 
 
-def test_what_was_on_a_lumped_link_stays_where_it_was() -> None:
+def test_poses_of_lumped_shapes_links_and_frames() -> None:
     report = Report()
     robot = lump_fixed(urdf(ARM), report)
     kinematics = Kinematics(robot)
     visual, = robot.links[0].visuals
-    assert kinematics.placed(visual.placement).translation == (1, 0, 1)
+    assert kinematics.placement_pose(visual.placement).translation == (1, 0, 1)
     assert kinematics.pose(FrameId('link', 'tip')).translation == pytest.approx((1, 1, 0))
     assert kinematics.pose(FrameId('frame', 'plate')).translation == (1, 0, 0)
     assert [(note.element, note.name) for note in report.warnings] == [('joint', 'screws')]
 
 
-def test_sensors_of_a_lumped_link_stay_in_its_frame() -> None:
+def test_sensor_pose_in_the_frame_of_a_lumped_link() -> None:
     root = convert_to_sdf(urdf(ARM), Report(), lump=True)
     pose = root.find("model/link[@name='base']/sensor/pose")
     assert pose is not None and pose.get('relative_to') == 'plate'
@@ -91,7 +91,7 @@ def test_sensors_of_a_lumped_link_stay_in_its_frame() -> None:
     assert frame is not None and frame.get('attached_to') == 'base'
 
 
-def test_names_of_shapes_in_a_lump_begin_with_the_link_that_they_were_on() -> None:
+def test_shape_names_with_the_name_of_their_link() -> None:
     shape = '<visual{}><geometry><sphere radius="1"/></geometry></visual>'
     own = shape.format(' name="base"').encode()
     unnamed = shape.format('').encode()
@@ -101,19 +101,19 @@ def test_names_of_shapes_in_a_lump_begin_with_the_link_that_they_were_on() -> No
     assert names == ['base', '', 'plate_base']
 
 
-def test_a_joint_that_is_to_be_preserved_stays() -> None:
+def test_preserved_fixed_joint() -> None:
     block = b'<gazebo reference="screws"><preserveFixedJoint>true</preserveFixedJoint></gazebo>'
     robot = lump_fixed(urdf(ARM.replace(b'</robot>', block + b'</robot>')), Report())
     assert [joint.name for joint in robot.joints] == ['screws', 'hinge']
 
 
-def test_before_frames_there_is_no_lumping() -> None:
+def test_error_for_versions_without_frames() -> None:
     with pytest.raises(DescriptionError, match=r'--fixed lump.* 1\.7'):
         convert_to_sdf(urdf(ARM), Report(), lump=True, version='1.6')
 
 
 @pytest.mark.parametrize('seed', range(12))
-def test_mass_and_places_of_any_robot_stay(seed: int) -> None:
+def test_mass_and_poses_of_random_robots(seed: int) -> None:
     robot = urdf(ElementTree.tostring(robots.urdf(Random(seed), 20)))
     lumped = lump_fixed(robot, Report())
     before, after = Kinematics(robot), Kinematics(lumped)
@@ -128,13 +128,13 @@ def test_mass_and_places_of_any_robot_stay(seed: int) -> None:
     np.testing.assert_allclose(
         sum(about_the_origin(one, after) for one in inertials(lumped.links)),
         sum(about_the_origin(one, before) for one in inertials(robot.links)), atol=1e-9)
-    places = [sorted(np.round(kinematics.placed(shape.placement).translation, 9).tolist()
+    places = [sorted(np.round(kinematics.placement_pose(shape.placement).translation, 9).tolist()
                      for link in one.links for shape in (*link.visuals, *link.collisions))
               for one, kinematics in ((robot, before), (lumped, after))]
     assert places[0] == places[1]
 
 
-def test_a_lumped_robot_is_read_back_from_sdf() -> None:
+def test_lumped_robot_read_from_sdf() -> None:
     lumped = lump_fixed(urdf(ARM), Report())
     root = convert_to_sdf(urdf(ARM), Report(), lump=True)
     again = with_original_names(read_sdf(parse(to_bytes(root), 'arm.sdf', Report()), Report()))

@@ -49,21 +49,21 @@ def turn(axis: str, angle: float) -> np.ndarray:
 
 @some
 @given(ANGLES, ANGLES, ANGLES)
-def test_roll_pitch_and_yaw_turn_about_fixed_axes_in_this_order(
+def test_order_of_roll_pitch_and_yaw_about_fixed_axes(
         roll: float, pitch: float, yaw: float) -> None:
     expected = turn('z', yaw) @ turn('y', pitch) @ turn('x', roll)
     found = np.reshape(rotation_of_rpy((roll, pitch, yaw)), (3, 3))
     assert np.abs(found - expected).max() < 4e-16
 
 
-def test_a_quarter_of_yaw_turns_x_to_y() -> None:
+def test_yaw_from_x_to_y() -> None:
     turned = Pose(rpy=(0.0, 0.0, math.pi / 2)).transform().rotate((1.0, 0.0, 0.0))
     assert turned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
 
 
 @some
 @given(POSES, POSES)
-def test_transforms_compose_as_matrices_do(one: Pose, other: Pose) -> None:
+def test_transform_product_equals_matrix_product(one: Pose, other: Pose) -> None:
     both = one.transform() @ other.transform()
     assert np.allclose(matrix(both), matrix(one.transform()) @ matrix(other.transform()),
                        rtol=1e-14, atol=1e-12)
@@ -71,7 +71,7 @@ def test_transforms_compose_as_matrices_do(one: Pose, other: Pose) -> None:
 
 @some
 @given(POSES)
-def test_an_inverse_undoes_from_either_side(pose: Pose) -> None:
+def test_inverse_from_both_sides(pose: Pose) -> None:
     transform = pose.transform()
     for product in (transform @ transform.inverse(), transform.inverse() @ transform):
         assert np.allclose(matrix(product), np.eye(4), rtol=0, atol=2e-13)
@@ -79,7 +79,7 @@ def test_an_inverse_undoes_from_either_side(pose: Pose) -> None:
 
 @some
 @given(POSES, VECTORS)
-def test_a_point_is_moved_and_a_direction_is_only_turned(pose: Pose, point: Vector) -> None:
+def test_points_and_directions(pose: Pose, point: Vector) -> None:
     transform = pose.transform()
     assert transform.apply(point) == pytest.approx(
         tuple(matrix(transform) @ [*point, 1])[:3], abs=1e-12)
@@ -89,7 +89,7 @@ def test_a_point_is_moved_and_a_direction_is_only_turned(pose: Pose, point: Vect
 
 @some
 @given(POSES)
-def test_a_pose_that_is_read_off_means_the_same(pose: Pose) -> None:
+def test_pose_round_trip(pose: Pose) -> None:
     transform = pose.transform()
     again = transform.pose().transform()
     assert again.translation == transform.translation
@@ -98,7 +98,7 @@ def test_a_pose_that_is_read_off_means_the_same(pose: Pose) -> None:
 
 @pytest.mark.parametrize('pitch', [math.pi / 2, -math.pi / 2])
 @pytest.mark.parametrize('off', [0.0, 1e-17, 1e-16, 1e-15, 1e-14, 1e-12, 1e-9, 1e-8, 1e-6])
-def test_nothing_is_lost_near_gimbal_lock(pitch: float, off: float) -> None:
+def test_precision_near_gimbal_lock(pitch: float, off: float) -> None:
     for roll, yaw in ((0.0, 0.0), (0.3, -1.1), (3.0, 2.9), (-math.pi, math.pi / 2)):
         transform = Pose(rpy=(roll, pitch + off, yaw)).transform()
         pose = transform.pose()
@@ -106,20 +106,20 @@ def test_nothing_is_lost_near_gimbal_lock(pitch: float, off: float) -> None:
         assert pose.transform().rotation == pytest.approx(transform.rotation, abs=1e-15)
 
 
-def test_poses_have_no_negative_zeros() -> None:
+def test_no_negative_zeros() -> None:
     for rpy in ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (-0.0, 0.5, -0.0)):
         found = Transform(rotation_of_rpy(rpy)).pose().rpy
         assert not any(value == 0 and math.copysign(1, value) < 0 for value in found)
 
 
-def test_what_moves_nothing_is_told_by_the_numbers() -> None:
+def test_identity_pose() -> None:
     assert Pose((0.0, -0.0, 0.0), (-0.0, 0.0, 0.0)).is_identity
     assert not Pose((0.0, 0.0, 1e-300)).is_identity
     assert not Pose(rpy=(0.0, 0.0, 2 * math.pi)).is_identity
     assert IDENTITY.pose() == Pose()
 
 
-def test_numbers_of_poses_without_rotation_stay_as_they_are() -> None:
+def test_exact_numbers_without_rotation() -> None:
     pose = Pose((0.1, 0.2, 0.30000000000000004))
     assert (IDENTITY @ pose.transform()).pose() == pose
     assert pose.transform().inverse().inverse().pose() == pose
@@ -127,7 +127,7 @@ def test_numbers_of_poses_without_rotation_stay_as_they_are() -> None:
 
 @some
 @given(POSES)
-def test_a_quaternion_is_the_same_rotation(pose: Pose) -> None:
+def test_quaternion_round_trip(pose: Pose) -> None:
     rotation = pose.transform().rotation
     quaternion = Transform(rotation).quaternion()
     assert quaternion[0] >= 0
@@ -146,7 +146,7 @@ def test_known_quaternions(rpy: Vector, quaternion: tuple[float, ...]) -> None:
     assert Pose(rpy=rpy).transform().quaternion() == pytest.approx(quaternion, abs=1e-15)
 
 
-def test_a_quaternion_may_have_any_length() -> None:
+def test_quaternions_of_any_length() -> None:
     expected = pytest.approx(rotation_of_rpy((0.0, 0.0, math.pi / 2)), abs=1e-15)
     for size in (1e-200, 1.0, 1e200):
         assert rotation_of_quaternion((size, 0.0, 0.0, size)) == expected
@@ -155,7 +155,7 @@ def test_a_quaternion_may_have_any_length() -> None:
 
 @some
 @given(AXES, ANGLES)
-def test_a_rotation_about_an_axis_keeps_the_axis_and_turns_by_the_angle(
+def test_rotation_about_an_axis(
         axis: Vector, angle: float) -> None:
     rotation = Transform(rotation_about(axis, angle))
     unit = normalised(axis)
@@ -167,11 +167,11 @@ def test_a_rotation_about_an_axis_keeps_the_axis_and_turns_by_the_angle(
 
 
 @pytest.mark.parametrize('size', [5e-324, 1e-310, 1e-200, 1e-9, 1.0, 1e9, 1e200, 1.7e308])
-def test_vectors_of_any_size_become_unit_ones(size: float) -> None:
+def test_normalised_vectors_of_any_length(size: float) -> None:
     assert normalised((size, 0.0, 0.0)) == (1.0, 0.0, 0.0)
     assert normalised((0.0, -size, size)) == pytest.approx((0, -math.sqrt(0.5), math.sqrt(0.5)))
 
 
-def test_a_unit_vector_stays_as_it_is() -> None:
+def test_unchanged_unit_vectors() -> None:
     for vector in ((0.6, 0.0, 0.8), (math.sqrt(0.5), math.sqrt(0.5), 0.0), (0.0, 0.0, -1.0)):
         assert normalised(vector) == vector

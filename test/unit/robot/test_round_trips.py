@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What holds of every robot: there and back it is the same, with every element it had."""
+"""Round trips of random robots: the same robot, with all its elements."""
 
 from __future__ import annotations
 
@@ -79,22 +79,22 @@ def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
     back = to_bytes(convert_to_sdf(again, Report(), relative=relative))
     assert not differences(robot, sdf_of(back), samples=2, tolerance=TOLERANCE)
     missing = robots.elements(written) - robots.elements(ElementTree.fromstring(back))
-    # Where a thing is placed it need not say when that is where it would be anyway.
+    # A pose that is the default is omitted.
     assert {path for path in missing if not path.endswith('/pose')} == set()
 
 
 @given(seed=SEEDS, links=SIZES)
 @PROPERTY
-def test_there_and_back_and_there_is_the_same_to_the_letter(seed: int, links: int) -> None:
+def test_identical_bytes_after_two_conversions_to_sdf(seed: int, links: int) -> None:
     robot = urdf_of(ElementTree.tostring(robots.urdf(Random(seed), links)))
     first = to_bytes(convert_to_sdf(robot, Report(), relative=True))
-    # The command gives names of before to what it writes, not to what it reads.
+    # The command restores original names when it writes, not when it reads.
     there = read_sdf(parse(first, 'made_up.sdf', Report()), Report())
     back = to_bytes(convert_to_urdf(there, Report()))
     assert to_bytes(convert_to_sdf(urdf_of(back), Report(), relative=True)) == first
 
 
-# What has the name of something that a writer notes for itself, and what others added.
+# Unknown elements, some with the names of elements that the writers use.
 URDF_WITH_MORE = b"""<robot name="r" xmlns:drake="http://drake.mit.edu" xmlns:gz="urn:gz">
 <link name="a" gz:foo="1">words<gz:bar gz:foo="2"/><element foo="1"/><name>n</name></link>
 <link name="b"/><link name="c"/><link name="d"/>
@@ -119,7 +119,7 @@ SDF_WITH_MORE = b"""<sdf version="1.9" xmlns:gz="urn:gz"><model name="m" gz:foo=
 
 
 def _elements(data: bytes) -> Counter[str]:
-    """Count the elements of a document, each written with its prefixes, without what is inside."""
+    """Count the elements of a document, each with its prefixes and without its contents."""
     found: Counter[str] = Counter()
     for element in parse(data, 'robot', Report()).iter():
         prefix = f'{element.prefix}:' if element.prefix else ''
@@ -132,14 +132,14 @@ def _elements(data: bytes) -> Counter[str]:
 
 
 @pytest.mark.parametrize('version', ['1.4', '1.6', '1.12'])
-def test_elements_of_others_come_back_from_sdf(version: str) -> None:
+def test_unknown_elements_of_urdf_after_sdf(version: str) -> None:
     there = to_bytes(convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), version=version))
     back = to_bytes(convert_to_urdf(sdf_of(there), Report()))
     assert _elements(URDF_WITH_MORE) - _elements(back) == Counter()
     assert to_bytes(convert_to_sdf(urdf_of(back), Report(), version=version)) == there
 
 
-def test_elements_of_urdf_in_a_frame_come_back_from_urdf() -> None:
+def test_urdf_elements_of_a_lumped_frame() -> None:
     robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), lump=True)
     assert len(robot.xpath('model/frame/*/mimic')) == 1
     back = to_bytes(convert_to_urdf(sdf_of(to_bytes(robot)), Report()))
@@ -147,7 +147,7 @@ def test_elements_of_urdf_in_a_frame_come_back_from_urdf() -> None:
     assert len(again.xpath('model/frame/*/mimic')) == 1
 
 
-def test_elements_of_others_come_back_from_urdf() -> None:
+def test_unknown_elements_of_sdf_after_urdf() -> None:
     there = to_bytes(convert_to_urdf(sdf_of(SDF_WITH_MORE), Report()))
     back = to_bytes(convert_to_sdf(urdf_of(there), Report(), version='1.9'))
     assert _elements(SDF_WITH_MORE) - _elements(back) == Counter()
@@ -155,7 +155,7 @@ def test_elements_of_others_come_back_from_urdf() -> None:
 
 
 @pytest.mark.parametrize('version', ['1.6', '1.9'])
-def test_nothing_in_a_plugin_is_rewritten(version: str) -> None:
+def test_unchanged_contents_of_plugins(version: str) -> None:
     plugin = ('<plugin name="p" filename="q"><pose frame="a">1 0 0 0 0 0</pose><axis><xyz>1 0 0'
               '</xyz><use_parent_model_frame>1</use_parent_model_frame></axis>'
               '<pose relative_to="b"/></plugin>')

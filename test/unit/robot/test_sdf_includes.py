@@ -12,6 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+"""Included SDF models: search for their files, overrides, merges and errors."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -46,7 +48,7 @@ def sdf(content: str, version: str = '1.9') -> str:
 
 def put(path: Path, content: str = f'<model name="arm">{ARM}</model>', version: str = '1.9'
         ) -> Path:
-    """Write a file."""
+    """Write an SDF file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(sdf(content, version))
     return path
@@ -60,7 +62,7 @@ def configure(folder: Path, *entries: tuple[str, str]) -> None:
 
 def read(folder: Path, content: str, report: Report | None = None, search: tuple[str, ...] = (),
          model: str = '', version: str = '1.9') -> Robot:
-    """Read a file of a folder that holds something."""
+    """Read SDF as the file robots/robot.sdf of a folder."""
     path = str(folder / 'robots' / 'robot.sdf')
     report = report or Report()
     root = parse(sdf(content, version).encode(), path, report)
@@ -71,7 +73,7 @@ def robot_with(include: str, attributes: str = '') -> str:
     return (f'<model name="m"><link name="a"/><include {attributes}>{include}</include></model>')
 
 
-@pytest.mark.parametrize(('uri', 'place'), [
+@pytest.mark.parametrize(('uri', 'file'), [
     ('model://arm', 'robots/arm/model.sdf'),
     ('model://arm', 'arm/model.sdf'),
     ('model://arm/other.sdf', 'arm/other.sdf'),
@@ -83,8 +85,8 @@ def robot_with(include: str, attributes: str = '') -> str:
     ('file://arm', 'models/arm/model.sdf'),
     ('file://{folder}/x/model.sdf', 'x/model.sdf'),
     ('{folder}/x', 'x/model.sdf')])
-def test_files_are_found(tmp_path: Path, uri: str, place: str) -> None:
-    put(tmp_path / place)
+def test_resolved_uris(tmp_path: Path, uri: str, file: str) -> None:
+    put(tmp_path / file)
     (tmp_path / 'robots').mkdir(exist_ok=True)
     uri = uri.format(folder=tmp_path)
     robot = read(tmp_path, robot_with(f'<uri>{uri}</uri>'), search=(str(tmp_path / 'models'),))
@@ -92,8 +94,8 @@ def test_files_are_found(tmp_path: Path, uri: str, place: str) -> None:
 
 
 @pytest.mark.parametrize('variable', SEARCH_VARIABLES)
-def test_environment_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str
-                                 ) -> None:
+def test_search_path_of_the_environment(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str) -> None:
     put(tmp_path / 'far' / 'arm' / 'model.sdf')
     monkeypatch.setenv(variable, f'/nowhere:{tmp_path / "far"}')
     assert len(read(tmp_path, robot_with('<uri>model://arm</uri>')).links) == 3
@@ -103,7 +105,7 @@ def test_environment_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ((('1.4', 'a.sdf'), ('1.9', 'b.sdf'), ('1.10', 'c.sdf')), 'c'),
     ((('1.10', 'c.sdf'), ('1.99', 'a.sdf')), 'c'),
     ((('1.99', 'a.sdf'),), 'a')])
-def test_newest_version_of_a_model_is_taken(
+def test_newest_version_in_a_model_config(
         tmp_path: Path, entries: tuple[tuple[str, str], ...], expected: str) -> None:
     configure(tmp_path / 'arm', *entries)
     for name in 'abc':
@@ -115,7 +117,7 @@ def test_newest_version_of_a_model_is_taken(
 @pytest.mark.parametrize(('entries', 'expected'), [
     ((('1.4', 'a.sdf'), ('1.9', 'b.sdf'), ('1.10', 'c.sdf')), 'c.sdf'),
     ((('1.99', 'a.sdf'), ('1.6', 'sub/b.sdf'), ('1.7', '')), 'sub/b.sdf'), (None, 'model.sdf')])
-def test_a_folder_stands_for_its_model(
+def test_model_file_of_a_folder(
         tmp_path: Path, entries: tuple[tuple[str, str], ...] | None, expected: str) -> None:
     if entries is not None:
         configure(tmp_path, *entries)
@@ -124,15 +126,16 @@ def test_a_folder_stands_for_its_model(
     assert file_of_model(str(tmp_path)) == str(tmp_path / expected)
 
 
-def test_other_files_stand_for_themselves(tmp_path: Path) -> None:
+def test_other_paths_are_unchanged(tmp_path: Path) -> None:
     for path in ('-', str(tmp_path / 'none'), str(tmp_path / 'model.config'), '/dev/null'):
         assert file_of_model(path) == path
 
 
 @pytest.mark.parametrize(('config', 'message'), [
     (None, 'is a folder without model.config and model.sdf; name a file'),
-    ('<model/>', 'model.config names no <sdf>'), ('<model>', 'not well-formed XML')])
-def test_folders_that_have_no_model(tmp_path: Path, config: str | None, message: str) -> None:
+    ('<model/>', 'model.config has no <sdf> with a'), ('<model>', 'not well-formed XML')])
+def test_errors_of_folders_without_a_model(
+        tmp_path: Path, config: str | None, message: str) -> None:
     if config is not None:
         (tmp_path / 'model.config').write_text(config)
     with pytest.raises(DescriptionError) as error:
@@ -140,18 +143,17 @@ def test_folders_that_have_no_model(tmp_path: Path, config: str | None, message:
     assert str(error.value).startswith(str(tmp_path)) and message in str(error.value)
 
 
-def test_models_that_are_included_have_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-                                              ) -> None:
+def test_limit_of_included_elements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(includes, 'MAX_ELEMENTS', 1000)
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="m"><link name="l"/>{"<a/>" * 97}</model>')
     content = ('<model name="m"><link name="a"/>' + ''.join(
         f'<include><uri>model://arm</uri><name>{n}</name></include>' for n in range(10)))
     assert len(read(tmp_path, f'{content}</model>').links) == 11
-    with pytest.raises(DescriptionError, match='more than 1000 elements; no robot has so many'):
+    with pytest.raises(DescriptionError, match='more than 1000 elements; include fewer models'):
         read(tmp_path, f'{content}<include><uri>model://arm</uri></include></model>')
 
 
-def test_include_overrides_what_the_model_says(tmp_path: Path) -> None:
+def test_overrides_of_an_include(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     robot = read(tmp_path, robot_with(
         '<uri>model://arm</uri><name>left</name><pose relative_to="a">5 0 0 0 0 0</pose>'
@@ -162,13 +164,13 @@ def test_include_overrides_what_the_model_says(tmp_path: Path) -> None:
     assert kinematics.pose(FrameId('link', 'left::base')).translation == (5, 0, -2)
 
 
-def test_model_keeps_its_own_pose_where_the_include_has_none(tmp_path: Path) -> None:
+def test_pose_of_a_model_included_without_pose(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
     assert Kinematics(robot).pose(FrameId('link', 'arm::tip')).translation == (0, 0, 3)
 
 
-def test_include_that_is_the_robot(tmp_path: Path) -> None:
+def test_included_robot_of_a_world(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm"><static>0</static>{ARM}</model>')
     put(tmp_path / 'sun' / 'model.sdf', '<light name="sun"/>')
     report = Report()
@@ -183,17 +185,17 @@ def test_include_that_is_the_robot(tmp_path: Path) -> None:
     assert [note.element for note in report.warnings] == ['include']
 
 
-def test_model_is_chosen_by_the_name_of_its_include(tmp_path: Path) -> None:
+def test_selection_by_the_name_of_an_include(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     world = ('<world name="w"><include><uri>model://arm</uri></include><include><uri>model://arm'
              '</uri><name>b</name></include><include><uri>model://gone</uri></include></world>')
     assert read(tmp_path, world, model='b').name == 'b'
     assert read(tmp_path, world, model='arm').name == 'arm'
-    with pytest.raises(DescriptionError, match='3 models; choose one by --model: arm, b, gone'):
+    with pytest.raises(DescriptionError, match='3 models; select one with --model: arm, b, gone'):
         read(tmp_path, world)
 
 
-def test_include_in_an_include_in_an_include(tmp_path: Path) -> None:
+def test_three_nested_includes(tmp_path: Path) -> None:
     put(tmp_path / 'c' / 'model.sdf', '<model name="c"><link name="l"/></model>', '1.5')
     put(tmp_path / 'b' / 'model.sdf', '<model name="b"><pose>0 0 1 0 0 0</pose>'
         '<include><uri>model://c</uri><pose>0 1 0 0 0 0</pose></include></model>', '1.8')
@@ -203,7 +205,7 @@ def test_include_in_an_include_in_an_include(tmp_path: Path) -> None:
     assert Kinematics(robot).pose(FrameId('link', 'd::c::l')).translation == (0, 1, 1)
 
 
-def test_merged_model_has_no_name_of_its_own(tmp_path: Path) -> None:
+def test_merged_model(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm">{ARM}<joint name="k" type="fixed">'
         '<parent>__model__</parent><child>tip</child></joint></model>')
     report = Report()
@@ -216,26 +218,26 @@ def test_merged_model_has_no_name_of_its_own(tmp_path: Path) -> None:
     assert not report.warnings
 
 
-def test_merged_model_may_have_the_canonical_link(tmp_path: Path) -> None:
+def test_canonical_link_of_a_merged_model(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     robot = read(tmp_path, '<model name="m"><include merge="1"><uri>model://arm</uri></include>'
                  '<link name="a"/></model>')
     assert robot.canonical_link == 'base'
 
 
-def test_merged_names_may_not_meet(tmp_path: Path) -> None:
+def test_error_of_duplicate_names_in_a_merge(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="a"/></model>')
-    with pytest.raises(DescriptionError, match="'a' is the name of <link>"):
+    with pytest.raises(DescriptionError, match="'a' is already the name of <link>"):
         read(tmp_path, robot_with('<uri>model://arm</uri>', 'merge="true"'))
 
 
-def test_paths_of_meshes_are_right_beside_the_first_file(tmp_path: Path) -> None:
+def test_mesh_path_relative_to_the_first_file(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     robot = read(tmp_path, robot_with('<uri>model://arm</uri>'))
     assert robot.links[2].visuals[0].geometry == Mesh('../arm/meshes/a.stl')
 
 
-def test_paths_of_meshes_of_an_include_in_an_include(tmp_path: Path) -> None:
+def test_mesh_path_of_a_nested_include(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
     put(tmp_path / 'robots' / 'far' / 'model.sdf',
         '<model name="c"><include><uri>../../arm</uri></include></model>')
@@ -243,14 +245,14 @@ def test_paths_of_meshes_of_an_include_in_an_include(tmp_path: Path) -> None:
     assert robot.links[2].visuals[0].geometry == Mesh('../arm/meshes/a.stl')
 
 
-def test_what_is_left_out_of_an_include_is_reported(tmp_path: Path) -> None:
+def test_omitted_parts_of_an_include(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', f'<model name="arm">{ARM}<plugin name="p"/></model>')
     report = Report()
     read(tmp_path, robot_with('<uri>model://arm</uri><static>true</static>'), report)
     assert [note.element for note in report.warnings] == ['plugin', 'static']
 
 
-def test_version_of_an_included_file_is_its_own(tmp_path: Path) -> None:
+def test_version_of_an_included_file(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="a"/><link name="b">'
         '<pose frame="a">0 0 0 0 0 1.5707963267948966</pose></link><joint name="j" '
         'type="prismatic"><parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis></joint>'
@@ -259,7 +261,7 @@ def test_version_of_an_included_file_is_its_own(tmp_path: Path) -> None:
     assert robot.joints[0].axes[0].xyz == pytest.approx((0, -1, 0))
 
 
-def test_notes_name_the_file_that_they_are_about(tmp_path: Path) -> None:
+def test_file_names_in_notes(tmp_path: Path) -> None:
     arm = put(tmp_path / 'arm' / 'model.sdf', """
         <model name="arm">
 
@@ -282,33 +284,34 @@ def test_notes_name_the_file_that_they_are_about(tmp_path: Path) -> None:
     assert all(type(note.line) is int for note in report.notes)
 
 
-def test_errors_name_the_file_that_they_are_about(tmp_path: Path) -> None:
+def test_file_names_in_errors(tmp_path: Path) -> None:
     arm = put(tmp_path / 'arm' / 'model.sdf', '<model name="arm"><link name="l"/><link name="k"/>'
               '\n<joint name="j" type="revolute"><parent>l</parent><child>k</child><axis><xyz>'
               '0 0 1</xyz><limit><lower>0</lower><upper>1</upper></limit><mimic joint="j"/></axis>'
               '</joint></model>', '1.11')
-    with pytest.raises(DescriptionError, match=f'^{re.escape(str(arm))}:2: <joint>: .*mimics'):
+    with pytest.raises(DescriptionError, match=f'^{re.escape(str(arm))}:2: <joint>: mimic cycle'):
         read(tmp_path, robot_with('<uri>model://arm</uri>'))
 
 
 @pytest.mark.parametrize(('uri', 'message'), [
     (f'model://{"a" * 300}', 'is not found'),
-    ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and name the folder'),
+    ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and add its folder'),
     ('http://x/y', 'download the model'),
-    ('ftp://x/y', 'none that is read'),
-    ('', "<uri> '' names no file"),
-    ('model://', 'names no file'),
-    ('model://gone', "'model://gone' is not found; there is no {folder}/robots/gone, "
-                     '{folder}/gone, {folder}/models/gone: name the folder that has it by --path'),
+    ('ftp://x/y', "'ftp://x/y' is not supported"),
+    ('', "<uri> '' does not name a file"),
+    ('model://', 'does not name a file'),
+    ('model://gone', "'model://gone' is not found, searched {folder}/robots/gone, "
+                     '{folder}/gone, {folder}/models/gone; add the folder that contains the model '
+                     'with --path'),
     ('urdf', '{folder}/robots/urdf/model.sdf is a URDF; convert it'),
-    ('other', 'is no SDF, its root is <x>'),
+    ('other', 'is not SDF: its root is <x>'),
     ('light', 'has no model'),
-    ('two', 'has 2 models where one is expected'),
-    ('circle', '{folder}/robots/circle/model.sdf includes itself'),
-    ('config', 'names no <sdf>'),
+    ('two', 'has 2 models; include a file with one'),
+    ('circle', 'include cycle: {folder}/robots/circle/model.sdf -> {folder}/robots/circle2'),
+    ('config', 'has no <sdf> with a file name'),
     ('lost', 'is not found'),
     ('bomb', f'more than {MAX_INCLUDES} includes')])
-def test_errors(tmp_path: Path, uri: str, message: str) -> None:
+def test_errors_of_includes(tmp_path: Path, uri: str, message: str) -> None:
     robots = tmp_path / 'robots'
     put(robots / 'light' / 'model.sdf', '<light name="l"/>')
     put(robots / 'two' / 'model.sdf', '<model name="a"/><model name="b"/>')
@@ -330,14 +333,14 @@ def test_errors(tmp_path: Path, uri: str, message: str) -> None:
     assert '\n' not in str(error.value) and '<include>: ' in str(error.value)
 
 
-def test_placement_frame_needs_a_pose(tmp_path: Path) -> None:
+def test_placement_frame_without_pose(tmp_path: Path) -> None:
     put(tmp_path / 'arm' / 'model.sdf')
-    with pytest.raises(DescriptionError, match='no <pose> for it'):
+    with pytest.raises(DescriptionError, match='but no <pose>'):
         read(tmp_path, robot_with('<uri>model://arm</uri><placement_frame>tip</placement_frame>'))
 
 
 def test_file_that_includes_itself(tmp_path: Path) -> None:
     text = robot_with('<uri>robot.sdf</uri>')
     put(tmp_path / 'robots' / 'robot.sdf', text)
-    with pytest.raises(DescriptionError, match=r'robot[.]sdf includes itself'):
+    with pytest.raises(DescriptionError, match=r'include cycle: (.*/robot[.]sdf) -> \1$'):
         read(tmp_path, text)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The robots that are shipped, the tutorial's files, and what each is in the other format."""
+"""Shipped robots and files of the tutorial, in both formats."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TUTORIAL_SDF = ROOT / 'test' / 'data' / 'robots' / 'sdf' / 'tutorial_my_robot.sd
 
 ROUNDING = 4e-6  # the tutorial writes 1.5708 for pi/2, which is 3.7e-6 more
 
-# What an element of SDF means where it is absent.
+# Default values of SDF elements.
 DEFAULTS = {'static': 'false', 'pose': (0.0,) * 6, 'scale': (1.0,) * 3}
 
 
@@ -54,30 +54,30 @@ def read(path: Path) -> Robot:
 
 
 def to_sdf(path: Path, folder: Path, *options: str) -> Path:
-    """Run the command that converts to SDF."""
+    """Convert a file to SDF by the command."""
     output = folder / f'{path.name}.sdf'
     assert urdf_to_sdf([str(path), '-o', str(output), *options]) == 0
     return output
 
 
 def to_urdf(path: Path, folder: Path) -> Path:
-    """Run the command that converts to URDF."""
+    """Convert a file to URDF by the command."""
     output = folder / f'{path.name}.urdf'
     assert sdf_to_urdf([str(path), '-o', str(output)]) == 0
     return output
 
 
 def same(one: Path, other: Path, tolerance: float = 1e-12) -> bool:
-    """Tell whether two files are of the same robot."""
+    """Return whether two files describe the same robot."""
     return differences(read(one), read(other), tolerance=tolerance) == []
 
 
-def said(path: Path) -> dict[str, object]:
-    """List what every element of SDF says, but for defaults and what other namespaces say."""
-    return dict(_said(etree.parse(path).getroot()[0], ''))
+def values(path: Path) -> dict[str, object]:
+    """Return the values of all SDF elements, without defaults and other namespaces."""
+    return dict(_values(etree.parse(path).getroot()[0], ''))
 
 
-def _said(element: etree._Element, above: str) -> Iterator[tuple[str, object]]:
+def _values(element: etree._Element, above: str) -> Iterator[tuple[str, object]]:
     tag = element.tag
     if not isinstance(tag, str) or tag.startswith('{'):
         return
@@ -96,11 +96,11 @@ def _said(element: etree._Element, above: str) -> Iterator[tuple[str, object]]:
     elif not children:
         yield path, None
     for child in children:
-        yield from _said(child, path)
+        yield from _values(child, path)
 
 
 def agree(one: dict[str, object], other: dict[str, object], tolerance: float) -> bool:
-    """Tell whether two files say the same, numbers as closely as is asked for."""
+    """Return whether two files have the same values, numbers within a tolerance."""
     return one.keys() == other.keys() and all(
         other[path] == (pytest.approx(value, abs=tolerance) if isinstance(value, tuple) else value)
         for path, value in one.items())
@@ -118,7 +118,7 @@ def mesh(robot: Robot) -> str:
     return geometry.uri
 
 
-def test_the_urdf_is_what_the_xacro_gives() -> None:
+def test_urdf_equals_expanded_xacro() -> None:
     expanded = etree.fromstring(expand(str(XACRO), XACRO.read_bytes(), {}, Report()))
     shipped = etree.parse(URDF).getroot()
 
@@ -133,7 +133,7 @@ SHIPPED = pytest.mark.parametrize(('urdf', 'sdf'), [(URDF, SDF), (ARM_URDF, ARM_
 
 
 @SHIPPED
-def test_both_shipped_files_are_one_robot(urdf: Path, sdf: Path) -> None:
+def test_same_robot_in_both_formats(urdf: Path, sdf: Path) -> None:
     assert robot_compare([str(urdf), str(sdf), '--tolerance', '1e-12']) == 0
     assert read(urdf).name == read(sdf).name == sdf.parent.name == urdf.stem
     config = etree.parse(sdf.parent / 'model.config')
@@ -142,34 +142,34 @@ def test_both_shipped_files_are_one_robot(urdf: Path, sdf: Path) -> None:
     assert config.xpath('string(sdf/@version)') == etree.parse(sdf).getroot().get('version')
 
 
-def test_the_xacro_is_the_same_robot() -> None:
+def test_xacro_equals_sdf() -> None:
     assert same(XACRO, SDF)
 
 
 @SHIPPED
 @pytest.mark.parametrize('poses', ['model', 'relative'])
-def test_the_urdf_becomes_the_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
+def test_conversion_of_urdf_to_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
     converted = to_sdf(urdf, tmp_path, '--poses', poses)
     assert same(converted, sdf)
     assert same(converted, urdf)
     if poses == 'model':  # the tutorial's convention
-        assert agree(said(converted), said(sdf), 0)
+        assert agree(values(converted), values(sdf), 0)
 
 
 @SHIPPED
-def test_the_sdf_becomes_the_urdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
+def test_conversion_of_sdf_to_urdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
     converted = to_urdf(sdf, tmp_path)
     assert same(converted, urdf)
     assert same(converted, sdf)
 
 
-def test_the_mesh_is_found_in_the_package(tmp_path: Path) -> None:
+def test_mesh_uri_of_the_package(tmp_path: Path) -> None:
     converted = to_urdf(SDF, tmp_path)
     assert mesh(read(converted)) == 'package://opencv_tools/meshes/my_robot/robot_base.stl'
 
 
 @pytest.mark.parametrize('path', [ARM_URDF, ARM_SDF], ids=['urdf', 'sdf'])
-def test_the_arm_is_complete_and_moves(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_complete_and_movable_arm(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (urdf_to_sdf if path == ARM_URDF else sdf_to_urdf)([str(path), '--strict']) == 0
     assert capsys.readouterr().err == ''
     robot = read(path)
@@ -182,25 +182,25 @@ def test_the_arm_is_complete_and_moves(path: Path, capsys: pytest.CaptureFixture
         assert limit is not None and limit.lower < limit.upper
         assert math.isfinite(limit.effort) and math.isfinite(limit.velocity)
     assert [joint.type for joint in robot.joints] == ['continuous', 'revolute', 'prismatic']
-    # Bent by a right angle, turned by another one, and with the tool pushed out by 0.1 m.
+    # The shoulder and the elbow are at 90 degrees, and the slide is at 0.1 m.
     links = frames(robot, {'shoulder': math.pi / 2, 'elbow': math.pi / 2, 'slide': 0.1})['links']
     assert links['forearm']['pose'][:3] == pytest.approx([0, 0, 0.5])
     assert links['tool']['pose'][:3] == pytest.approx([0, 0.45, 0.5])
 
 
 @pytest.mark.parametrize('source', [URDF, XACRO, SDF])
-def test_the_sdf_says_what_the_tutorials_says(source: Path, tmp_path: Path) -> None:
-    tutorial = said(TUTORIAL_SDF)
+def test_sdf_values_of_the_tutorial(source: Path, tmp_path: Path) -> None:
+    tutorial = values(TUTORIAL_SDF)
     assert len(tutorial) == 13
-    # The two files of the tutorial do not have the mesh in one place, nor in this package.
+    # The URIs of the mesh differ between the files of the tutorial and this package.
     uri = next(path for path in tutorial if path.endswith('/uri'))
     tutorial[uri] = 'model://opencv_tools/meshes/my_robot/robot_base.stl'
-    assert agree(said(source if source == SDF else to_sdf(source, tmp_path)), tutorial, ROUNDING)
+    assert agree(values(source if source == SDF else to_sdf(source, tmp_path)), tutorial, ROUNDING)
 
 
 @pytest.mark.parametrize('path', [XACRO, URDF, SDF, TUTORIAL_URDF, TUTORIAL_SDF],
                          ids=lambda path: path.name)
-def test_all_is_where_the_tutorial_says(path: Path, tmp_path: Path) -> None:
+def test_poses_of_the_tutorial_in_every_file(path: Path, tmp_path: Path) -> None:
     converted = to_urdf(path, tmp_path) if path.suffix == '.sdf' else to_sdf(path, tmp_path)
     for file in (path, converted):
         listing = frames(read(file), {})
@@ -210,7 +210,7 @@ def test_all_is_where_the_tutorial_says(path: Path, tmp_path: Path) -> None:
         assert base['parent'] == 'base_footprint'
         assert base['pose'] == [0, 0, 0.2, 1, 0, 0, 0]
         assert base['collisions'][0]['pose'] == pytest.approx([0, 0, 0.05, 1, 0, 0, 0], abs=1e-15)
-        # The visual is 0.1 m behind, and turned by 90 degrees about x, then about z.
+        # The visual is 0.1 m behind and rotated by 90 degrees about x, then about z.
         assert base['visuals'][0]['pose'] == pytest.approx(
             [-0.1, 0, 0.2, 0.5, 0.5, 0.5, 0.5], abs=ROUNDING)
         assert listing['joints']['base_joint']['type'] == 'fixed'
@@ -221,7 +221,7 @@ def test_all_is_where_the_tutorial_says(path: Path, tmp_path: Path) -> None:
     (TUTORIAL_URDF, 0.01, '://my_robot/meshes/my_robot/robot_base.stl'),
     (TUTORIAL_SDF, 0.1, '://my_robot/meshes/robot_base.stl'),
 ])
-def test_what_the_tutorials_files_disagree_in_stays_as_it_is(
+def test_kept_differences_between_the_tutorial_files(
         path: Path, thickness: float, uri: str, tmp_path: Path) -> None:
     converted = to_urdf(path, tmp_path) if path.suffix == '.sdf' else to_sdf(path, tmp_path)
     new = 'package' if path.suffix == '.sdf' else 'model'
@@ -230,7 +230,7 @@ def test_what_the_tutorials_files_disagree_in_stays_as_it_is(
     assert mesh(read(converted)) == new + uri
 
 
-def test_colours_are_the_tutorials(tmp_path: Path) -> None:
+def test_colours_of_the_tutorial(tmp_path: Path) -> None:
     for path in (to_sdf(TUTORIAL_URDF, tmp_path), SDF, to_sdf(URDF, tmp_path)):
         material = read(path).links[1].visuals[0].material
         assert material is not None
@@ -238,7 +238,7 @@ def test_colours_are_the_tutorials(tmp_path: Path) -> None:
         assert material.specular == material.emissive == (0, 0, 0, 1)
 
 
-def test_the_material_of_gazebo_comes_back(tmp_path: Path) -> None:
+def test_gazebo_material_round_trip(tmp_path: Path) -> None:
     (tmp_path / 'back').mkdir()
     back = to_urdf(to_sdf(URDF, tmp_path), tmp_path / 'back')
     blocks = etree.parse(back).getroot().findall('gazebo')
@@ -249,7 +249,7 @@ def test_the_material_of_gazebo_comes_back(tmp_path: Path) -> None:
     assert names == ['White']
 
 
-def test_the_mesh_is_closed_and_lies_over_the_collision_box() -> None:
+def test_closed_mesh_over_the_collision_box() -> None:
     data = MESH.read_bytes()
     count, = struct.unpack_from('<I', data, 80)
     assert len(data) == 84 + 50 * count < 20_000
@@ -261,21 +261,21 @@ def test_the_mesh_is_closed_and_lies_over_the_collision_box() -> None:
         for edge in ((a, b), (b, c), (c, a)):
             assert edge not in edges
             edges.add(edge)
-    # Each edge is there once each way round: the surface is closed, and turned one way.
+    # Each edge exists once in each direction, so the surface is closed and oriented.
     assert {(end, start) for start, end in edges} == edges
 
     robot = read(URDF)
     kinematics = Kinematics(robot)
     visual, collision = robot.links[1].visuals[0], robot.links[1].collisions[0]
-    place = kinematics.placed(visual.placement)
+    place = kinematics.placement_pose(visual.placement)
     points = [place.apply((facet[i], facet[i + 1], facet[i + 2]))
               for facet in facets for i in (3, 6, 9)]
-    centre = kinematics.placed(collision.placement).translation
+    centre = kinematics.placement_pose(collision.placement).translation
     for axis, length in enumerate(box(robot)):
-        values = [point[axis] for point in points]
-        assert min(values) == pytest.approx(centre[axis] - length / 2, abs=1e-6)
-        assert max(values) == pytest.approx(centre[axis] + length / 2, abs=1e-6)
-    # Normals point outwards, away from the middle of what is convex.
+        coordinates = [point[axis] for point in points]
+        assert min(coordinates) == pytest.approx(centre[axis] - length / 2, abs=1e-6)
+        assert max(coordinates) == pytest.approx(centre[axis] + length / 2, abs=1e-6)
+    # Normals point outwards, away from the centre of the convex mesh.
     for facet in facets:
         normal = place.rotate((facet[0], facet[1], facet[2]))
         corner = place.apply((facet[3], facet[4], facet[5]))

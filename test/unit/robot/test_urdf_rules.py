@@ -1,0 +1,94 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rules of the URDF parser that a written robot keeps."""
+
+from __future__ import annotations
+
+import re
+
+from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.urdf.reader import read_urdf
+from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
+from opencv_tools.robot.xml.report import Report
+import pytest
+from urdf_models import BOX, joint, through_sdf
+
+
+def test_complete_limits_of_fixed_joints() -> None:
+    root = through_sdf(joint('<limit lower="0" upper="1"/>', 'fixed'))
+    assert dict(root.find('joint/limit').attrib) == {  # type: ignore[union-attr]
+        'lower': '0', 'upper': '1', 'effort': '1e+16', 'velocity': '1e+16'}
+
+
+@pytest.mark.parametrize(('content', 'attributes'), [
+    ('<dynamics/>', []),
+    ('<dynamics armature="1"/>', [{'armature': '1', 'damping': '0'}]),
+    ('<dynamics friction="0"/>', [{'friction': '0'}]),
+])
+@pytest.mark.parametrize('kind', ['continuous', 'fixed'])
+def test_dynamics_have_a_number(kind: str, content: str, attributes: list[dict[str, str]]) -> None:
+    root = through_sdf(joint(f'<axis xyz="0 0 1"/>{content}', kind))
+    assert [dict(one.attrib) for one in root.iterfind('joint/dynamics')] == attributes
+
+
+@pytest.mark.parametrize(('content', 'message'), [
+    ('<safety_controller/>', "joint 'j': has no k_velocity=, which URDF requires"),
+    ('<safety_controller k_velocity="fast"/>', "k_velocity='fast' is not a finite number"),
+    ('<calibration falling="1e400"/>', "falling='1e400' is not a finite number"),
+    ('<mimic/>', 'has no joint='),
+    ('<dynamics damping="inf"/>', "damping='inf'"),
+])
+def test_invalid_numbers_of_joints(content: str, message: str) -> None:
+    with pytest.raises(DescriptionError, match=re.escape(message)):
+        through_sdf(joint(content, 'fixed'))
+
+
+@pytest.mark.parametrize(('version', 'back'), [
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.0')])
+def test_version_of_urdf(version: str, back: str) -> None:
+    text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
+    model = read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
+    report = Report()
+    root = convert_to_urdf(model, report, inertial='zero')
+    assert root.get('version') == back
+    assert [version in note.message for note in report.warnings] == [True] * (version != back)
+
+
+def test_unique_names_of_shared_materials() -> None:
+    report = Report()
+    red = '<material name="red"><color rgba="1 0 0 1"/></material>'
+    root = through_sdf(f'{red}{red}<material name="red_again"/>{red}<link name="a"/>', report)
+    assert root.xpath('material/@name') == ['red', 'red_again_1', 'red_again', 'red_again_2']
+    assert len(report.warnings) == 2
+
+
+def test_clamped_colors_are_restored_unless_changed() -> None:
+    content = ('<material name="red"><color rgba="2 0 0 1"/></material>'
+               f'<link name="a"><visual>{BOX}<material name="blue"><color rgba="0 -1 1 1"/>'
+               '</material></visual></link>')
+    report = Report()
+    root = through_sdf(content, report)
+    assert root.xpath('//color/@rgba') == ['0 0 1 1', '1 0 0 1']
+    assert [note.name for note in report.warnings] == ['red', 'blue']
+    model = read_urdf(parse(to_bytes(root), 'r.urdf', Report()), Report())
+    material = model.links[0].visuals[0].material
+    assert material is not None and material.color == (0.0, -1.0, 1.0, 1.0)
+    kept = model.extension.urdf
+    assert kept is not None and kept.xpath('material/color/@rgba') == ['2 0 0 1']
+    color = root.find('link/visual/material/color')
+    assert color is not None
+    color.set('rgba', '1 1 1 1')
+    material = read_urdf(root, Report()).links[0].visuals[0].material
+    assert material is not None and material.color == (1.0, 1.0, 1.0, 1.0)
