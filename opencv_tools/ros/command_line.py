@@ -58,9 +58,9 @@ def check_ros_arguments(
             raise ParameterError(f'{rule} is a remapping rule, but {left} is a parameter: '
                                  f'write --ros-args -p {rule}')
     nodes = _node_names(options, node)
-    warnings = (_check_file(Path(value), executable, nodes)
-               for option, value in options if option == '--params-file')
-    return [warning for warning in warnings if warning]
+    mistakes = (_check_file(Path(value), executable, nodes)
+                for option, value in options if option == '--params-file')
+    return [mistake for mistake in mistakes if mistake]
 
 
 def given_parameters(args: Sequence[str], node: str) -> dict[str, Any]:

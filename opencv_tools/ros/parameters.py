@@ -90,7 +90,7 @@ class Parameter:
                 IntegerRange(from_value=low, to_value=high, step=self.step)]
         return descriptor
 
-    def accept(self, value: object) -> str | int | float:
+    def accept(self, value: Any) -> str | int | float:
         """
         Convert a value of the command line to the type of the parameter.
 
@@ -145,13 +145,13 @@ def parameter(default: str | int | float, description: str, **options: Any) -> A
     :param description: description, see ``Parameter``.
     :param options: further fields of ``Parameter``.
     """
-    return field(default=default, metadata={'description': description, **options})
+    options |= {'default': default, 'description': description}
+    return field(default=default, metadata=options)
 
 
 def parameter_table(settings: type) -> tuple[Parameter, ...]:
     """Return the parameters of a settings class, whose fields ``parameter`` has created."""
-    return tuple(Parameter(found.name, found.default, **found.metadata)
-                 for found in fields(settings))
+    return tuple(Parameter(found.name, **found.metadata) for found in fields(settings))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:

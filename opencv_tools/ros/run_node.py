@@ -107,25 +107,10 @@ def run(
     """
     open_standard_streams()
     logger = get_logger(executable.name)
-    args = list(sys.argv if args is None else args)
+    args = sys.argv if args is None else args
     signals = _Signals()
     try:
-        warnings = check_ros_arguments(
-            args, executable.name, executable.node, executable.parameters)
-        _parse_arguments(remove_ros_args(args), executable)
-        log_warning = replace_log_folder()
-        if log_warning:
-            logger.warning(log_warning)
-        for warning in warnings:
-            logger.error(warning)
-        with configured_fastdds(executable.frame_bytes(args)) as fastdds:
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            logger.debug(fastdds.summary + (
-                f'; rclpy copies the messages: {zero_copy.reason_for_rclpy}'
-                if zero_copy.reason_for_rclpy else ''))
-            if fastdds.warning:
-                logger.warning(fastdds.warning)
-            node = create_node(fastdds)
+        node = _start(executable, create_node, args)
         return _run(node, signals)
     except (ParameterError, ParameterException) as err:
         logger.error(str(err))
@@ -187,6 +172,30 @@ class _Signals:
         # ros2 launch repeats the SIGINT of the terminal. A much later signal forces an exit.
         if now - self._first_at > _FORCE_QUIT_SECONDS and not self._has_ended:
             raise KeyboardInterrupt
+
+
+def _start(
+    executable: Executable, create_node: Callable[[FastDdsSetup], ClosableNode],
+    args: Sequence[str],
+) -> ClosableNode:
+    """Check the arguments, initialise rclpy and create the node; parameters as for ``run``."""
+    logger = get_logger(executable.name)
+    args = list(args)
+    mistakes = check_ros_arguments(args, executable.name, executable.node, executable.parameters)
+    _parse_arguments(remove_ros_args(args), executable)
+    log_warning = replace_log_folder()
+    if log_warning:
+        logger.warning(log_warning)
+    for mistake in mistakes:
+        logger.error(mistake)
+    with configured_fastdds(executable.frame_bytes(args)) as fastdds:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        logger.debug(fastdds.summary + (
+            f'; rclpy copies the messages: {zero_copy.reason_for_rclpy}'
+            if zero_copy.reason_for_rclpy else ''))
+        if fastdds.warning:
+            logger.warning(fastdds.warning)
+        return create_node(fastdds)
 
 
 def _parse_arguments(args: list[str], executable: Executable) -> None:

@@ -23,6 +23,7 @@ import time
 
 from conftest import DEADLINE, recorded_files
 from opencv_tools.basic_image_subscriber import ImageSubscriber
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.recording.recorder import Recorder
 import pytest
 import rclpy
@@ -47,12 +48,14 @@ def create(domain: int, tmp_path: Path) -> Iterator[Create]:
     """Return a function that creates the node, with its executor, until the test ends."""
     created: list[tuple[ImageSubscriber, SingleThreadedExecutor]] = []
 
-    def _create(**parameters: object) -> tuple[ImageSubscriber, SingleThreadedExecutor]:
+    def _create(
+        subscriber_class: type[ImageSubscriber] = ImageSubscriber, **parameters: object,
+    ) -> tuple[ImageSubscriber, SingleThreadedExecutor]:
         words = ['--ros-args', '-p', f'output_dir:={tmp_path}']
         for name, value in parameters.items():
             words += ['-p', f'{name}:={value}']
         rclpy.init(domain_id=domain, args=words)
-        subscriber, executor = ImageSubscriber(), SingleThreadedExecutor()
+        subscriber, executor = subscriber_class(), SingleThreadedExecutor()
         executor.add_node(subscriber)
         created.append((subscriber, executor))
         return created[-1]
@@ -92,6 +95,29 @@ def test_steps_of_a_received_message(
     assert 'listener_callback' in steps and steps[-1] == 'put'
     assert len(steps) <= MAX_STEPS, steps
     subscriber.close()
+
+
+class DescribingSubscriber(ImageSubscriber):
+    """A subscriber with its own callback, as followers of the tutorial write it."""
+
+    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
+        self.get_logger().info(f'own callback: {message.description}')
+        super().listener_callback(message, receive_ns)
+
+
+def test_overridden_callback(
+        create: Create, camera: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    publisher = camera.create_publisher(Image, TOPIC, 10)
+    subscriber, executor = create(DescribingSubscriber, max_frames=1)
+    wait_until_matched(publisher, subscriber)
+    publisher.publish(IMAGE)
+    deadline = time.monotonic() + DEADLINE
+    while not subscriber.done.done():
+        assert time.monotonic() < deadline, 'no frame was recorded'
+        executor.spin_once(timeout_sec=0.05)
+    assert subscriber.close() == 0
+    assert 'own callback: 1x1 mono8' in capfd.readouterr().err
+    assert len(recorded_files(tmp_path)) == 1
 
 
 def test_exact_sum_of_20000_frames(

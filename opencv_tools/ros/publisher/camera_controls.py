@@ -185,7 +185,7 @@ class CameraControls:
         if self._is_updating:
             return SetParametersResult(successful=True)
         camera = self._camera()
-        changed: list[Control] = []
+        previous: list[tuple[Control, int]] = []
         requested = dict(self.requested)
         known = [(*self._controls[change.name], change.value) for change in changes
                  if change.name in self._controls]
@@ -195,12 +195,14 @@ class CameraControls:
             for control, value in accepted:
                 if camera:
                     camera.set_control(control, value)
-                    changed.append(control)
+                    name = self._name(control)
+                    previous.append((control, int(self._node.get_parameter(name).value)))
                 requested[control.name] = value
         except (CaptureError, ParameterError) as err:
-            for control in changed if camera else ():
-                with suppress(CaptureError):
-                    camera.set_control(control, self._parameter_value(control))
+            if camera:
+                for control, value in previous:
+                    with suppress(CaptureError):
+                        camera.set_control(control, value)
             return SetParametersResult(successful=False, reason=str(err))
         self.requested = tuple(requested.items())
         return SetParametersResult(successful=True)

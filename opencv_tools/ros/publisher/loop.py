@@ -34,13 +34,15 @@ from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.publisher.image_topics import ImageTopics
-from opencv_tools.ros.publisher.parameters import PublisherSettings, REOPEN_ON_CHANGE
+from opencv_tools.ros.publisher.parameters import PublisherSettings
 from opencv_tools.ros.publisher.stamps import Stamper
 from opencv_tools.ros.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.ros.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+# Parameters that apply when the camera is opened.
+_CAMERA_PARAMETERS = frozenset(('width', 'height', 'fps', 'fourcc'))
 _RELEASE_SECONDS = 5
 # Changes within this time, such as width and height, reopen the camera only once.
 _CHANGE_SECONDS = 0.2
@@ -134,7 +136,7 @@ class PublishLoop:
         self._grabber.reconnect = self.settings.reconnect_policy()
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
-        elif REOPEN_ON_CHANGE & changes.keys():
+        elif _CAMERA_PARAMETERS & changes.keys():
             self._reopening.request()
 
     def set_capture(

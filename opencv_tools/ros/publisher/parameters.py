@@ -160,6 +160,3 @@ class PublisherSettings:
 
 #: Parameters of ``img_publisher``.
 PARAMETERS = parameter_table(PublisherSettings)
-
-#: Parameters whose change requires reopening the camera.
-REOPEN_ON_CHANGE = frozenset(('width', 'height', 'fps', 'fourcc'))

@@ -40,7 +40,7 @@ class RawSubscription(Waitable):
     """
     A subscription that the executor waits for as a waitable, to avoid rclpy's copy.
 
-    The subscription of rclpy executes only its events.
+    The subscription of rclpy executes only its events, never its callback.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class RawSubscription(Waitable):
         self._on_message = on_message
         message_class, _ = MESSAGE_TYPES[image_topic.type_name]
         self._subscription = node.create_subscription(
-            message_class, image_topic.name, _unused_callback, qos, raw=True,
+            message_class, image_topic.name, lambda _: None, qos, raw=True,
             callback_group=_EventsOnlyGroup(),
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=on_publishers, matched=on_publishers,
@@ -138,7 +138,3 @@ class _EventsOnlyGroup(ReentrantCallbackGroup):
 
     def can_execute(self, entity: object) -> bool:
         return not isinstance(entity, Subscription)
-
-
-def _unused_callback(_: bytes) -> None:
-    """Do nothing; the executor never calls this callback."""

@@ -96,8 +96,8 @@ class RecordingSession:
         """
         while time.monotonic() < deadline and not self._has_ended:
             counts = self.recorder.counts
-            if self._put_count - counts.written - counts.dropped - counts.failed \
-                    - counts.skipped < self._queue_size:
+            finished = counts.written + counts.dropped + counts.failed + counts.skipped
+            if self._put_count - finished < self._queue_size:
                 return True
             time.sleep(_POLL_SECONDS)
         return False

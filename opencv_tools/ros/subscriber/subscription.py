@@ -119,22 +119,22 @@ class FrameSubscription:
         """
         now = time.time_ns()
         unprocessed = 0
-        is_cut_short = False
+        is_interrupted = False
 
         def continues() -> bool:
-            nonlocal is_cut_short
-            is_cut_short = is_cut_short or not may_continue()
-            return not is_cut_short
+            nonlocal is_interrupted
+            is_interrupted = is_interrupted or not may_continue()
+            return not is_interrupted
 
         try:
             for subscription in self._subscriptions():
-                for taken in subscription.received_messages(now, continues):
+                for data, info in subscription.received_messages(now, continues):
                     unprocessed = 1
-                    self._receive(subscription, *taken)
+                    self._receive(subscription, data, info)
                     unprocessed = 0
         except KeyboardInterrupt:
-            is_cut_short = True
-        for subscription in self._subscriptions() if is_cut_short else ():
+            is_interrupted = True
+        for subscription in self._subscriptions() if is_interrupted else ():
             for _, info in subscription.received_messages(now):
                 if not self._is_repeated((info.source_timestamp, info.number)):
                     self.losses.add(info)
@@ -151,7 +151,7 @@ class FrameSubscription:
 
     def _subscriptions(self) -> list[RawSubscription]:
         """Return the subscriptions, oldest first."""
-        return [found for found in (self._previous, self._subscription) if found]
+        return [self._previous, self._subscription] if self._previous else [self._subscription]
 
     # Publishers and their quality of service
 

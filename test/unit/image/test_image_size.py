@@ -27,14 +27,11 @@ from conftest import PRINT_PEAK_MEMORY
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
-from opencv_tools.ros.subscriber.conversion import FrameConverter
 import pytest
 
-HEADER = WireHeader(0, 0, '')
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
 FORMATS = {
     **dict.fromkeys(('.jpg', '.png', '.bmp', '.tif', '.webp', '.ppm', '.sr', '.gif', '.jp2',
@@ -132,25 +129,6 @@ def test_largest_allowed_size_passes() -> None:
     check_size(2**20, 2**7, MAX_PIXELS)
     with pytest.raises(SizeError):
         check_size(2**20 + 1, 2**7, MAX_PIXELS)
-
-
-@pytest.mark.parametrize('message', [
-    WireImage(header=HEADER, encoding='mono8', width=20000, height=20000, is_bigendian=False,
-              step=20000, data=b''),
-    WireCompressedImage(header=HEADER, format='jpeg', data=huge_jpeg())],
-    ids=['raw', 'compressed'])
-def test_error_of_a_large_message_names_the_parameter(message: WireMessage) -> None:
-    with pytest.raises(SizeError, match=r'^\d+x\d+ pixels are more than max_pixels=134217728; '
-                                        'raise the parameter max_pixels to receive it$'):
-        FrameConverter(CvBridge()).convert(message, '', 1)
-
-
-def test_pixel_limit_belongs_to_the_frame() -> None:
-    message = WireCompressedImage(header=HEADER, format='png', data=encoded(COLOR, '.png'))
-    frame = FrameConverter(CvBridge(), 53 * 37).convert(message, '', 1)
-    assert np.array_equal(frame.decode().image, COLOR)
-    with pytest.raises(SizeError):
-        FrameConverter(CvBridge(), 53 * 37 - 1).convert(message, '', 1)
 
 
 def test_bridge_refuses_images_with_too_many_pixels() -> None:

@@ -174,9 +174,9 @@ def test_best_effort_publisher(
         subscribe()
     publish_until(node, publisher, image, lambda: len(received.frames) > 3)
     spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.BEST_EFFORT])
-    said = capfd.readouterr().err.count(
+    logged = capfd.readouterr().err.count(
         'Receiving /video_frames (sensor_msgs/msg/Image, best effort), as its publishers offer')
-    assert said == (first == 'subscription')
+    assert logged == (first == 'subscription')
     assert all(isinstance(frame, WireImage) for frame in received.frames)
 
 
@@ -217,13 +217,13 @@ def test_no_loss_or_duplicate_as_a_publisher_joins_and_leaves(
         publish_until(
             node, joins, image, lambda: len(received.frames) > 3 + len(received.numbers(1000)))
         spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.BEST_EFFORT])
-        asked = requests(node)
+        requested = requests(node)
         camera.destroy_publisher(joins)
         spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
         spin_for(node, 3 * subscription_module._GRAPH_POLL_SECONDS)
     finally:
         stream.end()
-    assert requests(node) == asked  # not subscribed again
+    assert requests(node) == requested  # not subscribed again
     spin_until(node, lambda: received.numbers(1000)[-1] == stream.published[-1])
     assert received.numbers(1000) == stream.published
 
@@ -252,11 +252,11 @@ def test_latched_image_published_before(
     assert received.numbers().count(7) <= 2
 
 
-@pytest.mark.parametrize('remembered', [5000, 10])
+@pytest.mark.parametrize('max_ids', [5000, 10])
 def test_duplicates_of_two_subscriptions_are_dropped(
         node: Node, camera: Node, received: Received, subscribe: Callable[..., FrameSubscription],
-        monkeypatch: pytest.MonkeyPatch, remembered: int) -> None:
-    monkeypatch.setattr(subscription_module, '_MAX_IDS', remembered)
+        monkeypatch: pytest.MonkeyPatch, max_ids: int) -> None:
+    monkeypatch.setattr(subscription_module, '_MAX_IDS', max_ids)
     subscription = subscribe()
     publisher = camera.create_publisher(Image, TOPIC, LATCHED)
     wait_until(lambda: publisher.get_subscription_count() == 1)  # not subscribed again yet
@@ -596,8 +596,8 @@ def remapped(domain: int) -> Iterator[Callable[[str], Node]]:
         return nodes[-1]
 
     yield _remapped
-    for made in nodes:
-        made.destroy_node()
+    for created in nodes:
+        created.destroy_node()
     for context in contexts:
         rclpy.shutdown(context=context)
 
@@ -634,29 +634,29 @@ def test_warning_for_each_new_reason(
     monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
     console = ''
 
-    def said(text: str) -> bool:
+    def logged(text: str) -> bool:
         nonlocal console
         console += capfd.readouterr().err
         return text in console
 
     subscribe()
-    spin_until(node, lambda: said(
+    spin_until(node, lambda: logged(
         f'No frames: no publisher on /video_frames; no images are published in ROS_DOMAIN_ID '
         f'{domain}; is a publisher running, with the same ROS_DOMAIN_ID?'))
     other = camera.create_publisher(Image, '/camera/image_raw', RELIABLE)
-    spin_until(node, lambda: said('receive one with -r video_frames:=/camera/image_raw'))
+    spin_until(node, lambda: logged('receive one with -r video_frames:=/camera/image_raw'))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: said('/video_frames has a publisher (node /front/camera), but'))
+    spin_until(node, lambda: logged('/video_frames has a publisher (node /front/camera), but'))
     spin_for(node, 0.8)  # no repetition meanwhile
-    publish_until(node, publisher, image, lambda: said('Frames arrive on /video_frames'))
+    publish_until(node, publisher, image, lambda: logged('Frames arrive on /video_frames'))
     console += capfd.readouterr().err
     assert console.count('No frames: ') == 3
     assert console.count('Frames arrive') == 1
-    spin_until(node, lambda: said('Frames arrive') and console.count('No frames: ') == 4)
+    spin_until(node, lambda: logged('Frames arrive') and console.count('No frames: ') == 4)
     assert console.count('but no frame arrives') == 2
     assert '--ipc=host' in console
     camera.destroy_publisher(publisher)
-    spin_until(node, lambda: console.count(':=/camera/image_raw') == 2 or said('never'))
+    spin_until(node, lambda: console.count(':=/camera/image_raw') == 2 or logged('never'))
     assert other.get_subscription_count() == 0
 
 
