@@ -230,7 +230,7 @@ class VideoDevice:
             stamp_ns=seconds * 10**9 + microseconds * 1000 if is_monotonic else 0,
             broken=bool(buffer.flags & videodev2.V4L2_BUF_FLAG_ERROR))
 
-    def content(self, buffer: DequeuedBuffer) -> bytes:
+    def copy_image(self, buffer: DequeuedBuffer) -> bytes:
         """Return a copy of the image in a buffer."""
         return self._maps[buffer.index][buffer.start:buffer.stop]
 
