@@ -205,8 +205,8 @@ class CameraSource:
         stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
-        image = read_pixels(self._pixel_format, self._device.copy_image(buffer), self._format.height,
-                            self._format.width, self._format.step)
+        image = read_pixels(self._pixel_format, self._device.copy_image(buffer),
+                            self._format.height, self._format.width, self._format.step)
         return Frame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
