@@ -128,21 +128,17 @@ class CameraSource:
             raise CaptureError(
                 f'camera {self.name} offers none of the supported pixel formats '
                 f'{", ".join(PIXEL_FORMATS)}; it offers {describe_modes(modes) or "none"}')
-        self._format = self._device.set_format(chosen)
-        if self._format.fourcc not in PIXEL_FORMATS:
+        self._mode, self._step = self._device.set_format(chosen)
+        if self._mode.fourcc not in PIXEL_FORMATS:
             raise CaptureError(
                 f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
-                f'format {self._format.fourcc}; set fourcc to another format')
-        self._pixel_format = PIXEL_FORMATS[self._format.fourcc]
+                f'format {self._mode.fourcc}; set fourcc to another format')
+        self._pixel_format = PIXEL_FORMATS[self._mode.fourcc]
         self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
         self._warn_about_changes(request, modes)
         self._set_controls(dict(request.controls))
         self._device.start()
-        self.description = f'{self._format.fourcc} {self._mode.size} at {self.rate:g} Hz'
-
-    @property
-    def _mode(self) -> Mode:
-        return Mode(self._format.fourcc, self._format.width, self._format.height)
+        self.description = f'{self._mode.fourcc} {self._mode.size} at {self.rate:g} Hz'
 
     def _warn_about_changes(self, request: CameraRequest, modes: list[Mode]) -> None:
         """Record a warning for each setting that the camera changed, with the supported values."""
@@ -206,7 +202,7 @@ class CameraSource:
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
         image = read_pixels(self._pixel_format, self._device.copy_image(buffer),
-                            self._format.height, self._format.width, self._format.step)
+                            self._mode.height, self._mode.width, self._step)
         return Frame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
