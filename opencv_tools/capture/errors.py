@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The errors of sources::
+The errors of sources.
+
+::
 
     CaptureError          the source cannot be opened, or has failed permanently
     ├─ UnavailableError   the camera or stream is unavailable now, but may come back

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The errors of images::
+The errors of images.
+
+::
 
     ImageError
     ├─ EncodingError            an encoding is unknown, or does not fit an array

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-The errors of recordings::
+The errors of recordings.
+
+::
 
     RecordingError       an output folder cannot be used
     LimitReached         a recording has reached its limits
