@@ -72,7 +72,7 @@ _RECEIVED = re.compile(
 Way = Callable[[Sequence[bytes], Path, str], float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Race:
     """
     Images written in the callback, and by the recorder.
@@ -116,7 +116,7 @@ class Load:
     per_frame: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Recording:
     """
     Counts of the frames of a publisher.
@@ -145,7 +145,7 @@ class Recording:
     size: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Passthrough:
     """
     JPEG messages to JPEG files, medians of milliseconds per frame.
@@ -248,8 +248,8 @@ def race(messages: Sequence[bytes], suffix: str) -> Race:
     many = list(islice(cycle(messages), max(len(messages), round(rate * RUN_SECONDS))))
     theirs, ours = zip(*[(run(write_in_callback, many, suffix), run(record, many, suffix))
                          for _ in range(ROUNDS)])
-    return Race(suffix, len(many), [rate for rate, _ in theirs], [rate for rate, _ in ours],
-                theirs[0][1], ours[0][1])
+    return Race(suffix=suffix, frames=len(many), theirs=[rate for rate, _ in theirs],
+                ours=[rate for rate, _ in ours], their_size=theirs[0][1], our_size=ours[0][1])
 
 
 class CountedNode(NodeProcess):
@@ -310,7 +310,7 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
             publisher.start(' opened: ')
             publisher.wait(START_SECONDS + 2 * seconds)
             cpu = subscriber.cpu_since_start()
-            time.sleep(1)  # what is on its way arrives
+            time.sleep(1)  # for frames that are in transit
         finally:
             for node in reversed(nodes):
                 node.finish()
@@ -321,10 +321,10 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
         percent, milliseconds = 100 * rate / sent, 1000
         publishing, writing = publisher.cpu_since_start(), subscriber.cpu_since_start()
         return Recording(
-            suffix, sent, rate, received, kept, dropped, lost,
-            Load(publishing * percent, publishing / sent * milliseconds),
-            Load(cpu * percent, writing / kept * milliseconds),
-            file_bytes(files, suffix) / kept)
+            suffix=suffix, sent=sent, rate=rate, received=received, kept=kept, dropped=dropped,
+            lost=lost, publisher=Load(publishing * percent, publishing / sent * milliseconds),
+            subscriber=Load(cpu * percent, writing / kept * milliseconds),
+            size=file_bytes(files, suffix) / kept)
 
 
 def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, float]:
@@ -354,8 +354,9 @@ def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))
              for _ in range(ROUNDS)]
     kept, encoded = np.median(pairs, axis=0).tolist()
-    return Passthrough(kept[0], encoded[0], kept[1], encoded[1],
-                       [other[0] / one[0] for one, other in pairs])
+    return Passthrough(
+        kept_cpu=kept[0], encoded_cpu=encoded[0], kept_wall=kept[1], encoded_wall=encoded[1],
+        ratios=[encoded_pair[0] / kept_pair[0] for kept_pair, encoded_pair in pairs])
 
 
 def verdict(ratio: float, goal: float) -> str:
