@@ -174,6 +174,14 @@ def write_buffer(file: BinaryIO, data: Any) -> None:
         rest = rest[file.write(rest):]
 
 
+def is_same_file(file: int, path: Path) -> bool:
+    """Return whether an open file is still the file at a path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
 def _check_kind(path: Path, mode: int) -> None:
     kind = describe_kind(mode)
     if kind == 'a folder':

@@ -29,7 +29,7 @@ from typing import Any, BinaryIO
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.naming import NANO
-from opencv_tools.regular_files import open_regular, RefusedFileError
+from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError
 
 FILE_NAME = 'manifest.jsonl'
 
@@ -281,11 +281,3 @@ def _lock(file: int) -> None:
     """Wait for an exclusive lock; do nothing on a file system without locks."""
     with suppress(OSError):
         fcntl.flock(file, fcntl.LOCK_EX)
-
-
-def is_same_file(file: int, path: Path) -> bool:
-    """Return whether an open file is still the file at a path."""
-    try:
-        return os.path.samestat(os.fstat(file), path.lstat())
-    except FileNotFoundError:
-        return False
