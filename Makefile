@@ -61,7 +61,8 @@ endef
 # $(1): environment of the command; $(2): further options of Sphinx
 define build_docs
 @$(1) python3 docs/write_parameters.py
-@$(1) python3 -m sphinx -M html docs build/docs --quiet --nitpicky --keep-going $(2)
+@$(1) python3 -m sphinx -M html docs build/docs --quiet --fresh-env --nitpicky \
+  --keep-going $(2)
 @echo 'The documentation is build/docs/html/index.html'
 endef
 
@@ -182,7 +183,7 @@ endef
 	@touch $@
 
 %/docs: %/ready requirements/docs.txt | %/installed
-	@echo 'Installing Sphinx into $*: 15 MB to download, 0.05 GB on the disk, less than a minute'
+	@echo 'Installing Sphinx into $*: 20 MB to download, 0.1 GB on the disk, less than a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/docs.txt)
 	@touch $@

@@ -12,41 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Configuration of Sphinx for ``make docs``."""
+"""Configuration of Sphinx for ``make docs`` and rosdoc2."""
 
 from __future__ import annotations
 
 from pathlib import Path
 import re
+from textwrap import indent
 import xml.etree.ElementTree as ElementTree
 
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parent.parent
-_PACKAGE = ElementTree.parse(ROOT / 'package.xml')
 
-project = _PACKAGE.findtext('name', '')
-author = _PACKAGE.findtext('maintainer', '')
+project = 'opencv_tools'
+author = 'opencv_tools maintainers'
 copyright = f'2026, {author}'  # noqa: A001
-release = version = _PACKAGE.findtext('version', '')
+if (ROOT / 'package.xml').is_file():  # rosdoc2 copies the pages elsewhere and sets the version
+    release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version', '')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc']
 html_theme = 'furo'
-html_title = f'{project} {release}'
 
 myst_heading_anchors = 4
 
 autodoc_member_order = 'bysource'
 autodoc_default_options = {'members': True, 'show-inheritance': True}
 
-# Types of other packages, aliases, type variables, and private types of this package.
-nitpick_ignore_regex = [('py:.*', r'(?!opencv_tools\.)\w+\..*')]
-nitpick_ignore = [('py:class', name) for name in (
-    'CameraRequest', 'Matrix', 'Source', 'Vector', 'opencv_tools.capture.frame._Readable',
-    'opencv_tools.recording.failure_log.Log', 'opencv_tools.recording.recorder.P',
-    'opencv_tools.robot.xml.document.Either', 'opencv_tools.robot.xml.taken.Taken',
-    'opencv_tools.ros.fastdds.profile.FastDdsSetup')]
-nitpick_ignore.append(('py:obj', 'opencv_tools.recording.recorder.P'))
+# References that lead to no page: to other modules than the public ones, to private names, to
+# aliases and to type variables.
+_PUBLIC = re.findall(r'automodule:: (\S+)', Path(__file__).with_name('api.rst').read_text())
+nitpick_ignore_regex = [
+    ('py:.*', rf'(?!(?:{"|".join(_PUBLIC)})\.)\w+\..*'), ('py:.*', r'.*\._\w+'),
+    ('py:.*', 'CameraRequest|CycleError|Matrix|Source|Vector'), ('py:.*', r'.*\.(ElementT|P)')]
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
@@ -55,7 +53,7 @@ PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
 
 def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
-    if docname == 'contributing':
+    if docname == 'contributing' and (ROOT / 'CONTRIBUTING.md').is_file():
         text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
         source[0] = re.sub(
             r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
@@ -63,6 +61,16 @@ def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 
 
+def keep_trees(app: Sphinx, what: str, name: str, value: object, options: object,
+               lines: list[str]) -> None:
+    """Change each paragraph with a drawn tree to a literal block."""
+    paragraphs = '\n'.join(lines).split('\n\n')
+    lines[:] = '\n\n'.join(
+        f'::\n\n{indent(paragraph, "    ")}' if '└─' in paragraph else paragraph
+        for paragraph in paragraphs).split('\n')
+
+
 def setup(app: Sphinx) -> None:
-    """Connect the changes of page sources."""
+    """Connect the changes of pages and docstrings."""
     app.connect('source-read', insert_page)
+    app.connect('autodoc-process-docstring', keep_trees)

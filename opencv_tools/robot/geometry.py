@@ -67,7 +67,7 @@ BLACK: Color = (0.0, 0.0, 0.0, 1.0)  # SDF's default for each of ``LIGHT_COLORS`
 LIGHT_COLORS = ('ambient', 'specular', 'emissive')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Material:
     """
     Appearance of a surface.

@@ -66,10 +66,11 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
         new_ids[FrameId('link', child)] = FrameId('frame', child)
         new_ids[FrameId('joint', joint.name)] = FrameId('frame', joint_frame)
         host = FrameId('link', hosts[child])
-        pose = kinematics.between(host, FrameId('joint', joint.name))
-        frames.append(Frame(joint_frame, host, Placement(pose, host), joint.extension, joint.line))
-        frames.append(Frame(child, host, links[child].placement,
-                            replace(links[child].extension, sdf=None), links[child].line))
+        pose, link = kinematics.between(host, FrameId('joint', joint.name)), links[child]
+        frames.append(Frame(name=joint_frame, attached_to=host, placement=Placement(pose, host),
+                            extension=joint.extension, line=joint.line))
+        frames.append(Frame(name=child, attached_to=host, placement=link.placement,
+                            extension=replace(link.extension, sdf=None), line=link.line))
 
     def new_id(frame: FrameId) -> FrameId:
         return new_ids.get(frame, frame)

@@ -91,7 +91,7 @@ class Inertial:
     inertia: Tensor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shape:
     """
     A visual or a collision of a link.
@@ -109,7 +109,7 @@ class Shape:
     line: int = field(default=0, compare=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Link:
     """A rigid body. In URDF its frame is the frame of its parent joint."""
 
@@ -176,7 +176,7 @@ class Axis:
     mimic: Mimic | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Joint:
     """
     A joint between two links.
@@ -214,7 +214,7 @@ class Joint:
             'revolute', 'prismatic', 'universal')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Frame:
     """A frame beside those of links and joints; it moves with the frame that it is attached to."""
 
@@ -228,7 +228,7 @@ class Frame:
 _Placed = TypeVar('_Placed', Shape, Link, Joint, Frame)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """
     A robot or another model.

@@ -272,7 +272,8 @@ def test_rejected_moments_of_inertia(
     placement = Placement(Pose(), FrameId('link', 'a'))
     xx, xy, xz, yy, yz, zz = map(float, inertia)
     inertial = Inertial(placement, float(mass), (xx, xy, xz, yy, yz, zz))
-    robot = Robot('robot', (Link('a', Placement(Pose(), MODEL), inertial),))
+    robot = Robot(name='robot',
+                  links=(Link(name='a', placement=Placement(Pose(), MODEL), inertial=inertial),))
     path = tmp_path / 'robot.sdf'
     report = Report()
     path.write_bytes(to_bytes(convert_to_sdf(robot, report, version='1.9')))

@@ -38,11 +38,12 @@ import shutil
 import sys
 
 from documentation import (
-    Block, PAGES, read_anchors, read_blocks, read_links, ROOT, RUN, SHOWN)
+    Block, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
 from documentation_runs import copy_project, FRAME, matches, run
-from documented_commands import check_command, commands
+from documented_commands import check_command, check_span, commands
 import pytest
 
+TEXTS = (*PAGES, Path('CONTRIBUTING.md'), Path('SECURITY.md'))
 BLOCKS = [block for page in PAGES for block in read_blocks(page)]
 HAS_LAUNCH = importlib.util.find_spec('launch_ros') is not None
 
@@ -175,8 +176,7 @@ def test_block_form(block: Block) -> None:
         compile(block.code, block.name, 'exec')
 
 
-@pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in (
-    *PAGES, Path('CONTRIBUTING.md'), Path('SECURITY.md'))])
+@pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in TEXTS])
 def test_links(page: Path) -> None:
     assert [link for link in read_links(page) if not leads_somewhere(page, link)] == []
 
@@ -190,6 +190,12 @@ def leads_somewhere(page: Path, link: str) -> bool:
     return (ROOT / target).exists() and (not anchor or anchor in read_anchors(target))
 
 
+@pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in TEXTS])
+def test_names_in_text(page: Path) -> None:
+    for span in read_spans(page):
+        check_span(span)
+
+
 def test_pages_are_in_the_contents() -> None:
     contents = next(block for block in BLOCKS if block.language == '{toctree}')
     named = re.findall(r'^[a-z]\w*$', contents.code, re.MULTILINE)
@@ -197,7 +203,6 @@ def test_pages_are_in_the_contents() -> None:
     assert sorted(named) == sorted(pages - {'index'})
 
 
-@pytest.mark.process
 def test_parameter_page_is_up_to_date() -> None:
     spec = importlib.util.spec_from_file_location(
         'write_parameters', ROOT / 'docs' / 'write_parameters.py')

@@ -35,22 +35,28 @@ def on(link: str, pose: Pose = Pose()) -> Placement:  # noqa: B008
 
 
 def shape(link: str, name: str = '', **changes: Any) -> Shape:
-    return replace(Shape(name, on(link, Pose((0.1, 0.0, 0.0))), Box((1.0, 2.0, 3.0))), **changes)
+    return replace(Shape(name=name, placement=on(link, Pose((0.1, 0.0, 0.0))),
+                         geometry=Box((1.0, 2.0, 3.0))), **changes)
 
 
 def urdf() -> Robot:
     """Create an arm with placements of URDF and one element of each kind."""
-    arm = Link('arm', Placement(Pose(), FrameId('joint', 'turn')),
-               Inertial(on('arm', Pose((0.0, 0.0, 0.5), (0.0, 0.0, HALF))), 2.0,
-                        (1.0, 0.0, 0.0, 2.0, 0.0, 3.0)),
-               (shape('arm', material=Material('red', RED)),), (shape('arm'),))
-    return Robot('robot', (
-        Link('base', Placement(Pose(), MODEL)), arm,
-        Link('hand', Placement(Pose(), FrameId('joint', 'slide')))), (
-        Joint('turn', 'revolute', 'base', 'arm', on('base', Pose((1.0, 0.0, 0.0), (HALF, 0, 0))), (
-            Axis((0.0, 0.0, 2.0), Limit(-1.0, 2.0, 3.0, 4.0), Dynamics(0.5, 0.25)),)),
-        Joint('slide', 'prismatic', 'arm', 'hand', on('arm', Pose((0.0, 0.0, 1.0))), (
-            Axis((1.0, 0.0, 0.0), Limit(0.0, 0.5), mimic=Mimic('turn', 0.1, 0.2)),))))
+    arm = Link(name='arm', placement=Placement(Pose(), FrameId('joint', 'turn')),
+               inertial=Inertial(on('arm', Pose((0.0, 0.0, 0.5), (0.0, 0.0, HALF))), 2.0,
+                                 (1.0, 0.0, 0.0, 2.0, 0.0, 3.0)),
+               visuals=(shape('arm', material=Material(name='red', color=RED)),),
+               collisions=(shape('arm'),))
+    return Robot(name='robot',
+                 links=(Link(name='base', placement=Placement(Pose(), MODEL)), arm,
+                        Link(name='hand', placement=Placement(Pose(), FrameId('joint', 'slide')))),
+                 joints=(Joint(name='turn', type='revolute', parent='base', child='arm',
+                               placement=on('base', Pose((1.0, 0.0, 0.0), (HALF, 0, 0))),
+                               axes=(Axis((0.0, 0.0, 2.0), Limit(-1.0, 2.0, 3.0, 4.0),
+                                          Dynamics(0.5, 0.25)),)),
+                         Joint(name='slide', type='prismatic', parent='arm', child='hand',
+                               placement=on('arm', Pose((0.0, 0.0, 1.0))),
+                               axes=(Axis((1.0, 0.0, 0.0), Limit(0.0, 0.5),
+                                          mimic=Mimic('turn', 0.1, 0.2)),))))
 
 
 def absent(element: str, name: str) -> Difference:
@@ -68,5 +74,7 @@ def with_axis(robot: Robot, name: str, **changes: Any) -> Robot:
 
 
 def free(type_: str, axes: tuple[Axis, ...], pose: Pose = Pose()) -> Robot:  # noqa: B008
-    links = tuple(Link(name, Placement(Pose(), MODEL)) for name in 'ab')
-    return Robot('free', links, (Joint('j', type_, 'a', 'b', on('b', pose), axes),))
+    links = tuple(Link(name=name, placement=Placement(Pose(), MODEL)) for name in 'ab')
+    return Robot(name='free', links=links,
+                 joints=(Joint(name='j', type=type_, parent='a', child='b',
+                               placement=on('b', pose), axes=axes),))

@@ -124,6 +124,11 @@ def _without_blocks(page: Path) -> str:
     return re.sub(r'^( *)(`{3,}|~{3,}).*?^ *\2[`~]*$', '', text, flags=re.MULTILINE | re.DOTALL)
 
 
+def read_spans(page: Path) -> list[str]:
+    """Return the texts of the code spans of a page that are on one line."""
+    return re.findall(r'(?<!`)`([^`\n]+)`(?!`)', _without_blocks(page))
+
+
 def read_links(page: Path) -> list[str]:
     """Return the targets of the links and images of a page, but those in code."""
     text = re.sub(r'(`+)(?!`).+?(?<!`)\1(?!`)', 'code', _without_blocks(page))

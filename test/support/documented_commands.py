@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+import importlib
 import itertools
 import re
 import shlex
@@ -60,6 +62,22 @@ def check_command(line: str) -> None:
             assert set(arguments) <= set(MAKE_TARGETS.split()), line
         elif name == 'ros2':
             _check_ros2(*arguments)
+
+
+def check_span(text: str) -> None:
+    """Check the names in ``make TARGET`` and ``PARAMETER:=VALUE``; a value may be in capitals."""
+    target = re.fullmatch(r'make ([\w-]+)', text)
+    assert target is None or target[1] in MAKE_TARGETS.split(), text
+    name, is_assignment, value = text.removeprefix('-p ').partition(':=')
+    if not is_assignment or name.isupper() or not re.fullmatch(r'\w+', name):
+        return
+    executables = [executable for executable, table in PARAMETERS.items()
+                   if name in {parameter.name for parameter in table}]
+    launched = any(f"'{name}'" in code for code in LAUNCH_FILES.values())
+    assert executables or launched or name in CAMERA_CONTROLS, f'no node has the parameter {name}'
+    for executable in executables if not value.isupper() else ():
+        with suppress(yaml.YAMLError):  # an example of an error
+            _accept(executable, name, value)
 
 
 def _simple_commands(line: str) -> Iterator[list[str]]:
@@ -116,7 +134,7 @@ def _check_options(command: str, arguments: list[str]) -> None:
 
 
 def _check_ros2(verb: str, *arguments: str) -> None:
-    """Check the arguments of ``ros2 launch`` and of ``ros2 param``."""
+    """Check the arguments of ``ros2 launch``, ``ros2 param`` and ``ros2 service call``."""
     if verb == 'launch':
         package, file, *assignments = arguments
         assert package == 'opencv_tools' and file in LAUNCH_FILES, file
@@ -130,5 +148,8 @@ def _check_ros2(verb: str, *arguments: str) -> None:
             assert action != 'set' or parameter.changeable, f'{rest[0]} is fixed at the start'
             if action == 'set':
                 parameter.accept(yaml.safe_load(rest[1]))
+    elif verb == 'service':
+        package, kind, name = arguments[2].split('/')
+        assert hasattr(importlib.import_module(f'{package}.{kind}'), name), arguments
     else:
-        assert verb in ('bag', 'interface', 'node', 'service', 'topic'), verb
+        assert verb in ('bag', 'interface', 'node', 'topic'), verb

@@ -41,35 +41,47 @@ BASE = Box((0.7, 0.3, 0.1))
 
 
 def tutorial(geometry: Geometry | None = BASE, name: str = 'base_link') -> Robot:
-    visual = Shape('', on(name, Pose((-0.1, 0.0, 0.0), (math.pi / 2, 0.0, math.pi / 2))),
-                   Mesh('package://my_robot/meshes/robot_base.stl'))
-    collision = Shape('', on(name, Pose((0.0, 0.0, -0.15))), geometry)
-    return Robot('my_robot', (
-        Link('base_footprint', Placement(Pose(), MODEL)),
-        Link(name, Placement(Pose(), FrameId('joint', 'base_joint')), None, (visual,),
-             (collision,))), (
-        Joint('base_joint', 'fixed', 'base_footprint', name,
-              on('base_footprint', Pose((0.0, 0.0, 0.2)))),))
+    visual = Shape(name='',
+                   placement=on(name, Pose((-0.1, 0.0, 0.0), (math.pi / 2, 0.0, math.pi / 2))),
+                   geometry=Mesh('package://my_robot/meshes/robot_base.stl'))
+    collision = Shape(name='', placement=on(name, Pose((0.0, 0.0, -0.15))), geometry=geometry)
+    return Robot(name='my_robot',
+                 links=(Link(name='base_footprint', placement=Placement(Pose(), MODEL)),
+                        Link(name=name,
+                             placement=Placement(Pose(), FrameId('joint', 'base_joint')),
+                             visuals=(visual,), collisions=(collision,))),
+                 joints=(Joint(name='base_joint', type='fixed', parent='base_footprint',
+                               child=name,
+                               placement=on('base_footprint', Pose((0.0, 0.0, 0.2)))),))
 
 
 def chain(count: int, pose: Pose = Pose((0.1, 0.0, 0.1), (0.0, 0.3, 0.5))) -> Robot:  # noqa: B008
     names = [f'link_{index}' for index in range(count)]
-    return Robot('chain', (Link(names[0], Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', f'to_{name}'))) for name in names[1:])),
-        tuple(Joint(f'to_{child}', 'continuous', parent, child, on(parent, pose),
-                    (Axis((0.0, 0.0, 1.0)),)) for parent, child in pairwise(names)))
+    return Robot(name='chain',
+                 links=(Link(name=names[0], placement=Placement(Pose(), MODEL)),
+                        *(Link(name=name,
+                               placement=Placement(Pose(), FrameId('joint', f'to_{name}')))
+                          for name in names[1:])),
+                 joints=tuple(Joint(name=f'to_{child}', type='continuous', parent=parent,
+                                    child=child, placement=on(parent, pose),
+                                    axes=(Axis((0.0, 0.0, 1.0)),))
+                              for parent, child in pairwise(names)))
 
 
-ARM = Robot('arm', (
-    Link('base', Placement(Pose(), MODEL), visuals=(
-        Shape('', on('base', Pose((0.0, 0.0, 0.05))), Box((0.2, 0.2, 0.1))),)),
-    Link('arm', Placement(Pose(), FrameId('joint', 'elbow'))),
-    Link('tool', Placement(Pose(), FrameId('joint', 'slide')), collisions=(
-        Shape('', on('tool', Pose((0.1, 0.0, 0.0))), Sphere(0.05)),))), (
-    Joint('elbow', 'continuous', 'base', 'arm', on('base', Pose((0.0, 0.0, 0.4))),
-          (Axis((0.0, 1.0, 0.0)),)),
-    Joint('slide', 'prismatic', 'arm', 'tool', on('arm', Pose((0.0, 0.0, 0.5))),
-          (Axis((0.0, 0.0, 1.0)),))))
+ARM = Robot(name='arm',
+            links=(Link(name='base', placement=Placement(Pose(), MODEL),
+                        visuals=(Shape(name='', placement=on('base', Pose((0.0, 0.0, 0.05))),
+                                       geometry=Box((0.2, 0.2, 0.1))),)),
+                   Link(name='arm', placement=Placement(Pose(), FrameId('joint', 'elbow'))),
+                   Link(name='tool', placement=Placement(Pose(), FrameId('joint', 'slide')),
+                        collisions=(Shape(name='', placement=on('tool', Pose((0.1, 0.0, 0.0))),
+                                          geometry=Sphere(0.05)),))),
+            joints=(Joint(name='elbow', type='continuous', parent='base', child='arm',
+                          placement=on('base', Pose((0.0, 0.0, 0.4))),
+                          axes=(Axis((0.0, 1.0, 0.0)),)),
+                    Joint(name='slide', type='prismatic', parent='arm', child='tool',
+                          placement=on('arm', Pose((0.0, 0.0, 0.5))),
+                          axes=(Axis((0.0, 0.0, 1.0)),))))
 UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 BENT = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 

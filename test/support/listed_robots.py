@@ -32,27 +32,37 @@ def on(link: str, pose: Pose = Pose()) -> Placement:  # noqa: B008
 
 def tutorial() -> Robot:
     """Create the robot of the tutorial with a wheel and a pusher that mimics the wheel."""
-    visual = Shape('', on('base_link', Pose((-0.1, 0.0, 0.0), (HALF, 0.0, HALF))), None)
-    collision = Shape('box', on('base_link', Pose((0.0, 0.0, -0.15))), Box((0.7, 0.3, 0.1)))
-    return Robot('my_robot', (
-        Link('base_footprint', Placement(Pose(), MODEL)),
-        Link('base_link', Placement(Pose(), FrameId('joint', 'base_joint')),
-             Inertial(on('base_link', Pose((0.0, 0.5, 0.0))), 2.5, (1.0, 0.1, 0.2, 2.0, 0.3, 3.0)),
-             (visual,), (collision,)),
-        Link('wheel', Placement(Pose(), FrameId('joint', 'turn'))),
-        Link('pusher', Placement(Pose(), FrameId('joint', 'push')))), (
-        Joint('base_joint', 'fixed', 'base_footprint', 'base_link',
-              on('base_footprint', Pose((0.0, 0.0, 0.2)))),
-        Joint('turn', 'continuous', 'base_link', 'wheel',
-              on('base_link', Pose((0.0, 1.0, 0.0), (-HALF, 0.0, 0.0))), (Axis((0.0, 0.0, 3.0)),)),
-        Joint('push', 'prismatic', 'base_link', 'pusher', on('base_link'), (
-            Axis((1.0, 0.0, 0.0), Limit(-0.5, math.inf), mimic=Mimic('turn', 0.5, 0.25)),))))
+    visual = Shape(name='', placement=on('base_link', Pose((-0.1, 0.0, 0.0), (HALF, 0.0, HALF))),
+                   geometry=None)
+    collision = Shape(name='box', placement=on('base_link', Pose((0.0, 0.0, -0.15))),
+                      geometry=Box((0.7, 0.3, 0.1)))
+    return Robot(name='my_robot',
+                 links=(Link(name='base_footprint', placement=Placement(Pose(), MODEL)),
+                        Link(name='base_link',
+                             placement=Placement(Pose(), FrameId('joint', 'base_joint')),
+                             inertial=Inertial(on('base_link', Pose((0.0, 0.5, 0.0))), 2.5,
+                                               (1.0, 0.1, 0.2, 2.0, 0.3, 3.0)), visuals=(visual,),
+                             collisions=(collision,)),
+                        Link(name='wheel', placement=Placement(Pose(), FrameId('joint', 'turn'))),
+                        Link(name='pusher',
+                             placement=Placement(Pose(), FrameId('joint', 'push')))),
+                 joints=(Joint(name='base_joint', type='fixed', parent='base_footprint',
+                               child='base_link',
+                               placement=on('base_footprint', Pose((0.0, 0.0, 0.2)))),
+                         Joint(name='turn', type='continuous', parent='base_link', child='wheel',
+                               placement=on('base_link', Pose((0.0, 1.0, 0.0), (-HALF, 0.0, 0.0))),
+                               axes=(Axis((0.0, 0.0, 3.0)),)),
+                         Joint(name='push', type='prismatic', parent='base_link', child='pusher',
+                               placement=on('base_link'),
+                               axes=(Axis((1.0, 0.0, 0.0), Limit(-0.5, math.inf),
+                                          mimic=Mimic('turn', 0.5, 0.25)),))))
 
 
 def shifted() -> Robot:
     """Create a robot with a joint away from its link and a root link away from the model."""
-    return Robot('shifted', (
-        Link('base', Placement(Pose((0.0, 1.0, 0.0)), MODEL)),
-        Link('arm', Placement(Pose((0.5, 1.0, 0.3)), MODEL))), (
-        Joint('hinge', 'revolute', 'base', 'arm', on('arm', Pose((-0.3, 0.0, 0.0))),
-              (Axis((0.0, 1.0, 0.0)),)),))
+    return Robot(name='shifted',
+                 links=(Link(name='base', placement=Placement(Pose((0.0, 1.0, 0.0)), MODEL)),
+                        Link(name='arm', placement=Placement(Pose((0.5, 1.0, 0.3)), MODEL))),
+                 joints=(Joint(name='hinge', type='revolute', parent='base', child='arm',
+                               placement=on('arm', Pose((-0.3, 0.0, 0.0))),
+                               axes=(Axis((0.0, 1.0, 0.0)),)),))

@@ -61,14 +61,15 @@ def near(first: Vector, second: Vector) -> bool:
 
 def urdf_robot(kind: str = 'revolute', **changes: object) -> Robot:
     """Return a chain of three links with the placements of URDF."""
-    links = [Link('base', Placement(Pose(), MODEL))]
+    links = [Link(name='base', placement=Placement(Pose(), MODEL))]
     joints = []
     for name, parent in (('arm', 'base'), ('hand', 'arm')):
-        joints.append(Joint(f'{name}_joint', kind, parent, name,
-                            Placement(TURNED, FrameId('link', parent)),
-                            () if kind == 'fixed' else (Axis((1.0, 0.0, 0.0)),)))
-        links.append(Link(name, Placement(Pose(), FrameId('joint', f'{name}_joint'))))
-    robot = Robot('robot', tuple(links), tuple(joints))
+        joints.append(Joint(name=f'{name}_joint', type=kind, parent=parent, child=name,
+                            placement=Placement(TURNED, FrameId('link', parent)),
+                            axes=() if kind == 'fixed' else (Axis((1.0, 0.0, 0.0)),)))
+        links.append(Link(name=name,
+                          placement=Placement(Pose(), FrameId('joint', f'{name}_joint'))))
+    robot = Robot(name='robot', links=tuple(links), joints=tuple(joints))
     return replace(robot, **changes)  # type: ignore[arg-type]
 
 
@@ -95,9 +96,11 @@ def with_axis(axis: Axis, kind: str = 'revolute') -> Robot:
 
 def with_shape(shape: Shape) -> Robot:
     """Return a robot with one visual."""
-    return Robot('robot', (Link('a', Placement(Pose(), MODEL), visuals=(shape,)),))
+    return Robot(name='robot',
+                 links=(Link(name='a', placement=Placement(Pose(), MODEL), visuals=(shape,)),))
 
 
 def with_geometry(geometry: Geometry | None) -> Robot:
     """Return a robot with one visual of a geometry."""
-    return with_shape(Shape('v', Placement(Pose(), FrameId('link', 'a')), geometry))
+    return with_shape(Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')),
+                            geometry=geometry))

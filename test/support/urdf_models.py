@@ -87,37 +87,46 @@ def robot_of_sdf() -> Robot:
     """Return a robot of SDF, whose joints are away from the frames of their child links."""
     def shape(link: str, extension: Extension = Extension()) -> Shape:  # noqa: B008
         geometry = None if extension.sdf is not None else Sphere(1.0)
-        return Shape('s', Placement(Pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)),
-                                    FrameId('link', link)), geometry, None, extension)
+        return Shape(name='s',
+                     placement=Placement(Pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)),
+                                         FrameId('link', link)), geometry=geometry, material=None,
+                     extension=extension)
 
     def extra(text: str) -> Extension:
         return Extension(None, etree.fromstring(text))
 
     links = (
-        Link('a', Placement(Pose((1.0, 0.0, 0.0)), MODEL), None, (shape('a'),)),
-        Link('b', Placement(Pose((0.0, 2.0, 0.0), (0.3, 0.2, 0.1)), MODEL),
-             Inertial(Placement(Pose((0.0, 0.0, 0.1)), FrameId('link', 'b')), 2.0,
-                      (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
-             (shape('b', extra('<visual><geometry><plane/></geometry></visual>')),), (shape('b'),),
-             extra('<link><sensor name="s" type="imu"><pose>1 2 3 0 0 0</pose></sensor>'
-                   '<sensor name="t" type="imu"/><sensor name="u" type="imu">'
-                   '<pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
-                   '</sensor><odd>1</odd></link>')),
-        Link('c', Placement(Pose((0.0, 0.0, 3.0)), MODEL), None, (shape('c'),)),
+        Link(name='a', placement=Placement(Pose((1.0, 0.0, 0.0)), MODEL),
+             visuals=(shape('a'),)),
+        Link(name='b', placement=Placement(Pose((0.0, 2.0, 0.0), (0.3, 0.2, 0.1)), MODEL),
+             inertial=Inertial(Placement(Pose((0.0, 0.0, 0.1)), FrameId('link', 'b')), 2.0,
+                               (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+             visuals=(shape('b', extra('<visual><geometry><plane/></geometry></visual>')),),
+             collisions=(shape('b'),),
+             extension=extra('<link><sensor name="s" type="imu"><pose>1 2 3 0 0 0</pose></sensor>'
+                             '<sensor name="t" type="imu"/><sensor name="u" type="imu">'
+                             '<pose relative_to="f" degrees="true">0 0 0 0 0 90</pose>'
+                             '</sensor><odd>1</odd></link>')),
+        Link(name='c', placement=Placement(Pose((0.0, 0.0, 3.0)), MODEL),
+             visuals=(shape('c'),)),
     )
     joints = (
-        Joint('j', 'revolute', 'a', 'b', Placement(Pose((0.5, 0.0, 0.0), (0.0, 0.25, 0.0)),
-                                                   FrameId('link', 'b')),
-              (Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0)),)),
-        Joint('k', 'universal', 'b', 'c', Placement(Pose(), FrameId('link', 'c')),
-              (Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0)), Axis((1.0, 0.0, 0.0), None, Dynamics(1.0),
-                                                             Mimic('j', 2.0)))),
-        Joint('l', 'ball', 'c', 'b', Placement(Pose((0.0, 0.0, 0.7)), FrameId('link', 'b')), (),
-              True),
-        Joint('m', 'revolute', 'c', 'a', Placement(Pose(), FrameId('link', 'a')),
-              (Axis((0.0, 1.0, 0.0), Limit(-1.0, 1.0)),), True),
+        Joint(name='j', type='revolute', parent='a', child='b',
+              placement=Placement(Pose((0.5, 0.0, 0.0), (0.0, 0.25, 0.0)), FrameId('link', 'b')),
+              axes=(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0)),)),
+        Joint(name='k', type='universal', parent='b', child='c',
+              placement=Placement(Pose(), FrameId('link', 'c')),
+              axes=(Axis((0.0, 0.0, 1.0), Limit(-1.0, 1.0)),
+                    Axis((1.0, 0.0, 0.0), None, Dynamics(1.0), Mimic('j', 2.0)))),
+        Joint(name='l', type='ball', parent='c', child='b',
+              placement=Placement(Pose((0.0, 0.0, 0.7)), FrameId('link', 'b')), axes=(),
+              is_loop=True),
+        Joint(name='m', type='revolute', parent='c', child='a',
+              placement=Placement(Pose(), FrameId('link', 'a')),
+              axes=(Axis((0.0, 1.0, 0.0), Limit(-1.0, 1.0)),), is_loop=True),
     )
-    frames = (Frame('f', FrameId('link', 'b'), Placement(Pose((0.0, 9.0, 0.0)),
-                                                         FrameId('joint', 'j'))),
-              Frame('g', MODEL, Placement(Pose(), MODEL)))
-    return Robot('r', links, joints, frames, 'b', extra('<model><static>1</static><odd/></model>'))
+    frames = (Frame(name='f', attached_to=FrameId('link', 'b'),
+                    placement=Placement(Pose((0.0, 9.0, 0.0)), FrameId('joint', 'j'))),
+              Frame(name='g', attached_to=MODEL, placement=Placement(Pose(), MODEL)))
+    return Robot(name='r', links=links, joints=joints, frames=frames, canonical_link='b',
+                 extension=extra('<model><static>1</static><odd/></model>'))

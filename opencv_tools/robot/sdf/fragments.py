@@ -146,8 +146,8 @@ def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], Fram
 
     attached_to, pose = frame_of(element, 'attached_to', MODEL), element.find('pose')
     base = attached_to if pose is None else frame_of(pose, 'relative_to', attached_to)
-    return Frame(required_name(element), attached_to, Placement(pose_of(pose), base),
-                 line=line_of(element))
+    return Frame(name=required_name(element), attached_to=attached_to,
+                 placement=Placement(pose_of(pose), base), line=line_of(element))
 
 
 def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:

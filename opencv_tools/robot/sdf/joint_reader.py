@@ -50,8 +50,9 @@ def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
     if links['parent'] == links['child']:
         raise DescriptionError(f'connects link {links["child"]!r} with itself; name two links',
                                element)
-    return Joint(name, _joint_type(element), links['parent'], links['child'],
-                 context.placement(element, ends['child']), line=line_of(element))
+    return Joint(name=name, type=_joint_type(element), parent=links['parent'],
+                 child=links['child'], placement=context.placement(element, ends['child']),
+                 line=line_of(element))
 
 
 def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinematics: Kinematics

@@ -126,10 +126,10 @@ def read_link(element: TrackedElement, context: ReadContext) -> Link:
         if context.scope.version >= FRAMES:
             _check_unique_names(element, tag)
     placement, inertial = context.placement(element, context.scope.frame), element.find('inertial')
-    return Link(name, placement,
-                None if inertial is None else _read_inertial(inertial, frame, context),
-                shapes['visual'], shapes['collision'], context.extension(element),
-                line_of(element))
+    return Link(
+        name=name, placement=placement, visuals=shapes['visual'], collisions=shapes['collision'],
+        inertial=None if inertial is None else _read_inertial(inertial, frame, context),
+        extension=context.extension(element), line=line_of(element))
 
 
 def _check_unique_names(link: TrackedElement, tag: str) -> None:
@@ -161,9 +161,9 @@ def _read_shape(element: TrackedElement, link: FrameId, context: ReadContext) ->
     tag = local_name(element)
     material = element.find('material') if tag == 'visual' else None
     geometry, placement = _read_geometry(element, context), context.placement(element, link)
-    return Shape(required_name(element), placement, geometry,
-                 None if material is None else _read_material(material, context),
-                 _shape_extension(element, geometry, context), line_of(element))
+    return Shape(name=required_name(element), placement=placement, geometry=geometry,
+                 material=None if material is None else _read_material(material, context),
+                 extension=_shape_extension(element, geometry, context), line=line_of(element))
 
 
 def _shape_extension(element: TrackedElement, geometry: Geometry | None, context: ReadContext
@@ -235,5 +235,5 @@ def _read_material(element: TrackedElement, context: ReadContext) -> Material:
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
-    return Material(element.get(f'{{{URDF_NAMESPACE}}}name', ''),
+    return Material(name=element.get(f'{{{URDF_NAMESPACE}}}name', ''),
                     texture=uri if texture is None else texture.get('filename', ''), **colors)

@@ -67,7 +67,9 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     folder = str(first_file(root).parent)
     contexts = [ReadContext(scope, registry, report, folder) for scope in scopes]
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
-    robot = Robot(top.name, *_read_elements(contexts), source=source_of(root))
+    links, joints, frames = _read_elements(contexts)
+    robot = Robot(name=top.name, links=links, joints=joints, frames=frames,
+                  source=source_of(root))
     canonical = registry.link_of(MODEL)
     if canonical != robot.links[0].name or top.element.get('canonical_link'):
         robot = replace(robot, canonical_link=canonical)
@@ -104,22 +106,24 @@ def _read_elements(contexts: Sequence[ReadContext]
             _report_nested(context)
         frames.extend(_read_frame(child, context) for child in element.take_all(*FRAME_TAGS))
     if any(joint.parent == WORLD for joint in joints):
-        links.append(Link(WORLD, Placement(Pose(), MODEL)))
+        links.append(Link(name=WORLD, placement=Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)
 
 
 def _read_frame(element: TrackedElement, context: ReadContext) -> Frame:
     name = context.scope.qualified(required_name(element))
     attached_to = context.registry.attached_to(FrameId('frame', name))
-    return Frame(name, attached_to, context.placement(element, attached_to),
-                 context.extension(element), line_of(element))
+    return Frame(name=name, attached_to=attached_to,
+                 placement=context.placement(element, attached_to),
+                 extension=context.extension(element), line=line_of(element))
 
 
 def _model_frame(context: ReadContext, parent: ReadContext) -> Frame:
     """Return the model frame of a nested model."""
     scope = context.scope
-    return Frame(scope.frame.name, FrameId('link', context.registry.link_of(scope.frame)),
-                 parent.placement(scope.file.pose_holder, parent.scope.frame),
+    return Frame(name=scope.frame.name,
+                 attached_to=FrameId('link', context.registry.link_of(scope.frame)),
+                 placement=parent.placement(scope.file.pose_holder, parent.scope.frame),
                  line=line_of(scope.element))
 
 

@@ -89,7 +89,7 @@ def shapes_of(element: TrackedElement, tag: str, link_frame: FrameId, materials:
         problem = _geometry_problem(child) if child.tag == tag else ''
         if problem:
             report.warn(tag, child.element.get('name') or link, line_of(child),
-                        f'{problem}; it is left out')
+                        f'{problem}; the {tag} is left out')
             element.put_back(child)
         else:
             shapes.append(_shape(child, link_frame, link, materials, report))

@@ -79,7 +79,7 @@ def read_material(element: TrackedElement, report: Report) -> Material:
     color, texture = element.find('color'), element.find('texture')
     name = (element.get('name') or '').strip()
     if texture is not None and not texture.element.get('filename'):
-        report.warn('texture', name, line_of(texture), 'has no filename=; it is ignored')
+        report.warn('texture', name, line_of(texture), 'has no filename=; the texture is ignored')
         texture = None
     return Material(name=name,
                     color=None if color is None else _color(color.get('rgba'), color, 'rgba'),
@@ -163,8 +163,8 @@ class MaterialNames:
         name = unique_name(_default_name(link.name, shape.name), self.taken, self.counts)
         self.taken.add(name)
         if material.name:
-            report.warn('material', material.name, shape.line, 'has another colour or texture '
-                        f'elsewhere, but URDF allows one for each name; renamed to {name!r}')
+            report.warn('material', material.name, shape.line, f'renamed to {name!r}, because the '
+                        'name has another colour or texture elsewhere')
         return name
 
 

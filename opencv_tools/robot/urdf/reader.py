@@ -239,7 +239,8 @@ def _mimic(element: TrackedElement, context: _ReadContext) -> Mimic | None:
         raise DescriptionError('has no joint=; name the joint to follow', mimic)
     if joint not in context.tree.joints:
         context.report.warn('mimic', required_name(element), line_of(mimic),
-                            f'joint={joint!r} does not exist; the <mimic> is ignored')
+                            f'joint={joint!r} does not exist; the <mimic> is preserved without '
+                            'effect')
         return None
     mimic.get('joint')
     return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),

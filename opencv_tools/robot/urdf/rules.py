@@ -104,8 +104,7 @@ def _clamp_colors(root: Element, report: Report) -> None:
                 color.set('rgba', numbers_text(clamped(values)))
                 color.set(ORIGINAL_RGBA, text)
                 report.warn('color', material.get('name', ''), line_of(color), f'rgba={text!r} is '
-                            f'outside 0 to 1, which URDF requires; {color.get("rgba")!r} is '
-                            'written')
+                            f'outside of 0 to 1; clamped to {color.get("rgba")!r}')
 
 
 def _rename_materials(root: Element, report: Report) -> None:
@@ -121,7 +120,7 @@ def _rename_materials(root: Element, report: Report) -> None:
             taken.add(new)
             material.set('name', new)
             report.warn('material', name, line_of(material),
-                        f'URDF requires unique names; renamed to {new!r}')
+                        f'renamed to {new!r}, because URDF requires unique names')
         seen.add(name)
 
 

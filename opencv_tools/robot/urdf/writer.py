@@ -32,7 +32,6 @@ from opencv_tools.robot.model import (
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
-from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import set_pose
 from opencv_tools.robot.urdf.link_writer import inertial_element, origin_element, shape_element
 from opencv_tools.robot.urdf.materials import MaterialNames
@@ -76,10 +75,9 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     """
     Write a robot.
 
+    :param robot: robot with one root link.
     :returns: the element ``<robot>``.
-    :raises DescriptionError: the robot has several root links.
     """
-    robot = select_root(robot, '', report)
     kinematics = Kinematics(robot)
     frames = {MODEL_FRAME: MODEL}
     for frame_id, owner in robot.frame_owners():

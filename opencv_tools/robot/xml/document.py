@@ -177,23 +177,15 @@ def _message(err: etree.XMLSyntaxError) -> str:
 
 
 def required_name(element: AnyElement) -> str:
-    """
-    Return the name of an element that must have one.
-
-    :raises DescriptionError: the name is missing.
-    """
+    """Return the name of an element that must have one."""
     name = (element.get('name') or '').strip()
     if not name:
-        raise DescriptionError('has no name', element)
+        raise DescriptionError('has no name=', element)
     return name
 
 
 def required_child(element: ElementT, tag: str) -> ElementT:
-    """
-    Return a child that an element must have.
-
-    :raises DescriptionError: the child is missing.
-    """
+    """Return a child that an element must have."""
     child = element.find(tag)
     if child is None:
         raise DescriptionError(f'has no <{tag}>', element)
@@ -201,11 +193,7 @@ def required_child(element: ElementT, tag: str) -> ElementT:
 
 
 def required_attribute(element: AnyElement, name: str) -> str:
-    """
-    Return an attribute that an element must have.
-
-    :raises DescriptionError: the attribute is missing.
-    """
+    """Return an attribute that an element must have."""
     value = element.get(name)
     if value is None:
         raise DescriptionError(f'has no {name}=', element)

@@ -176,10 +176,10 @@ def test_centre_and_presence_of_inertials() -> None:
     ({'geometry': Sphere(1.0)}, ['geometry', 'size', 'radius']),
     ({'geometry': Cylinder(1.0, 2.0)}, ['geometry', 'size', 'radius', 'length']),
     ({'material': None}, ['color']),
-    ({'material': Material('red', (1.0, 0.0, 0.1, 1.0))}, ['color']),
-    ({'material': Material('other name', RED, specular=(0.0, 0.0, 0.0, 1.0))}, []),
-    ({'material': Material('', RED, emissive=(0.5, 0.0, 0.0, 1.0))}, ['emissive']),
-    ({'material': Material('', RED, texture='package://a/b.png')}, ['texture']),
+    ({'material': Material(name='red', color=(1.0, 0.0, 0.1, 1.0))}, ['color']),
+    ({'material': Material(name='other name', color=RED, specular=(0.0, 0.0, 0.0, 1.0))}, []),
+    ({'material': Material(name='', color=RED, emissive=(0.5, 0.0, 0.0, 1.0))}, ['emissive']),
+    ({'material': Material(name='', color=RED, texture='package://a/b.png')}, ['texture']),
 ])
 def test_geometry_and_material(changes: dict[str, Any], what: list[str]) -> None:
     found = diff(urdf(), with_visual(sdf(), **changes))
@@ -222,17 +222,17 @@ def test_visuals_matched_by_name_or_order() -> None:
 
 
 def test_missing_links_and_joints() -> None:
-    extra = Link('extra', Placement(Pose(), MODEL), visuals=(shape('extra'),))
+    extra = Link(name='extra', placement=Placement(Pose(), MODEL), visuals=(shape('extra'),))
     more = replace(urdf(), links=(*urdf().links, extra))
     assert diff(urdf(), more) == [('link', 'extra', 'presence')]
     assert diff(more, urdf()) == [('link', 'extra', 'presence')]
-    joint = Joint('more', 'fixed', 'base', 'extra', on('base'))
+    joint = Joint(name='more', type='fixed', parent='base', child='extra', placement=on('base'))
     assert ('joint', 'more', 'presence') in diff(more, replace(more, joints=(*more.joints, joint)))
 
 
 def test_common_base_of_several_roots() -> None:
-    loose = Link('loose', Placement(Pose((0.0, 3.0, 0.0)), MODEL))
-    moved = Link('loose', Placement(Pose((5.0, 3.0, 0.0)), MODEL))
+    loose = Link(name='loose', placement=Placement(Pose((0.0, 3.0, 0.0)), MODEL))
+    moved = Link(name='loose', placement=Placement(Pose((5.0, 3.0, 0.0)), MODEL))
     one = replace(urdf(), links=(*urdf().links, loose))
     assert diff(one, replace(sdf(), links=(moved, *sdf().links))) == []
     assert diff(one, replace(sdf(), links=(*sdf().links, loose))) == [
@@ -240,7 +240,7 @@ def test_common_base_of_several_roots() -> None:
 
 
 def test_ignored_empty_world() -> None:
-    world = Link('world', Placement(Pose((9.0, 0.0, 0.0)), MODEL))
+    world = Link(name='world', placement=Placement(Pose((9.0, 0.0, 0.0)), MODEL))
     beside = replace(sdf(), links=(world, *sdf().links))
     assert diff(urdf(), beside) == []
     assert diff(beside, replace(urdf(), links=(*urdf().links, world))) == []
@@ -248,8 +248,9 @@ def test_ignored_empty_world() -> None:
 
 def test_robot_fixed_to_the_world() -> None:
     def fastened(robot: Robot, x: float) -> Robot:
-        world = Link('world', Placement(Pose((x, 0.0, 0.0)), MODEL))
-        joint = Joint('foot', 'fixed', 'world', 'base', on('base'))
+        world = Link(name='world', placement=Placement(Pose((x, 0.0, 0.0)), MODEL))
+        joint = Joint(name='foot', type='fixed', parent='world', child='base',
+                      placement=on('base'))
         return replace(robot, links=(world, *robot.links), joints=(joint, *robot.joints))
 
     assert diff(fastened(urdf(), -1.0), fastened(sdf(), 4.0)) == []
@@ -276,7 +277,8 @@ def test_original_names_of_converted_robots() -> None:
 
 def test_frames_of_both_robots() -> None:
     def framed(robot: Robot, pose: Pose) -> Robot:
-        return replace(robot, frames=(Frame('tip', FrameId('link', 'hand'), on('hand', pose)),))
+        return replace(robot, frames=(Frame(name='tip', attached_to=FrameId('link', 'hand'),
+                                            placement=on('hand', pose)),))
 
     assert diff(urdf(), framed(sdf(), Pose())) == []
     assert diff(framed(urdf(), Pose()), framed(sdf(), Pose())) == []
@@ -305,11 +307,17 @@ def test_linear_time_for_long_chains() -> None:
     def chain(count: int) -> Robot:
         names = ['base', *(f'l{index}' for index in range(count))]
         vector: Vector = (0.0, 0.6, 0.8)
-        return Robot('chain', (Link('base', Placement(Pose(), MODEL)), *(
-            Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
-            tuple(Joint(f'j{child}', 'continuous', parent, child,
-                        on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))), (Axis(vector),))
-                  for parent, child in pairwise(names)))
+        return Robot(name='chain',
+                     links=(Link(name='base', placement=Placement(Pose(), MODEL)),
+                            *(Link(name=name,
+                                   placement=Placement(Pose(), FrameId('joint', f'j{name}')))
+                              for name in names[1:])),
+                     joints=tuple(Joint(name=f'j{child}', type='continuous', parent=parent,
+                                        child=child,
+                                        placement=on(parent,
+                                                     Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
+                                        axes=(Axis(vector),))
+                                  for parent, child in pairwise(names)))
 
     def check(count: int) -> None:
         assert differences(chain(count), chain(count), samples=1) == []

@@ -69,19 +69,24 @@ def thirty() -> Robot:
     for body in ('torso', 'pelvis'):
         for side, at in (('left', 1.0), ('right', -1.0)):
             parts += limb(side, body, at)
-    return Robot('thirty', (Link('base_footprint', Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', f'{name}_joint')))
-        for name, _, _ in parts)), tuple(
-            Joint(f'{name}_joint', 'revolute', parent, name,
-                  Placement(Pose(xyz), FrameId('link', parent)), (Axis((0.0, 1.0, 0.0)),))
-            for name, parent, xyz in parts))
+    return Robot(name='thirty',
+                 links=(Link(name='base_footprint', placement=Placement(Pose(), MODEL)),
+                        *(Link(name=name,
+                               placement=Placement(Pose(), FrameId('joint', f'{name}_joint')))
+                          for name, _, _ in parts)),
+                 joints=tuple(Joint(name=f'{name}_joint', type='revolute', parent=parent,
+                                    child=name,
+                                    placement=Placement(Pose(xyz), FrameId('link', parent)),
+                                    axes=(Axis((0.0, 1.0, 0.0)),)) for name, parent, xyz in parts))
 
 
 def short() -> Robot:
     """Create a robot with names shorter than the headings of the picture."""
-    return Robot('r', (Link('a', Placement(Pose(), MODEL)), Link(
-        'b', Placement(Pose(), FrameId('joint', 'j')))), (Joint('j', 'fixed', 'a', 'b', Placement(
-            Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
+    return Robot(name='r',
+                 links=(Link(name='a', placement=Placement(Pose(), MODEL)),
+                        Link(name='b', placement=Placement(Pose(), FrameId('joint', 'j')))),
+                 joints=(Joint(name='j', type='fixed', parent='a', child='b',
+                               placement=Placement(Pose((0.0, 0.0, 1.0)), FrameId('link', 'a'))),))
 
 
 def read(path: Path) -> Robot:
@@ -292,11 +297,14 @@ def test_lines_from_texts_to_points() -> None:
 
 def test_maximum_number_of_entries() -> None:
     names = [f'link_{index}' for index in range(70)]
-    robot = Robot('many', (Link(names[0], Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', name))) for name in names[1:])), tuple(
-            Joint(child, 'fixed', parent, child,
-                  Placement(Pose((0.1, 0.0, 0.0)), FrameId('link', parent)))
-            for parent, child in pairwise(names)))
+    robot = Robot(name='many',
+                  links=(Link(name=names[0], placement=Placement(Pose(), MODEL)),
+                         *(Link(name=name, placement=Placement(Pose(), FrameId('joint', name)))
+                           for name in names[1:])),
+                  joints=tuple(Joint(name=child, type='fixed', parent=parent, child=child,
+                                     placement=Placement(Pose((0.1, 0.0, 0.0)),
+                                                         FrameId('link', parent)))
+                               for parent, child in pairwise(names)))
     urdf, sdf = panels(robot)
     assert len(entries(urdf)) == 60 and len(entries(sdf)) == 61
     assert urdf.texts[1].get_text().endswith('numbers of 60 of 69, the listing has all')

@@ -75,8 +75,9 @@ def test_aligned_columns_of_the_text() -> None:
 
 
 def test_text_of_a_loop_joint() -> None:
-    loop = Joint('loop', 'revolute', 'wheel', 'pusher', on('wheel', Pose((0.0, 0.0, 0.1))),
-                 (Axis((0.0, 0.0, 1.0)),), is_loop=True)
+    loop = Joint(name='loop', type='revolute', parent='wheel', child='pusher',
+                 placement=on('wheel', Pose((0.0, 0.0, 0.1))), axes=(Axis((0.0, 0.0, 1.0)),),
+                 is_loop=True)
     robot = tutorial()
     rows = cells(frames(replace(robot, joints=(*robot.joints, loop)), {}))
     assert ['loop to pusher by loop (revolute)', 'wheel', '0 0 0.1', '0 0 0'] in rows
@@ -94,11 +95,16 @@ def test_positions_in_the_heading(count: int, wanted: str) -> None:
 
 def chain(count: int) -> Robot:
     names = [f'l{index}' for index in range(count)]
-    return Robot('chain', (Link('l0', Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', f'j{name}'))) for name in names[1:])),
-        tuple(Joint(f'j{child}', 'continuous', parent, child,
-                    on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
-                    (Axis((0.0, 0.0, 1.0)),)) for parent, child in pairwise(names)))
+    return Robot(name='chain',
+                 links=(Link(name='l0', placement=Placement(Pose(), MODEL)),
+                        *(Link(name=name,
+                               placement=Placement(Pose(), FrameId('joint', f'j{name}')))
+                          for name in names[1:])),
+                 joints=tuple(Joint(name=f'j{child}', type='continuous', parent=parent,
+                                    child=child,
+                                    placement=on(parent, Pose((0.0, 0.0, 0.1), (0.1, 0.0, 0.0))),
+                                    axes=(Axis((0.0, 0.0, 1.0)),))
+                              for parent, child in pairwise(names)))
 
 
 def test_text_of_a_chain_of_5000_links() -> None:

@@ -40,15 +40,16 @@ def joint_id(name: str) -> FrameId:
 
 def joint(name: str, parent: str, child: str, *, type_: str = 'continuous', pose: Pose = ODD,
           xyz: Vector = Z, mimic: Mimic | None = None, is_loop: bool = False) -> Joint:
-    return Joint(name, type_, parent, child, Placement(pose, link_id(parent)),
-                 (Axis(xyz, mimic=mimic),), is_loop)
+    return Joint(name=name, type=type_, parent=parent, child=child,
+                 placement=Placement(pose, link_id(parent)), axes=(Axis(xyz, mimic=mimic),),
+                 is_loop=is_loop)
 
 
 def chain(joints: Sequence[Joint]) -> Robot:
     """Create a robot with placements of URDF from joints to different child links."""
-    return Robot('chain', (Link('base', Placement(Pose(), MODEL)), *(
-        Link(one.child, Placement(Pose(), joint_id(one.name))) for one in joints
-        if not one.is_loop)), tuple(joints))
+    return Robot(name='chain', links=(Link(name='base', placement=Placement(Pose(), MODEL)), *(
+        Link(name=one.child, placement=Placement(Pose(), joint_id(one.name))) for one in joints
+        if not one.is_loop)), joints=tuple(joints))
 
 
 def followers(*mimics: tuple[str, Mimic | None]) -> Robot:
@@ -67,8 +68,11 @@ def test_urdf_poses_keep_their_numbers() -> None:
 
 
 def test_sdf_poses_keep_their_numbers() -> None:
-    robot = Robot('sdf', (Link('a', Placement(Pose(), MODEL)), Link('b', Placement(ODD, MODEL))), (
-        Joint('j', 'fixed', 'a', 'b', Placement(Pose(), link_id('b'))),))
+    robot = Robot(name='sdf',
+                  links=(Link(name='a', placement=Placement(Pose(), MODEL)),
+                         Link(name='b', placement=Placement(ODD, MODEL))),
+                  joints=(Joint(name='j', type='fixed', parent='a', child='b',
+                                placement=Placement(Pose(), link_id('b'))),))
     kinematics = Kinematics(robot)
     assert kinematics.between(link_id('a'), joint_id('j')) == ODD
     assert kinematics.between(MODEL, link_id('b')) == ODD
@@ -76,15 +80,17 @@ def test_sdf_poses_keep_their_numbers() -> None:
 
 
 def test_pose_between_two_links_of_the_model() -> None:
-    robot = Robot('sdf', (Link('a', Placement(Pose((1.0, 0.0, 0.0)), MODEL)),
-                          Link('b', Placement(Pose((1.0, 2.0, 0.0)), MODEL))))
+    robot = Robot(name='sdf',
+                  links=(Link(name='a', placement=Placement(Pose((1.0, 0.0, 0.0)), MODEL)),
+                         Link(name='b', placement=Placement(Pose((1.0, 2.0, 0.0)), MODEL))))
     assert Kinematics(robot).between(link_id('a'), link_id('b')) == Pose((0.0, 2.0, 0.0))
 
 
 @pytest.mark.parametrize('pose', [Pose(), ODD])
 def test_placement_cycle_error(pose: Pose) -> None:
-    robot = Robot('circle', (Link('a', Placement(pose, link_id('b'))),
-                             Link('b', Placement(pose, link_id('a')))), source='file')
+    robot = Robot(name='circle',
+                  links=(Link(name='a', placement=Placement(pose, link_id('b'))),
+                         Link(name='b', placement=Placement(pose, link_id('a')))), source='file')
     with pytest.raises(DescriptionError, match=r"^file: placement cycle: 'a' -> 'b' -> 'a'$"):
         Kinematics(robot).pose(link_id('a'))
     with pytest.raises(DescriptionError, match='placement cycle: '):
@@ -92,7 +98,8 @@ def test_placement_cycle_error(pose: Pose) -> None:
 
 
 def test_missing_frame_error() -> None:
-    robot = Robot('lost', (Link('a', Placement(ODD, FrameId('frame', 'nowhere'))),))
+    robot = Robot(name='lost',
+                  links=(Link(name='a', placement=Placement(ODD, FrameId('frame', 'nowhere'))),))
     for frame in (link_id('a'), FrameId('joint', 'nothing')):
         with pytest.raises(DescriptionError, match=r"^(frame|joint) 'no\w+' does not exist"):
             Kinematics(robot).pose(frame)
@@ -175,7 +182,9 @@ def test_motion_of_all_descendant_links() -> None:
 
 
 def test_poses_of_several_root_links() -> None:
-    robot = Robot('two', (Link('a', Placement(Pose(), MODEL)), Link('b', Placement(ODD, MODEL))))
+    robot = Robot(name='two',
+                  links=(Link(name='a', placement=Placement(Pose(), MODEL)),
+                         Link(name='b', placement=Placement(ODD, MODEL))))
     kinematics = Kinematics(robot)
     assert kinematics.roots == ['a', 'b']
     assert kinematics.forward({})[link_id('b')] == ODD.transform()
@@ -195,10 +204,11 @@ def test_loop_joint_moving_with_its_child() -> None:
 def test_frames_moving_with_their_attached_link() -> None:
     robot = chain([joint('one', 'base', 'a', pose=Pose((1.0, 0.0, 0.0)))])
     tip = Placement(Pose((2.0, 0.0, 0.0)), link_id('base'))
-    frames = tuple(Frame(name, attached_to, tip) for name, attached_to in (
+    frames = tuple(Frame(name=name, attached_to=attached_to,
+                         placement=tip) for name, attached_to in (
         ('on_frame', FrameId('frame', 'on_link')), ('on_link', link_id('a')),
         ('on_joint', joint_id('one')), ('on_model', MODEL)))
-    robot = Robot('frames', robot.links, robot.joints, frames)
+    robot = Robot(name='frames', links=robot.links, joints=robot.joints, frames=frames)
     poses = Kinematics(robot).forward({'one': (math.pi / 2,)})
     for name in ('on_link', 'on_joint', 'on_frame'):
         assert poses[FrameId('frame', name)].translation == pytest.approx((1.0, 1.0, 0.0))
@@ -206,12 +216,13 @@ def test_frames_moving_with_their_attached_link() -> None:
 
 
 def test_attachment_cycle_and_missing_link_errors() -> None:
-    links = (Link('base', Placement(Pose(), MODEL)),)
+    links = (Link(name='base', placement=Placement(Pose(), MODEL)),)
     for target, message in (('b', "attachment cycle: 'a' -> 'b' -> 'a'"),
                             ('c', "frame 'c', which does not exist")):
-        robot = Robot('circle', links, (), tuple(
-            Frame(name, FrameId('frame', other), Placement(Pose(), MODEL))
-            for name, other in (('a', target), ('b', 'a'))))
+        robot = Robot(name='circle', links=links, joints=(),
+                      frames=tuple(Frame(name=name, attached_to=FrameId('frame', other),
+                                         placement=Placement(Pose(), MODEL))
+                                   for name, other in (('a', target), ('b', 'a'))))
         with pytest.raises(DescriptionError, match=message):
             Kinematics(robot).forward({})
 
@@ -243,7 +254,8 @@ def test_mimic_of_either_axis_of_a_universal_joint() -> None:
     for mimicking, expected in ((0, (4.0, 0.5)), (1, (0.25, 4.0))):
         axes = tuple(Axis(Z, mimic=Mimic('lead', 2.0) if index == mimicking else None)
                      for index in range(2))
-        both = Joint('both', 'universal', 'base', 'b', Placement(ODD, link_id('base')), axes)
+        both = Joint(name='both', type='universal', parent='base', child='b',
+                     placement=Placement(ODD, link_id('base')), axes=axes)
         robot = chain([lead, both])
         positions = with_mimics(robot, {'lead': (2.0,), 'both': (0.25, 0.5)})
         assert positions['both'] == expected

@@ -100,10 +100,11 @@ def test_moved_links_and_mimic_joints() -> None:
 
 
 def test_first_axis_of_a_universal_joint() -> None:
-    links = tuple(Link(name, Placement(Pose(), MODEL)) for name in 'ab')
-    robot = Robot('two', links, (
-        Joint('j', 'universal', 'a', 'b', on('b', Pose(rpy=(0.0, 0.0, HALF))),
-              (Axis((1.0, 0.0, 0.0)), Axis((0.0, 1.0, 0.0)))),))
+    links = tuple(Link(name=name, placement=Placement(Pose(), MODEL)) for name in 'ab')
+    robot = Robot(name='two', links=links,
+                  joints=(Joint(name='j', type='universal', parent='a', child='b',
+                                placement=on('b', Pose(rpy=(0.0, 0.0, HALF))),
+                                axes=(Axis((1.0, 0.0, 0.0)), Axis((0.0, 1.0, 0.0)))),))
     assert frames(robot, {})['joints']['j']['axis'] == pytest.approx([0, 1, 0])
 
 
@@ -156,19 +157,19 @@ def test_poses_relative_to_the_root_link() -> None:
 
 def test_several_trees() -> None:
     robot = tutorial()
-    other = Link('other', Placement(Pose((1.0, 0.0, 0.0), (0.0, 0.0, HALF)), MODEL))
+    other = Link(name='other', placement=Placement(Pose((1.0, 0.0, 0.0), (0.0, 0.0, HALF)), MODEL))
     listing = frames(replace(robot, links=(other, *robot.links)), {})
     assert listing['root'] == 'other'
     assert listing['links']['base_footprint']['parent'] is None
     assert listing['links']['base_footprint']['pose'] == pytest.approx(
         [0, 1, 0, ROOT_HALF, 0, 0, -ROOT_HALF])
-    world = Link('world', Placement(Pose(), MODEL))
+    world = Link(name='world', placement=Placement(Pose(), MODEL))
     assert frames(replace(robot, links=(world, *robot.links)), {})['root'] == 'base_footprint'
 
 
 def test_additional_frames() -> None:
-    tip = Frame('tip', FrameId('link', 'wheel'), Placement(Pose((0.0, 0.0, 1.0)), FrameId(
-        'link', 'wheel')))
+    tip = Frame(name='tip', attached_to=FrameId('link', 'wheel'),
+                placement=Placement(Pose((0.0, 0.0, 1.0)), FrameId('link', 'wheel')))
     listing = frames(replace(tutorial(), frames=(tip,)), {'turn': 0.5})
     assert listing['frames']['tip']['attached_to'] == 'wheel'
     assert listing['frames']['tip']['pose'][:3] == pytest.approx([0, 2, 0.2])
@@ -177,10 +178,12 @@ def test_additional_frames() -> None:
 
 def test_errors_without_links_and_with_infinite_poses() -> None:
     with pytest.raises(DescriptionError, match='has no links'):
-        frames(Robot('none', ()), {})
+        frames(Robot(name='none', links=()), {})
     far = Pose((1.7e308, 0.0, 0.0))
-    robot = Robot('far', (Link('a', Placement(Pose(), MODEL)), Link('b', on('a', far)),
-                          Link('c', on('b', far))))
+    robot = Robot(name='far',
+                  links=(Link(name='a', placement=Placement(Pose(), MODEL)),
+                         Link(name='b', placement=on('a', far)),
+                         Link(name='c', placement=on('b', far))))
     with pytest.raises(DescriptionError, match='too far away for floating-point'):
         frames(robot, {})
 
@@ -205,9 +208,10 @@ def test_moved_links() -> None:
     def moved(robot: Robot, positions: dict[str, float]) -> list[str]:
         return [name for name, link in frames(robot, positions)['links'].items() if link['moved']]
 
-    tip = Link('tip', Placement(Pose(), FrameId('joint', 'end')))
+    tip = Link(name='tip', placement=Placement(Pose(), FrameId('joint', 'end')))
     robot = replace(tutorial(), links=(*tutorial().links, tip), joints=(
-        *tutorial().joints, Joint('end', 'fixed', 'wheel', 'tip', on('wheel'))))
+        *tutorial().joints, Joint(name='end', type='fixed', parent='wheel', child='tip',
+                                  placement=on('wheel'))))
     assert moved(robot, {}) == ['pusher']  # it mimics, with an offset
     assert moved(robot, {'turn': -0.5}) == ['wheel', 'tip']
     assert moved(robot, {'turn': 0.5}) == ['wheel', 'pusher', 'tip']

@@ -85,7 +85,7 @@ def test_positions_in_the_title() -> None:
     figure = drawn(chain(6), {'to_link_2': 0.5})[0].figure
     assert figure.texts[0].get_text() == 'robot chain at to_link_2=0.5'
     assert figure.texts[0].get_fontsize() == 14
-    long = Robot('n' * 200, chain(6).links, chain(6).joints)
+    long = Robot(name='n' * 200, links=chain(6).links, joints=chain(6).joints)
     title = drawn(long)[0].figure.texts[0]
     assert title.get_text() == f'robot {"n" * 141}...' and title.get_fontsize() < 14
 
@@ -106,7 +106,7 @@ def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
 
 
 @pytest.mark.parametrize('robot', [
-    Robot('one', (Link('only', Placement(Pose(), MODEL)),)),
+    Robot(name='one', links=(Link(name='only', placement=Placement(Pose(), MODEL)),)),
     chain(4, Pose()),
     chain(5, Pose((1e-9, 0.0, 0.0))),
     chain(3, Pose((1e6, 0.0, 0.0))),

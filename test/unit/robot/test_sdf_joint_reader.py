@@ -31,11 +31,12 @@ from sdf_models import HALF, joint, near, read, TWO, with_axis, written
 
 def loops(*pairs: str, canonical: str = '') -> list[bool]:
     """Return which joints between pairs of links are marked as loops."""
-    joints = tuple(Joint(f'j{index}', 'fixed', pair[0], pair[1], Placement(Pose(), MODEL))
+    joints = tuple(Joint(name=f'j{index}', type='fixed', parent=pair[0], child=pair[1],
+                         placement=Placement(Pose(), MODEL))
                    for index, pair in enumerate(pairs))
     names = sorted(set(''.join(pairs)))
-    links = tuple(Link(name, Placement(Pose(), MODEL)) for name in names)
-    marked = mark_loops(Robot('r', links, joints), canonical or names[0])
+    links = tuple(Link(name=name, placement=Placement(Pose(), MODEL)) for name in names)
+    marked = mark_loops(Robot(name='r', links=links, joints=joints), canonical or names[0])
     return [joint.is_loop for joint in marked.joints]
 
 

@@ -89,7 +89,8 @@ def test_material() -> None:
         '<pbr><metal><albedo_map>a.png</albedo_map><roughness>1</roughness></metal></pbr>'
         '</material></visual></link>').links[0].visuals[0]
     assert made.placement == Placement(Pose((1, 0, 0)), FrameId('link', 'a'))
-    assert made.material == Material('red', (1, 0, 0, 1), (0.9, 0, 0, 1), texture='a.png')
+    assert made.material == Material(name='red', color=(1, 0, 0, 1), ambient=(0.9, 0, 0, 1),
+                                     texture='a.png')
     assert made.extension.sdf is not None
     assert [child.tag for child in made.extension.sdf.iter()] == [
         'visual', 'material', 'script', 'pbr', 'metal', 'roughness']

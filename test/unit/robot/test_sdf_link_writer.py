@@ -46,7 +46,7 @@ def test_capsule_becomes_a_cylinder_before_1_8() -> None:
 def test_restored_geometry() -> None:
     rest = etree.fromstring(
         '<visual><geometry><plane><size>1 1</size></plane></geometry></visual>')
-    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), None,
+    shape = Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')), geometry=None,
                   extension=Extension(sdf=rest))
     assert len(written(with_shape(shape)).findall('.//geometry')) == 1
     assert written(with_shape(shape)).findtext('.//geometry/plane/size') == '1 1'
@@ -58,10 +58,10 @@ def test_material_merged_with_unread_parts() -> None:
         '<visual xmlns:c="urn:opencv_tools:preserved"><material c:part="true"><script/>'
         '<pbr c:part="true"><metal c:part="true"><roughness>1</roughness></metal></pbr></material>'
         '<transparency>0.5</transparency></visual>')
-    material = Material('red', (1.0, 0.0, 0.0, 1.0), specular=(0.1, 0.2, 0.9, 1.0),
+    material = Material(name='red', color=(1.0, 0.0, 0.0, 1.0), specular=(0.1, 0.2, 0.9, 1.0),
                         texture='a.png')
-    shape = Shape('v', Placement(TURNED, FrameId('link', 'a')), Sphere(1.0), material,
-                  Extension(sdf=rest))
+    shape = Shape(name='v', placement=Placement(TURNED, FrameId('link', 'a')),
+                  geometry=Sphere(1.0), material=material, extension=Extension(sdf=rest))
     made = written(with_shape(shape)).find('link/visual')
     assert made is not None
     assert made.findtext('pose') == '0.1 0.2 0.3 0 0 1.5708'
@@ -75,8 +75,8 @@ def test_material_merged_with_unread_parts() -> None:
 
 
 def test_preserved_texture_before_1_6() -> None:
-    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0),
-                  Material(texture='a.png'))
+    shape = Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')),
+                  geometry=Sphere(1.0), material=Material(texture='a.png'))
     report = Report()
     assert written(with_shape(shape), report, '1.5').find('.//pbr') is None
     assert [note.level for note in report.notes] == ['preserved']
@@ -84,9 +84,9 @@ def test_preserved_texture_before_1_6() -> None:
 
 
 def test_inertial() -> None:
-    link = Link('a', Placement(Pose(), MODEL), Inertial(
+    link = Link(name='a', placement=Placement(Pose(), MODEL), inertial=Inertial(
         Placement(TURNED, FrameId('link', 'a')), 0.1, (1.0, 0.1, 0.2, 2.0, 0.3, 3.0)))
-    made = written(Robot('r', (link,))).find('link/inertial')
+    made = written(Robot(name='r', links=(link,))).find('link/inertial')
     assert made is not None
     assert [child.text for child in made.iter() if not len(child)] == [
         '0.1 0.2 0.3 0 0 1.5708', '0.1', '1', '0.1', '0.2', '2', '0.3', '3']

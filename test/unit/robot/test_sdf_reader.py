@@ -41,8 +41,8 @@ def test_default_placements_of_links_and_joints() -> None:
                  + joint('<pose>1 0 0 0 0 0</pose>'))
     assert robot.name == 'm' and robot.source == 'robot.sdf'
     assert robot.links[1].placement == Placement(Pose((0, 0, 0.2), (0, 0, 1.5)), MODEL)
-    assert robot.joints == (Joint('j', 'fixed', 'a', 'b', Placement(
-        Pose((1, 0, 0)), FrameId('link', 'b'))),)
+    assert robot.joints == (Joint(name='j', type='fixed', parent='a', child='b',
+                                  placement=Placement(Pose((1, 0, 0)), FrameId('link', 'b'))),)
     assert robot.joints[0].line == 2
 
 

@@ -50,7 +50,7 @@ def check_names(element: Element) -> None:
 
 @pytest.mark.parametrize('fixture', [
     'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
-    'warning_sensor_name_with_double_colon.urdf', 'warning_sensors_of_one_name.urdf',
+    'warning_sensor_name_with_double_colon.urdf', 'warning_duplicate_sensor_name.urdf',
     'warning_contact_of_a_renamed_collision.urdf'])
 @pytest.mark.parametrize('version', ['1.4', '1.9', '1.12'])
 def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
@@ -70,8 +70,10 @@ def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
 
 def test_clamped_colours_are_restored_unless_edited() -> None:
     color = (1.5, 0.5, -1.0, 1.0)
-    shape = Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0), Material(
-        'red', color, color, BLACK, BLACK))
+    shape = Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')),
+                  geometry=Sphere(1.0),
+                  material=Material(name='red', color=color, ambient=color, specular=BLACK,
+                                    emissive=BLACK))
     report = Report()
     root = convert_to_sdf(with_shape(shape), report, inertial='zero')
     assert root.findtext('.//diffuse') == root.findtext('.//ambient') == '1 0.5 0 1'
@@ -90,9 +92,9 @@ def test_clamped_colours_are_restored_unless_edited() -> None:
     (1.0, (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)), (1.0, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0))])
 def test_impossible_inertials_are_reported(mass: float, inertia: Tensor) -> None:
     report = Report()
-    link = Link('a', Placement(Pose(), MODEL), Inertial(
+    link = Link(name='a', placement=Placement(Pose(), MODEL), inertial=Inertial(
         Placement(Pose(), FrameId('link', 'a')), mass, inertia), line=7)
-    root = convert_to_sdf(Robot('r', (link,)), report)
+    root = convert_to_sdf(Robot(name='r', links=(link,)), report)
     assert root.findtext('.//ixy') == number_text(inertia[1])
     assert [(note.element, note.name, note.line) for note in report.warnings] == [
         ('inertial', 'a', 7)]
@@ -114,14 +116,16 @@ def test_collision_names_of_contact_sensors(fixture: str, names: list[str]) -> N
     ('___', '___'), ('__', '__'), ('____', 'unnamed'), ('__a__', 'a'), ('__a', '__a'),
     ('a::::b', 'a____b')])
 def test_reserved_names(name: str, new: str) -> None:
-    shape = Shape(name, Placement(Pose(), FrameId('link', name)), Sphere(1.0))
-    link = Link(name, Placement(Pose(), MODEL), visuals=(shape,))
-    root = convert_to_sdf(Robot(name, (link,)), Report())
+    shape = Shape(name=name, placement=Placement(Pose(), FrameId('link', name)),
+                  geometry=Sphere(1.0))
+    link = Link(name=name, placement=Placement(Pose(), MODEL), visuals=(shape,))
+    root = convert_to_sdf(Robot(name=name, links=(link,)), Report())
     assert root.xpath('.//@name') == [new] * 3
 
 
 def test_visual_named_world() -> None:
-    shape = Shape('world', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+    shape = Shape(name='world', placement=Placement(Pose(), FrameId('link', 'a')),
+                  geometry=Sphere(1.0))
     assert convert_to_sdf(with_shape(shape), Report()).xpath('.//visual/@name') == ['a_visual']
 
 
@@ -130,7 +134,8 @@ def test_linear_cost_of_many_equal_names() -> None:
         text = ''.join('<sensor name="s" type="imu"/>' for _ in range(count))
         text = f'<robot name="r"><link name="a"/><gazebo reference="a">{text}</gazebo></robot>'
         robot = read_urdf(parse(text.encode(), '', Report()), Report())
-        visuals = tuple(Shape('v', Placement(Pose(), FrameId('link', 'a')), Sphere(1.0))
+        visuals = tuple(Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')),
+                              geometry=Sphere(1.0))
                         for _ in range(count))
         links = (replace(robot.links[0], visuals=visuals),)
         root = convert_to_sdf(replace(robot, links=links), Report(), inertial='zero')

@@ -64,9 +64,9 @@ def test_world_is_not_a_link() -> None:
 
 
 def test_errors_of_robots() -> None:
-    world = Link('world', Placement(Pose(), MODEL))
+    world = Link(name='world', placement=Placement(Pose(), MODEL))
     with pytest.raises(DescriptionError, match='has no links'):
-        written(Robot('r', (world,)))
+        written(Robot(name='r', links=(world,)))
     robot = urdf_robot()
     robot = replace(robot, links=(*robot.links[:2], replace(
         world, placement=robot.links[2].placement)), joints=(robot.joints[0], replace(
@@ -76,7 +76,8 @@ def test_errors_of_robots() -> None:
 
 
 def test_frames_by_version() -> None:
-    frame = Frame('tip', FrameId('link', 'hand'), Placement(TURNED, FrameId('link', 'hand')))
+    frame = Frame(name='tip', attached_to=FrameId('link', 'hand'),
+                  placement=Placement(TURNED, FrameId('link', 'hand')))
     robot = urdf_robot(frames=(frame,), canonical_link='hand')
     report = Report()
     model = written(robot, report)
@@ -91,8 +92,8 @@ def test_frames_by_version() -> None:
 
 
 def test_frame_attached_to_an_unsupported_joint() -> None:
-    frame = Frame('tip', FrameId('joint', 'hand_joint'),
-                  Placement(Pose(), FrameId('joint', 'hand_joint')))
+    frame = Frame(name='tip', attached_to=FrameId('joint', 'hand_joint'),
+                  placement=Placement(Pose(), FrameId('joint', 'hand_joint')))
     made = written(urdf_robot('floating', frames=(frame,))).find('frame')
     assert made is not None and made.get('attached_to') == 'hand'
     kept = frame_to_element(frame, Kinematics(urdf_robot('floating', frames=(frame,))))

@@ -117,10 +117,12 @@ def test_joint_arrows_in_the_side_view() -> None:
 
 
 def test_side_view_of_joints_away_from_their_links() -> None:
-    robot = Robot('shifted', (Link('base', Placement(Pose(), MODEL)),
-                              Link('arm', Placement(Pose((0.5, 0.0, 0.3)), MODEL))), (
-        Joint('hinge', 'revolute', 'base', 'arm', on('arm', Pose((-0.3, 0.0, 0.0))),
-              (Axis((0.0, 1.0, 0.0)),)),))
+    robot = Robot(name='shifted',
+                  links=(Link(name='base', placement=Placement(Pose(), MODEL)),
+                         Link(name='arm', placement=Placement(Pose((0.5, 0.0, 0.3)), MODEL))),
+                  joints=(Joint(name='hinge', type='revolute', parent='base', child='arm',
+                                placement=on('arm', Pose((-0.3, 0.0, 0.0))),
+                                axes=(Axis((0.0, 1.0, 0.0)),)),))
     side = drawn(robot)[2]
     assert near(marks(side, 'h'), [(0.2, 0.3)])
     arrow, = arrows(side, '-|>', GREY)
@@ -137,8 +139,10 @@ def texts_at(axes: Any) -> dict[str, tuple[float, float]]:
 
 @pytest.mark.parametrize(('turn', 'marker'), [(0.0, 'x'), (math.pi, '.')])
 def test_axes_along_the_viewing_direction(turn: float, marker: str) -> None:
-    robot = Robot('one', (Link('only', Placement(Pose(), MODEL)),
-                          Link('other', on('only', Pose((1.0, 0.0, 0.0), (turn, 0.0, 0.0))))))
+    robot = Robot(name='one',
+                  links=(Link(name='only', placement=Placement(Pose(), MODEL)),
+                         Link(name='other',
+                              placement=on('only', Pose((1.0, 0.0, 0.0), (turn, 0.0, 0.0))))))
     assert (1.0, 0.0) in marks(drawn(robot)[2], marker)
 
 

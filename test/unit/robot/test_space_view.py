@@ -92,10 +92,14 @@ def test_shapes_in_the_space_view(layout: Layout) -> None:
 def row(*steps: float) -> Robot:
     """Create links in a row along x."""
     names = [f'link_{index}' for index in range(len(steps) + 1)]
-    return Robot('row', (Link(names[0], Placement(Pose(), MODEL)), *(
-        Link(name, Placement(Pose(), FrameId('joint', f'to_{name}'))) for name in names[1:])),
-        tuple(Joint(f'to_{child}', 'fixed', parent, child, on(parent, Pose((step, 0.0, 0.0))))
-              for (parent, child), step in zip(pairwise(names), steps)))
+    return Robot(name='row',
+                 links=(Link(name=names[0], placement=Placement(Pose(), MODEL)),
+                        *(Link(name=name,
+                               placement=Placement(Pose(), FrameId('joint', f'to_{name}')))
+                          for name in names[1:])),
+                 joints=tuple(Joint(name=f'to_{child}', type='fixed', parent=parent, child=child,
+                                    placement=on(parent, Pose((step, 0.0, 0.0))))
+                              for (parent, child), step in zip(pairwise(names), steps)))
 
 
 @pytest.mark.parametrize(('steps', 'in_space', 'beside'), [

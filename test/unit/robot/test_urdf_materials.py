@@ -35,13 +35,18 @@ def test_errors(content: str, location: str, message: str) -> None:
 
 @pytest.mark.parametrize(('content', 'material'), [
     ('<material name="m"><color rgba="1 0 0 1"/></material>',
-     Material('m', RED, RED, BLACK, BLACK)),
-    ('<material name=""><color rgba="1 0 0 1"/></material>', Material('', RED, RED, BLACK, BLACK)),
+     Material(name='m', color=RED, ambient=RED, specular=BLACK, emissive=BLACK)),
+    ('<material name=""><color rgba="1 0 0 1"/></material>', Material(name='', color=RED,
+                                                                      ambient=RED, specular=BLACK,
+                                                                      emissive=BLACK)),
     ('<material><texture filename="t.png"/></material>', Material(texture='t.png')),
-    ('<material name="shared"/>', Material('shared', BLACK, BLACK, BLACK, BLACK, 't')),
-    ('<material name="other"/>', Material('other', RED, RED, BLACK, BLACK)),
+    ('<material name="shared"/>', Material(name='shared', color=BLACK, ambient=BLACK,
+                                           specular=BLACK, emissive=BLACK, texture='t')),
+    ('<material name="other"/>', Material(name='other', color=RED, ambient=RED, specular=BLACK,
+                                          emissive=BLACK)),
     ('<material name="m"><color rgba="1 0 0 1"/></material><preserved:sdf><material>'
-     '<ambient>0 0 0 1</ambient></material></preserved:sdf>', Material('m', RED, BLACK)),
+     '<ambient>0 0 0 1</ambient></material></preserved:sdf>', Material(name='m', color=RED,
+                                                                       ambient=BLACK)),
     ('<preserved:sdf><material><emissive>0 0 0 1</emissive></material></preserved:sdf>',
      Material(emissive=BLACK)),
     ('<preserved:sdf><material/></preserved:sdf>', Material()),
@@ -57,12 +62,15 @@ def test_materials_in_a_round_trip(content: str, material: Material | None) -> N
 
 
 def test_one_appearance_for_each_name() -> None:
-    shapes = tuple(Shape(name, Placement(Pose(), FrameId('link', 'a')), Sphere(1.0),
-                         Material(material, color, color, BLACK, BLACK))
+    shapes = tuple(Shape(name=name, placement=Placement(Pose(), FrameId('link', 'a')),
+                         geometry=Sphere(1.0),
+                         material=Material(name=material, color=color, ambient=color,
+                                           specular=BLACK, emissive=BLACK))
                    for name, material, color in (('', 'm', RED), ('x', 'm', BLACK),
                                                  ('', '', RED), ('', '', BLACK), ('', 'm', RED)))
     report = Report()
-    model = Robot('r', (Link('a', Placement(Pose(), MODEL), visuals=shapes),))
+    model = Robot(name='r',
+                  links=(Link(name='a', placement=Placement(Pose(), MODEL), visuals=shapes),))
     names = [one.get('name') for one in written(model, report).iter('material')]
     assert names == ['m', 'a_x', 'a_visual', 'a_visual_1', 'm']
     assert [note.name for note in report.warnings] == ['m']

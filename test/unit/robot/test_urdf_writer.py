@@ -89,7 +89,7 @@ def test_second_writing_has_the_same_tags() -> None:
 def test_several_roots_are_refused() -> None:
     model = replace(robot_of_sdf(), joints=())
     with pytest.raises(DescriptionError, match="with --root: 'a', 'b', 'c'"):
-        write_urdf(model, Report())
+        convert_to_urdf(model, Report())
 
 
 def test_unused_namespaces_are_not_declared() -> None:
