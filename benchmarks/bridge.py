@@ -37,11 +37,12 @@ HD = (1080, 1920)
 UHD = (2160, 3840)
 
 BOUND = """
-What bounds numpy: every operation goes over the memory once, about 0.1 ms for two bytes a pixel
-and 0.2 ms for four, and bytes that are not side by side are read and written one a cycle, 0.6 ms
-a channel. Gray takes two such reads and 15 operations of two bytes; YUV 30 operations, most of
-four bytes, for its sums have 30 bits, and the writing of every second column; gray of a mosaic
-four bytes too. Red and blue change places at one pixel a cycle, in OpenCV at the speed of a copy.
+Limits of numpy: each operation passes over the memory once, which takes about 0.1 ms for two
+bytes per pixel and 0.2 ms for four. Bytes that are not adjacent are read and written one per
+cycle, which takes 0.6 ms per channel. Gray needs two such reads and 15 operations on two bytes.
+YUV needs 30 operations, most of them on four bytes because its sums have 30 bits, and writes
+every second column. Gray from a Bayer mosaic needs four bytes too. Swapping red and blue takes a
+cycle per pixel; OpenCV swaps them at the speed of a copy.
 """
 
 Work = Callable[[], Any]
@@ -50,13 +51,13 @@ Work = Callable[[], Any]
 @dataclass(frozen=True)
 class Comparison:
     """
-    What is measured, what it is measured against, and the goal.
+    A measured function, its reference and the goal.
 
-    :param name: of the work.
-    :param work: what the package does.
-    :param against: name of the other.
-    :param other: what it is measured against; None for microseconds.
-    :param goal: the ratio, or the microseconds, that it should not exceed.
+    :param name: name of the function.
+    :param work: the function of this package.
+    :param against: name of the reference.
+    :param other: the reference; None to measure microseconds.
+    :param goal: largest ratio, or largest number of microseconds.
     """
 
     name: str
@@ -67,7 +68,7 @@ class Comparison:
 
 
 def median_seconds(works: list[Work], rounds: int) -> list[float]:
-    """Run pieces of work in turn, so that what disturbs one disturbs all; give their medians."""
+    """Return the median times of functions that run in turn, so that a disturbance affects all."""
     times: list[list[float]] = [[] for _ in works]
     for _ in range(rounds + 2):
         for work, seconds in zip(works, times):

@@ -31,7 +31,7 @@ RATES = {'pattern': 30, 'folder': 25}
 
 
 def play(folder: Path, source: str, rate: int) -> float:
-    """Play a source for ten seconds, which nobody receives, and return its frames per second."""
+    """Play a source without subscribers for ten seconds and return its frames per second."""
     name = 'pattern:64x48' if source == 'pattern' else str(folder / 'pictures')
     publisher = NodeProcess('publisher', folder, source=name, publish_rate=rate, on_end='loop',
                             max_frames=SECONDS * rate + 1)
@@ -44,7 +44,7 @@ def play(folder: Path, source: str, rate: int) -> float:
 
 
 def main() -> int:
-    """Print how far each rate is from the one that was asked for."""
+    """Print the deviation of each rate from the requested one."""
     parser = argparse.ArgumentParser(description=__doc__)
     add_json_option(parser)
     options = parser.parse_args()

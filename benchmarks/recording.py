@@ -72,17 +72,17 @@ _RECEIVED = re.compile(
 Way = Callable[[Sequence[bytes], Path, str], float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Race:
     """
-    Pictures written in the callback, and by the recorder.
+    Images written in the callback, and by the recorder.
 
-    :param suffix: of the files.
-    :param frames: in each run.
+    :param suffix: extension of the files.
+    :param frames: number of frames in each run.
     :param theirs: frames per second of each run of cv2.imwrite.
     :param ours: frames per second of each run of the recorder.
-    :param their_size: bytes a frame.
-    :param our_size: bytes a frame.
+    :param their_size: bytes per frame of cv2.imwrite.
+    :param our_size: bytes per frame of the recorder.
     """
 
     suffix: str
@@ -106,7 +106,7 @@ class Race:
 @dataclass(frozen=True)
 class Load:
     """
-    What a node took for its frames, without its start.
+    CPU load of a node, without its start.
 
     :param share: per cent of a core while frames were sent.
     :param per_frame: CPU milliseconds, user and system, of all threads and to its end.
@@ -116,15 +116,15 @@ class Load:
     per_frame: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Recording:
     """
-    What became of the frames of a publisher.
+    Counts of the frames of a publisher.
 
-    :param suffix: of the files.
+    :param suffix: extension of the files.
     :param sent: frames that were published.
-    :param rate: of these, a second.
-    :param received: frames that came.
+    :param rate: published frames per second.
+    :param received: frames that the subscriber received.
     :param kept: frames in files.
     :param dropped: frames that did not fit into the queue.
     :param lost: frames that the subscriber knows it missed.
@@ -145,16 +145,16 @@ class Recording:
     size: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Passthrough:
     """
     JPEG messages to JPEG files, medians of milliseconds per frame.
 
-    :param kept_cpu: of writing them as they came.
-    :param encoded_cpu: of decoding and encoding them.
-    :param kept_wall: as before, by the clock.
-    :param encoded_wall: as before, by the clock.
-    :param ratios: of the CPU, in each pair of runs.
+    :param kept_cpu: CPU time of writing them unchanged.
+    :param encoded_cpu: CPU time of decoding and encoding them.
+    :param kept_wall: wall time of writing them unchanged.
+    :param encoded_wall: wall time of decoding and encoding them.
+    :param ratios: ratio of the CPU times in each pair of runs.
     """
 
     kept_cpu: float
@@ -207,7 +207,7 @@ def file_bytes(folder: Path, suffix: str) -> int:
 
 
 def write_in_callback(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
-    """Write as the tutorials do, one frame after another."""
+    """Write as the tutorials do, in the callback."""
     bridge = CvBridge()
     began = time.perf_counter()
     for number, serialized in enumerate(messages):
@@ -234,7 +234,7 @@ def record(messages: Sequence[bytes], folder: Path, suffix: str) -> float:
 
 
 def run(way: Way, messages: Sequence[bytes], suffix: str) -> tuple[float, float]:
-    """Write messages; the frames per second, and the bytes a frame."""
+    """Write messages and return the frames per second and the bytes per frame."""
     with folder_here() as folder:
         seconds = way(messages, Path(folder), suffix)
         size = file_bytes(Path(folder), suffix)
@@ -242,21 +242,21 @@ def run(way: Way, messages: Sequence[bytes], suffix: str) -> tuple[float, float]
 
 
 def race(messages: Sequence[bytes], suffix: str) -> Race:
-    """Write in both ways in turn, so that what disturbs one disturbs both."""
+    """Write in both ways in turn, so that a disturbance affects both."""
     run(record, messages, suffix)
     rate, _ = run(write_in_callback, messages, suffix)
     many = list(islice(cycle(messages), max(len(messages), round(rate * RUN_SECONDS))))
     theirs, ours = zip(*[(run(write_in_callback, many, suffix), run(record, many, suffix))
                          for _ in range(ROUNDS)])
-    return Race(suffix, len(many), [rate for rate, _ in theirs], [rate for rate, _ in ours],
-                theirs[0][1], ours[0][1])
+    return Race(suffix=suffix, frames=len(many), theirs=[rate for rate, _ in theirs],
+                ours=[rate for rate, _ in ours], their_size=theirs[0][1], our_size=ours[0][1])
 
 
 class CountedNode(NodeProcess):
-    """A node, the CPU it took until it ended, and the account that it gave."""
+    """A node process with its CPU time and the counts in its last log line."""
 
     def start(self, phrase: str) -> None:
-        """Wait until it says that it is ready; the CPU up to there does not count."""
+        """Wait until the node is ready; earlier CPU time is not counted."""
         self.wait_for(phrase)
         self._start_cpu, self._cpu = self.cpu(), 0.0
 
@@ -265,13 +265,13 @@ class CountedNode(NodeProcess):
         return (self._cpu if self._has_ended() else self.cpu()) - self._start_cpu
 
     def wait(self, seconds: float) -> None:
-        """Wait for so long for it to end."""
+        """Wait until the node has ended."""
         deadline = time.monotonic() + seconds
         while not self._has_ended() and time.monotonic() < deadline:
             time.sleep(POLL_SECONDS)
 
     def finish(self) -> None:
-        """End it, when it does not by itself."""
+        """End the node if it is still running."""
         for number in (signal.SIGINT, signal.SIGKILL):
             if not self._has_ended():
                 self.process.send_signal(number)
@@ -310,7 +310,7 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
             publisher.start(' opened: ')
             publisher.wait(START_SECONDS + 2 * seconds)
             cpu = subscriber.cpu_since_start()
-            time.sleep(1)  # what is on its way arrives
+            time.sleep(1)  # for frames that are in transit
         finally:
             for node in reversed(nodes):
                 node.finish()
@@ -321,10 +321,10 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
         percent, milliseconds = 100 * rate / sent, 1000
         publishing, writing = publisher.cpu_since_start(), subscriber.cpu_since_start()
         return Recording(
-            suffix, sent, rate, received, kept, dropped, lost,
-            Load(publishing * percent, publishing / sent * milliseconds),
-            Load(cpu * percent, writing / kept * milliseconds),
-            file_bytes(files, suffix) / kept)
+            suffix=suffix, sent=sent, rate=rate, received=received, kept=kept, dropped=dropped,
+            lost=lost, publisher=Load(publishing * percent, publishing / sent * milliseconds),
+            subscriber=Load(cpu * percent, writing / kept * milliseconds),
+            size=file_bytes(files, suffix) / kept)
 
 
 def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, float]:
@@ -345,7 +345,7 @@ def write_compressed(messages: Sequence[bytes], encode: bool) -> tuple[float, fl
 
 
 def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
-    """Compare writing JPEG messages as they came with decoding and encoding them."""
+    """Compare writing JPEG messages unchanged with decoding and encoding them."""
     messages = 20 * [compressed_image_to_cdr(WireCompressedImage(
         header=WireHeader(0, 0, 'camera'), format='bgr8; jpeg compressed bgr8',
         data=encode_image(picture, '.jpg')))
@@ -354,8 +354,9 @@ def pass_through(pictures: Sequence[np.ndarray]) -> Passthrough:
     pairs = [(write_compressed(messages, False), write_compressed(messages, True))
              for _ in range(ROUNDS)]
     kept, encoded = np.median(pairs, axis=0).tolist()
-    return Passthrough(kept[0], encoded[0], kept[1], encoded[1],
-                       [other[0] / one[0] for one, other in pairs])
+    return Passthrough(
+        kept_cpu=kept[0], encoded_cpu=encoded[0], kept_wall=kept[1], encoded_wall=encoded[1],
+        ratios=[encoded_pair[0] / kept_pair[0] for kept_pair, encoded_pair in pairs])
 
 
 def verdict(ratio: float, goal: float) -> str:
@@ -410,7 +411,7 @@ def recording_figures(result: Recording) -> list[Figure]:
 
 
 def measure(seconds: float) -> list[Figure]:
-    """Measure and print section after section; the figures."""
+    """Measure and print each section, and return the figures."""
     pictures = clip_pictures()
     encoding = find_encoding('bgr8')
     messages = [image_to_cdr(array_to_wire(picture, encoding)) for picture in pictures]

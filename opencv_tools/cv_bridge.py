@@ -111,12 +111,7 @@ class CvBridge:
         return self.cvdepth_to_numpy_depth[depth], more_channels + 1
 
     def encoding_to_cvtype2(self, encoding: str) -> int:
-        """
-        Return the number of the OpenCV type of an encoding, as ``getCvType`` does.
-
-        :param encoding: encoding, such as ``'bgr8'``.
-        :raises CvBridgeError: the encoding is unknown.
-        """
+        """Return the number of the OpenCV type of an encoding, as ``getCvType`` does."""
         return getCvType(encoding)
 
     @_raises_bridge_errors

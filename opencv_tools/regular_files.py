@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Safe access to files that other users can replace: only regular files of limited size."""
+"""Safe reading of regular files that other users can replace, and atomic writing of files."""
 
 from __future__ import annotations
 
@@ -172,6 +172,14 @@ def write_buffer(file: BinaryIO, data: Any) -> None:
     rest = memoryview(data).cast('B')
     while rest:
         rest = rest[file.write(rest):]
+
+
+def is_same_file(file: int, path: Path) -> bool:
+    """Return whether an open file is still the file at a path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.lstat())
+    except FileNotFoundError:
+        return False
 
 
 def _check_kind(path: Path, mode: int) -> None:

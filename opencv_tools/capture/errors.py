@@ -15,9 +15,11 @@
 """
 The errors of sources.
 
-CaptureError          the source cannot be opened, or has failed permanently
-├─ UnavailableError   the camera or stream is unavailable now, but may come back
-└─ BrokenFrameError   one frame is unreadable; the next one may be readable
+::
+
+    CaptureError          the source cannot be opened, or has failed permanently
+    ├─ UnavailableError   the camera or stream is unavailable now, but may come back
+    └─ BrokenFrameError   one frame is unreadable; the next one may be readable
 """
 
 from __future__ import annotations

@@ -57,7 +57,11 @@ class OutputSettings:
 
 
 class OutputImage:
-    """The forms of a frame that can be published, computed on first use and cached."""
+    """
+    The forms of a frame that can be published, computed on first use and cached.
+
+    All properties raise an ImageError if the frame cannot be decoded or converted.
+    """
 
     def __init__(self, frame: Frame, settings: OutputSettings) -> None:
         """
@@ -72,29 +76,17 @@ class OutputImage:
 
     @property
     def image(self) -> NDArray[Any]:
-        """
-        Pixels after the conversion, (h, w) or (h, w, c) array.
-
-        :raises ImageError: the frame cannot be decoded, or cannot be converted.
-        """
+        """Pixels after the conversion, (h, w) or (h, w, c) array."""
         return self._pixels[0]
 
     @property
     def encoding(self) -> str:
-        """
-        Name of the sensor_msgs/Image encoding of ``image``.
-
-        :raises ImageError: as for ``image``.
-        """
+        """Name of the sensor_msgs/Image encoding of ``image``."""
         return self._pixels[1].name
 
     @property
     def size(self) -> tuple[int, int]:
-        """
-        Width and height of the image in pixels.
-
-        :raises ImageError: as for ``image``.
-        """
+        """Width and height of the image in pixels."""
         image, encoding = self._pixels
         return image.shape[1], encoding.height(image.shape[0])
 
@@ -104,8 +96,6 @@ class OutputImage:
         JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
 
         The camera's own JPEG is used unchanged when the settings allow it.
-
-        :raises ImageError: the frame cannot be decoded, or cannot be converted.
         """
         if self._can_pass_jpeg_through():
             if self._is_gray_jpeg:

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-# A few arrays with 2 bytes a pixel fit into 1 MB of cache, and the overhead of 0.5 microseconds
-# for each numpy call is small. Half or twice as many pixels make little difference.
+# A few arrays with 2 bytes per pixel fit into 1 MB of cache. Each numpy call costs only 0.5
+# microseconds. Half or twice as many pixels make little difference.
 BLOCK_PIXELS = 80_000
 
 

@@ -129,13 +129,7 @@ def image_to_cdr(image: WireImage) -> bytes:
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
-    """
-    Convert a compressed image message to CDR, copying its data once.
-
-    :param image: the message, with contiguous data.
-    :returns: little-endian CDR.
-    :raises CdrError: a number is out of range, or a string cannot be serialised.
-    """
+    """Convert a compressed image message to CDR, as ``image_to_cdr`` does."""
     data = memoryview(image.data).cast('B')
     head = _padded(_header(image.header) + _string(image.format))
     return b''.join((head, _pack(_SIZE, data.nbytes), data))
@@ -159,14 +153,7 @@ def cdr_to_image(serialized: Any) -> WireImage:
 
 
 def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
-    """
-    Read a compressed image message from CDR.
-
-    :param serialized: buffer of CDR, little-endian or big-endian.
-    :returns: the message; its data are a view, which keeps the buffer alive.
-    :raises EncapsulationError: the buffer has another encapsulation than plain CDR.
-    :raises CdrError: the buffer is too short.
-    """
+    """Read a compressed image message from CDR, as ``cdr_to_image`` does."""
     reader = _Reader(serialized)
     return WireCompressedImage(
         header=reader.header(), format=reader.string(), data=reader.data())

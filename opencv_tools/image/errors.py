@@ -15,15 +15,17 @@
 """
 The errors of images.
 
-ImageError
-├─ EncodingError            an encoding is unknown, or does not fit an array
-├─ LayoutError              the size, step and data of an image contradict each other
-├─ ConversionError          a conversion between two encodings is not supported
-├─ CdrError                 bytes are not a message, or a message cannot be serialised
-│  └─ EncapsulationError    a message has another encapsulation than plain CDR
-└─ CodecError               an image file cannot be encoded or decoded
-   ├─ SizeError             the size of an image file is unknown or too large
-   └─ JpegError             a JPEG is incomplete or damaged
+::
+
+    ImageError
+    ├─ EncodingError            an encoding is unknown, or does not fit an array
+    ├─ LayoutError              the size, step and data of an image contradict each other
+    ├─ ConversionError          a conversion between two encodings is not supported
+    ├─ CdrError                 bytes are not a message, or a message cannot be serialised
+    │  └─ EncapsulationError    a message has another encapsulation than plain CDR
+    └─ CodecError               an image file cannot be encoded or decoded
+       ├─ SizeError             the size of an image file is unknown or too large
+       └─ JpegError             a JPEG is incomplete or damaged
 """
 
 from __future__ import annotations

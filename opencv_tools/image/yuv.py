@@ -34,8 +34,8 @@ _CHROMA = {'r': (0, 1673527), 'g': (-409993, -852492), 'b': (2116026, 0)}  # fac
 _NEUTRAL = 128
 _HALF = 1 << 19
 
-# A block of rows: U and V, and for each row group that shares them the luma of all columns (or of
-# the even and of the odd columns) with the output rows.
+# A block of rows: U and V, then the luma and the output rows of each row group that shares them.
+# The luma is one array, or one of the even and one of the odd columns.
 _Part = tuple[Sequence[NDArray[Any]], Sequence[tuple[Sequence[NDArray[Any]], NDArray[Any]]]]
 
 

@@ -15,11 +15,13 @@
 """
 The errors of recordings.
 
-RecordingError       an output folder cannot be used
-LimitReached         a recording has reached its limits
-ImageError           see opencv_tools.image.errors
-├─ UnwritableError   a file format cannot hold a frame
-└─ VideoError        a frame cannot be encoded as video, or this machine has no encoder
+::
+
+    RecordingError       an output folder cannot be used
+    LimitReached         a recording has reached its limits
+    ImageError           see opencv_tools.image.errors
+    ├─ UnwritableError   a file format cannot hold a frame
+    └─ VideoError        a frame cannot be encoded as video, or this machine has no encoder
 """
 
 from __future__ import annotations

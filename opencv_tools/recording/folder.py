@@ -29,9 +29,9 @@ import secrets
 from threading import Lock
 from typing import Any
 
-from opencv_tools.recording.manifest import is_same_file, Manifest, ManifestEntry, parse_line
+from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.regular_files import open_regular, RefusedFileError, write_new
+from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError, write_new
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'

@@ -36,7 +36,7 @@ class FrameQueue(Generic[T]):
         self._size = size
         self._block = block
         self._waiting: deque[T] = deque()
-        self._taken = 0
+        self._removed = 0
         self._closed = False
         self._changed = Condition()
 
@@ -68,8 +68,8 @@ class FrameQueue(Generic[T]):
             self._changed.wait_for(lambda: self._waiting or self._closed)
             if not self._waiting:
                 return None
-            sequence = self._taken
-            self._taken += 1
+            sequence = self._removed
+            self._removed += 1
             item = self._waiting.popleft()
             self._changed.notify_all()
             return sequence, item

@@ -130,10 +130,10 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     image, encoding = frame.image, find_encoding(frame.metadata.encoding)
     height, width = encoding.height(image.shape[0]), image.shape[1]
     if settings.suffix == _NPY:
-        layout: Any = np.lib.format  # numpy 1.26 has no types for these functions
-        header = layout.header_data_from_array_1_0(image)
+        npy: Any = np.lib.format  # numpy 1.26 has no types for these functions
+        header = npy.header_data_from_array_1_0(image)
         head = io.BytesIO()
-        layout.write_array_header_1_0(head, header)
+        npy.write_array_header_1_0(head, header)
         return EncodedImage(data=head.getbuffer(), encoding=encoding.name, width=width,
                             height=height, array=image.T if header['fortran_order'] else image)
     if settings.to_color and encoding.kind in ('bayer', 'yuv'):

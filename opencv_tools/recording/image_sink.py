@@ -135,12 +135,12 @@ class ImageSink:
             self._folder.close()
 
     def _publish(self, temporary: Path, entry: ManifestEntry, arrival_ns: int) -> Path:
-        gone = self._retention.make_room(entry, arrival_ns)
-        for name in gone:
+        deleted = self._retention.make_room(entry, arrival_ns)
+        for name in deleted:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
-        self._stale_lines += len(gone) or self._numbering.replaces
-        self._retention.add(entry, gone, arrival_ns)
+        self._stale_lines += len(deleted) or self._numbering.replaces
+        self._retention.add(entry, deleted, arrival_ns)
         return path
 
     def _compact(self) -> None:

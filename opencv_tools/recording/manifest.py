@@ -29,7 +29,7 @@ from typing import Any, BinaryIO
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.naming import NANO
-from opencv_tools.regular_files import open_regular, RefusedFileError
+from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError
 
 FILE_NAME = 'manifest.jsonl'
 
@@ -160,24 +160,11 @@ class Manifest:
 
         :raises OSError: the manifest cannot be read, or is not a regular file.
         """
-        try:
-            with self._opened() as file:
-                return list(_parse(file))
-        except FileNotFoundError:
-            return []
+        return self._read(_MAX_BYTES)
 
     def tail(self) -> list[ManifestEntry]:
-        """
-        Read the last entries, which include the highest numbers.
-
-        :raises OSError: the manifest cannot be read.
-        """
-        try:
-            with self._opened() as file:
-                file.seek(max(0, os.fstat(file.fileno()).st_size - _TAIL))
-                return list(_parse(file))
-        except FileNotFoundError:
-            return []
+        """Read the last entries, which include the highest numbers; see ``entries``."""
+        return self._read(_TAIL)
 
     def compact(
         self, is_kept: Callable[[ManifestEntry], bool], write: Callable[[Iterable[bytes]], Path],
@@ -199,15 +186,33 @@ class Manifest:
             if not is_same:
                 write((b''.join(lines),)).replace(self._path)
 
-    def _opened(self) -> BinaryIO:
-        return os.fdopen(_checked_size(open_regular(self._path, follow=False), self._path), 'rb')
+    def _read(self, size: int) -> list[ManifestEntry]:
+        """Read the entries in the last bytes; return none if the manifest does not exist."""
+        try:
+            with os.fdopen(self._open(os.O_RDONLY), 'rb') as file:
+                file.seek(max(0, os.fstat(file.fileno()).st_size - size))
+                return list(_parse(file))
+        except FileNotFoundError:
+            return []
+
+    def _open(self, flags: int) -> int:
+        """
+        Open the manifest.
+
+        :raises RefusedFileError: the manifest is too large, or not a regular file.
+        """
+        file = open_regular(self._path, flags, follow=False)
+        if os.fstat(file).st_size > _MAX_BYTES:
+            os.close(file)
+            raise RefusedFileError(
+                self._path, f'{FILE_NAME} is larger than {_MAX_BYTES} bytes', errno.EFBIG)
+        return file
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
         """Open the manifest with an exclusive lock."""
         while True:
-            file = _checked_size(open_regular(
-                self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, follow=False), self._path)
+            file = self._open(os.O_RDWR | os.O_APPEND | os.O_CREAT)
             try:
                 _lock(file)
                 if is_same_file(file, self._path):
@@ -253,18 +258,6 @@ def _file_name(value: Any) -> str:
     return value
 
 
-def _checked_size(file: int, path: Path) -> int:
-    """
-    Check that a manifest is small enough to be read.
-
-    :raises RefusedFileError: the manifest is too large; the file is closed.
-    """
-    if os.fstat(file).st_size > _MAX_BYTES:
-        os.close(file)
-        raise RefusedFileError(path, f'{path.name} is larger than {_MAX_BYTES} bytes', errno.EFBIG)
-    return file
-
-
 def _parse(file: BinaryIO) -> Iterator[ManifestEntry]:
     while line := file.readline(_LINE):
         try:
@@ -288,11 +281,3 @@ def _lock(file: int) -> None:
     """Wait for an exclusive lock; do nothing on a file system without locks."""
     with suppress(OSError):
         fcntl.flock(file, fcntl.LOCK_EX)
-
-
-def is_same_file(file: int, path: Path) -> bool:
-    """Return whether an open file is still the file at a path."""
-    try:
-        return os.path.samestat(os.fstat(file), path.lstat())
-    except FileNotFoundError:
-        return False

@@ -138,14 +138,14 @@ def numbered_copy(name: str, number: int) -> str:
 def _template_parts(template: str) -> list[tuple[str | None, str]]:
     """Split a template into pairs of field and format, or of None and a literal text."""
     parts: list[tuple[str | None, str]] = []
-    for literal, field, layout, conversion in Formatter().parse(template):
+    for literal, field, spec, conversion in Formatter().parse(template):
         parts.append((None, literal))
         if field is None:
             continue
         if field not in _FIELDS or conversion:
             raise ValueError(f'the field {{{field}}} is unknown; the fields are '
                              f'{", ".join(f"{{{known}}}" for known in _FIELDS)}')
-        parts.append((field, layout or _FIELDS[field][0]))
+        parts.append((field, spec or _FIELDS[field][0]))
     return parts
 
 

@@ -51,13 +51,13 @@ class Numbering:
         self._names = names
         self._only_free = on_exists == 'error'
         self._copy = ('', 0)
-        taken = [name for name in folder.names() if names.matches(name)]
-        if taken and self._only_free:
+        existing = [name for name in folder.names() if names.matches(name)]
+        if existing and self._only_free:
             raise RecordingError(
-                f'output_dir {folder.path} already contains {printable(min(taken))}; '
+                f'output_dir {folder.path} already contains {printable(min(existing))}; '
                 'set output_dir to another folder, or on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
-        self._seq = 0 if self.replaces else max(names.next_seq(taken), *numbers, 0)
+        self._seq = 0 if self.replaces else max(names.next_seq(existing), *numbers, 0)
 
     def matches(self, name: str) -> bool:
         """Return whether a name may belong to this recording."""

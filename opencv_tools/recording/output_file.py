@@ -19,8 +19,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from opencv_tools.recording.manifest import is_same_file
-from opencv_tools.regular_files import write_buffer
+from opencv_tools.regular_files import is_same_file, write_buffer
 
 
 class OutputFile:

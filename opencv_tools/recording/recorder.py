@@ -177,8 +177,8 @@ class Recorder(Generic[P]):
                 self._update_counts()
 
     def _write_all(self) -> None:
-        while (taken := self._queue.get()) is not None:
-            sequence, job = taken
+        while (item := self._queue.get()) is not None:
+            sequence, job = item
             prepared = self._prepare(job.frame)
             with self._ordering:
                 self._out_of_order[sequence] = job, prepared

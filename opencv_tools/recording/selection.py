@@ -73,7 +73,7 @@ class Selection:
         self._period_ns = int(NANO / max_rate) if max_rate else 0
         self._limits = Limits() if limits.ring else limits
         self._seen = 0
-        self._taken = 0
+        self._counted = 0
         self._monotonic = monotonic
         self._began_at: float | None = None
         self._due_ns = 0
@@ -91,7 +91,7 @@ class Selection:
     @property
     def is_over(self) -> bool:
         """Return whether the maximum number of frames was counted."""
-        return 0 < self._limits.max_frames <= self._taken
+        return 0 < self._limits.max_frames <= self._counted
 
     def selects(self, frame: ReceivedFrame) -> bool:
         """Return whether a received frame is to be recorded."""
@@ -100,7 +100,7 @@ class Selection:
 
     def count(self) -> None:
         """Count a recorded frame."""
-        self._taken += 1
+        self._counted += 1
 
     def is_late(self) -> bool:
         """Return whether the maximum duration since the first call has passed."""
@@ -111,7 +111,7 @@ class Selection:
 
     def uncount(self) -> None:
         """Undo the count of a frame that was dropped."""
-        self._taken -= 1
+        self._counted -= 1
 
     def _is_due(self, time_ns: int) -> bool:
         """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
@@ -177,23 +177,23 @@ class Retention:
         replaced = self._kept.get(entry.name)
         size = self._bytes + entry.size - (replaced.size if replaced else 0)
         count = len(self._kept) + (not replaced)
-        gone: list[str] = []
+        deleted: list[str] = []
         for other in self._kept.values():
-            too_many = 0 < limits.max_frames < count - len(gone)
+            too_many = 0 < limits.max_frames < count - len(deleted)
             too_old = 0 < limits.max_ns < arrival_ns - other.arrival_ns
             if not (too_many or too_old or self._is_too_large(size)):
                 break
             if other is not replaced:
-                gone.append(other.name)
+                deleted.append(other.name)
                 size -= other.size
         if self._is_too_large(size):
             raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
                                'bytes')
-        return gone
+        return deleted
 
-    def add(self, entry: ManifestEntry, gone: list[str], arrival_ns: int) -> None:
+    def add(self, entry: ManifestEntry, deleted: list[str], arrival_ns: int) -> None:
         """Count a new file, and remove the deleted files from the counts."""
-        for name in (*gone, entry.name):
+        for name in (*deleted, entry.name):
             other = self._kept.pop(name, None)
             self._bytes -= other.size if other else 0
         self._bytes += entry.size

@@ -42,7 +42,7 @@ NO_LIMITS = Limits()
 
 
 class Console:
-    """Keep what is said."""
+    """A log that keeps its lines."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -79,12 +79,12 @@ def gray_numbers(folder: Path) -> list[int]:
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0, 0] for path in recorded_files(folder)]
 
 
-class ToldRecorder(Recorder):
-    """A recorder that blocks, and keeps what it tells."""
+class LoggedRecorder(Recorder):
+    """A blocking recorder that keeps its log and counts the calls of on_full."""
 
-    def __init__(self, files: Any) -> None:
+    def __init__(self, sink: Any) -> None:
         self.console, self.times_full = Console(), 0
-        super().__init__(files, self.console, block=True, on_full=self._count)
+        super().__init__(sink, self.console, block=True, on_full=self._count)
 
     def _count(self) -> None:
         self.times_full += 1
@@ -93,10 +93,10 @@ class ToldRecorder(Recorder):
 def record(
     folder: Path, count: int, template: str = '{seq:03d}.png', on_exists: str = 'continue',
     limits: Limits = NO_LIMITS, first: int = 0,
-) -> ToldRecorder:
-    """Record gray frames, one a second, which have their number as their colour."""
+) -> LoggedRecorder:
+    """Record gray frames, one per second, whose gray is their number."""
     names = FileNames(template)
-    recorder = ToldRecorder(
+    recorder = LoggedRecorder(
         open_sink(folder, names, EncoderSettings(names.suffix), on_exists, limits, sync=False))
     for number in range(first, first + count):
         recorder.put(gray_frame(number, number))
@@ -105,14 +105,14 @@ def record(
 
 
 def failing(number: int) -> Callable[..., None]:
-    """Make a function that fails as the system does."""
+    """Return a function that raises an error of the operating system."""
     def fail(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
     return fail
 
 
-def picture_files(
+def image_sink(
         path: Path, template: str, kind: type[ImageSink] = ImageSink) -> ImageSink:
     folder = Folder(path)
     numbering = Numbering(FileNames(template), folder, 'continue')
@@ -131,17 +131,17 @@ def manifest_line(**fields: object) -> bytes:
 
 
 def record_ring(folder: Path, suffix: str = '.png', count: int = 2) -> None:
-    files = open_sink(folder, FileNames(f'{{frame_id}}{{stamp}}{suffix}'), EncoderSettings(suffix),
-                      'continue', RING if suffix == '.png' else Limits(), False)
+    sink = open_sink(folder, FileNames(f'{{frame_id}}{{stamp}}{suffix}'), EncoderSettings(suffix),
+                     'continue', RING if suffix == '.png' else Limits(), False)
     try:
         for second in range(count):
             time_ns = (1_700_000_000 + second) * NANO
             metadata = FrameMetadata(time_ns, 'camera', 'mono8', '/video_frames')
             frame = RawFrame(
                 metadata=metadata, receive_ns=time_ns, image=np.zeros((20, 20), np.uint8))
-            files.commit(frame, files.prepare(frame))
+            sink.commit(frame, sink.prepare(frame))
     finally:
-        files.close()
+        sink.close()
 
 
 def open_videos(

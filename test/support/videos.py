@@ -34,7 +34,7 @@ every_format = pytest.mark.parametrize('suffix', VIDEO_FORMATS)
 
 
 def draw(number: int, height: int = 2 * BLOCK) -> np.ndarray:
-    """Draw a number in blocks that no compression makes unreadable, above noise."""
+    """Draw a number above noise, in blocks that survive any compression."""
     bits = np.array([number >> bit & 1 for bit in range(BITS)], np.uint8) * 255
     noise = np.random.default_rng(number).integers(0, 256, (height, BITS * BLOCK), np.uint8)
     noise[:2 * BLOCK] = np.kron(bits, np.ones((2 * BLOCK, BLOCK), np.uint8))
@@ -58,7 +58,7 @@ def record(path: Path, frames: dict[int, int], crf: int = 23) -> VideoWriter:
 
 
 def play(path: Path) -> Iterator[tuple[float, np.ndarray]]:
-    """Give the frames of a video and their times in ms, as OpenCV reads them."""
+    """Yield the times in ms and the frames of a video, as OpenCV reads them."""
     capture = cv2.VideoCapture(str(path))
     assert capture.isOpened()
     while True:
@@ -69,13 +69,13 @@ def play(path: Path) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def decode(path: Path) -> list[np.ndarray]:
-    """Give the frames of a video as PyAV reads them, which raises for what is broken."""
+    """Return the frames of a video as PyAV reads them; PyAV raises if one is damaged."""
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format='bgr24') for frame in container.decode(video=0)]
 
 
 def numbers(path: Path) -> list[int]:
-    """Read the numbers in a video, by two programs that must agree."""
+    """Read the numbers in a video with two programs that must agree."""
     found = [read(image) for _, image in play(path)]
     assert found == [read(image) for image in decode(path)]
     return found

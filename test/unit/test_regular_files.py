@@ -12,14 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that other users can replace: only regular files of limited size are opened."""
+"""Reading of regular files only, and atomic writing of files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import errno
+import io
 import os
 from pathlib import Path
 
-from opencv_tools.regular_files import open_regular, read_regular, RefusedFileError, replace_file
+import numpy as np
+from opencv_tools.regular_files import (
+    open_regular, read_regular, RefusedFileError, replace_file, write_buffer, write_new)
 import pytest
 from special_files import KINDS
 
@@ -119,3 +124,33 @@ def test_file_is_replaced_atomically(tmp_path: Path, monkeypatch: pytest.MonkeyP
         replace_file(path, b'fourth')
     assert path.read_bytes() == b'third'
     assert {*tmp_path.iterdir()} == {path, old}
+
+
+def test_new_file_replaces_no_other_file(tmp_path: Path) -> None:
+    path = tmp_path / 'x'
+    write_new(path, (b'first ', memoryview(b'file')))
+    with pytest.raises(FileExistsError):
+        write_new(path, (b'second',))
+    assert path.read_bytes() == b'first file'
+
+
+def test_new_file_is_removed_after_an_error(tmp_path: Path) -> None:
+    def parts() -> Iterator[bytes]:
+        yield b'first'
+        raise OSError(errno.EIO, 'no more')
+
+    with pytest.raises(OSError, match='no more'):
+        write_new(tmp_path / 'x', parts())
+    assert not [*tmp_path.iterdir()]
+
+
+def test_buffer_is_written_completely_in_parts() -> None:
+    class File(io.BytesIO):
+        """A file that accepts three bytes at once."""
+
+        def write(self, data: memoryview) -> int:
+            return super().write(data[:3])
+
+    file = File()
+    write_buffer(file, np.arange(10, dtype=np.uint16))
+    assert file.getvalue() == np.arange(10, dtype=np.uint16).tobytes()

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import closing, ExitStack, suppress
 from pathlib import Path
 import time
 from typing import Literal
@@ -62,19 +62,15 @@ class CameraSource:
         self._sequence = -1
         self._held: DequeuedBuffer | None = None
         check_device(device)
-        with capture_errors(self.name):
-            self._device = VideoDevice(device)
-        try:
-            with capture_errors(self.name):
-                self._start(request)
-        except CaptureError:
-            self.close()
-            raise
+        with capture_errors(self.name), ExitStack() as stack:
+            self._device = stack.enter_context(closing(VideoDevice(device)))
+            self._start(request)
+            stack.pop_all()  # the device stays open
 
     def wait(self, seconds: float) -> bool:
         with capture_errors(self.name):
             if self._device.wait(seconds):
-                self._keep_newest()
+                self._dequeue_newest()
         return self._held is not None
 
     def skip(self) -> None:
@@ -87,7 +83,7 @@ class CameraSource:
         held = self._held
         with capture_errors(self.name):
             try:
-                return self._copy(held)
+                return self._to_frame(held)
             finally:
                 self._requeue()
 
@@ -132,21 +128,17 @@ class CameraSource:
             raise CaptureError(
                 f'camera {self.name} offers none of the supported pixel formats '
                 f'{", ".join(PIXEL_FORMATS)}; it offers {describe_modes(modes) or "none"}')
-        self._format = self._device.set_format(chosen)
-        if self._format.fourcc not in PIXEL_FORMATS:
+        self._mode, self._step = self._device.set_format(chosen)
+        if self._mode.fourcc not in PIXEL_FORMATS:
             raise CaptureError(
                 f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
-                f'format {self._format.fourcc}; set fourcc to another format')
-        self._pixels = PIXEL_FORMATS[self._format.fourcc]
+                f'format {self._mode.fourcc}; set fourcc to another format')
+        self._pixel_format = PIXEL_FORMATS[self._mode.fourcc]
         self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
         self._warn_about_changes(request, modes)
         self._set_controls(dict(request.controls))
         self._device.start()
-        self.description = f'{self._format.fourcc} {self._mode.size} at {self.rate:g} Hz'
-
-    @property
-    def _mode(self) -> Mode:
-        return Mode(self._format.fourcc, self._format.width, self._format.height)
+        self.description = f'{self._mode.fourcc} {self._mode.size} at {self.rate:g} Hz'
 
     def _warn_about_changes(self, request: CameraRequest, modes: list[Mode]) -> None:
         """Record a warning for each setting that the camera changed, with the supported values."""
@@ -176,7 +168,7 @@ class CameraSource:
             except UnavailableError as err:
                 self.warnings.append(str(err))
 
-    def _keep_newest(self) -> None:
+    def _dequeue_newest(self) -> None:
         """
         Dequeue the newest filled buffer and requeue the older ones.
 
@@ -198,7 +190,7 @@ class CameraSource:
             self._requeue()
             self.missed += 1
 
-    def _copy(self, buffer: DequeuedBuffer) -> Frame:
+    def _to_frame(self, buffer: DequeuedBuffer) -> Frame:
         """
         Return a copy of the frame in a buffer.
 
@@ -209,9 +201,9 @@ class CameraSource:
         stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
-        image = read_pixels(self._pixels, self._device.content(buffer), self._format.height,
-                            self._format.width, self._format.step)
-        return Frame(image, self._pixels.encoding, stamp_ns)
+        image = read_pixels(self._pixel_format, self._device.copy_image(buffer),
+                            self._mode.height, self._mode.width, self._step)
+        return Frame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
         """

@@ -30,7 +30,7 @@ from threading import RLock
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.controls import changed_controls, Control, list_controls
 from opencv_tools.capture.v4l2.enumeration import list_modes, list_rates, per_second
-from opencv_tools.capture.v4l2.modes import Mode, StreamFormat
+from opencv_tools.capture.v4l2.modes import Mode
 from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, unpack_fourcc
 from opencv_tools.capture.v4l2.videodev2 import ioctl, try_ioctl
 from opencv_tools.image.text import printable
@@ -118,12 +118,13 @@ class VideoDevice:
         with self._opened() as fd:
             return sorted(list_rates(fd, mode))
 
-    def set_format(self, mode: Mode) -> StreamFormat:
+    def set_format(self, mode: Mode) -> tuple[Mode, int]:
         """
         Request a format.
 
         :param mode: format and size.
-        :returns: the format that the device has set, which may differ.
+        :returns: the mode that the device has set, which may differ, and the bytes from the start
+            of one line to the start of the next.
         :raises OSError: EBUSY when another program streams.
         """
         request = videodev2.v4l2_format(type=self._type)
@@ -133,7 +134,7 @@ class VideoDevice:
         with self._opened() as fd:
             ioctl(fd, videodev2.VIDIOC_S_FMT, request)
         step = (pix.plane_fmt[0] if self._is_multiplanar else pix).bytesperline
-        return StreamFormat(unpack_fourcc(pix.pixelformat), pix.width, pix.height, step)
+        return Mode(unpack_fourcc(pix.pixelformat), pix.width, pix.height), step
 
     def set_rate(self, rate: float) -> float:
         """
@@ -230,7 +231,7 @@ class VideoDevice:
             stamp_ns=seconds * 10**9 + microseconds * 1000 if is_monotonic else 0,
             broken=bool(buffer.flags & videodev2.V4L2_BUF_FLAG_ERROR))
 
-    def content(self, buffer: DequeuedBuffer) -> bytes:
+    def copy_image(self, buffer: DequeuedBuffer) -> bytes:
         """Return a copy of the image in a buffer."""
         return self._maps[buffer.index][buffer.start:buffer.stop]
 

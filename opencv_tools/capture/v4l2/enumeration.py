@@ -89,13 +89,5 @@ def _sizes(fd: int, fourcc: str, near: tuple[int, int]) -> Iterator[tuple[int, i
 
 
 def _round_down(number: int, least: int, most: int, step: int) -> int:
-    """
-    Round a number down to a step, within a range.
-
-    :param number: the number.
-    :param least: first number of the range.
-    :param most: last number of the range.
-    :param step: difference between neighbouring numbers; 0 is read as 1.
-    :returns: the largest number of the range that is not above ``number``; ``least`` when all are.
-    """
+    """Round a number down to a step of the range from ``least`` to ``most``; 0 is a step of 1."""
     return least + (min(max(number, least), most) - least) // max(1, step) * max(1, step)

@@ -76,23 +76,6 @@ class Mode:
         return f'{self.width}x{self.height}'
 
 
-@dataclass(frozen=True)
-class StreamFormat:
-    """
-    The format that a camera sends.
-
-    :param fourcc: pixel format, as ``unpack_fourcc`` writes it.
-    :param width: width in pixels.
-    :param height: height in pixels.
-    :param step: bytes from the start of one line to the start of the next.
-    """
-
-    fourcc: str
-    width: int
-    height: int
-    step: int
-
-
 def choose_mode(
     modes: Sequence[Mode], request: CameraRequest, rates: Callable[[Mode], Sequence[float]],
 ) -> Mode | None:

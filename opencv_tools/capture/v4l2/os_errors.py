@@ -119,12 +119,7 @@ def _to_capture_error(name: str, err: OSError) -> CaptureError:
 
 
 def _group_name(name: str) -> str:
-    """
-    Return the name of the group that owns a device.
-
-    :returns: the name; the number of a group without a name, which exists in some containers;
-        ``video`` when the device does not exist.
-    """
+    """Return the group of a device; its number if it has no name, as in some containers."""
     try:
         number = Path(name).stat().st_gid
         return grp.getgrgid(number).gr_name

@@ -51,6 +51,9 @@ class VideoFrame:
         """Properties that all frames of a file share: width, height and pixel format."""
         return self.frame.width, self.frame.height, self.frame.format.name
 
+    def discard(self) -> None:
+        """Do nothing, because nothing is on the disk."""
+
 
 def to_video_frame(
     image: NDArray[Any], encoding_name: str, suffix: str, to_color: bool = False,

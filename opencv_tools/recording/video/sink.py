@@ -45,14 +45,6 @@ _CHECK_SECONDS = 1.0
 _ROOM = 2
 
 
-@dataclass(frozen=True)
-class PreparedVideoFrame(VideoFrame):
-    """A frame that is ready for the encoder; nothing of it is on the disk yet."""
-
-    def discard(self) -> None:
-        """Do nothing, because nothing is on the disk."""
-
-
 @dataclass
 class _Video:
     path: Path
@@ -96,7 +88,7 @@ class VideoSink:
         self._needed = 0  # bytes of free space required for a new video
         self._paths: set[Path] = set()
 
-    def prepare(self, frame: ReceivedFrame) -> PreparedVideoFrame:
+    def prepare(self, frame: ReceivedFrame) -> VideoFrame:
         """
         Convert a frame for the encoder; thread-safe.
 
@@ -106,14 +98,13 @@ class VideoSink:
         """
         raw = frame.decode()
         try:
-            video_frame = to_video_frame(
+            return to_video_frame(
                 raw.image, raw.metadata.encoding, self._settings.suffix, self._settings.to_color)
         except VideoError as err:
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
-        return PreparedVideoFrame(video_frame.frame)
 
-    def commit(self, frame: ReceivedFrame, video_frame: PreparedVideoFrame) -> Path:
+    def commit(self, frame: ReceivedFrame, video_frame: VideoFrame) -> Path:
         """
         Encode a frame; one thread at a time, in the order of the frames.
 
@@ -150,7 +141,7 @@ class VideoSink:
             self._count()
             self._folder.close()
 
-    def _commit(self, frame: ReceivedFrame, video_frame: PreparedVideoFrame) -> Path:
+    def _commit(self, frame: ReceivedFrame, video_frame: VideoFrame) -> Path:
         video = self._video
         if video and not (self._is_at_path(video)
                           and video.writer.fits(video_frame, video.time_ns(frame))):

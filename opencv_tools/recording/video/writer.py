@@ -251,8 +251,8 @@ class VideoWriter:
             self.bytes_waiting += added * self._format.lag
 
     def _has_room(self, size: int, pts: int) -> bool:
-        form = self._format
-        end = form.at_end + form.per_key * (self._keys + 1) + form.per_tick * pts
+        container = self._format
+        end = container.at_end + container.per_key * (self._keys + 1) + container.per_tick * pts
         return not self._max_bytes or self.file.size + self.bytes_waiting + size + end <= (
             self._max_bytes)
 

@@ -40,19 +40,19 @@ def frame_of(encoding: str) -> Frame:
     return Frame(image, encoding)
 
 
-@pytest.mark.parametrize(('captured', 'wanted'), [
+@pytest.mark.parametrize(('captured', 'requested'), [
     ('bgr8', ''), ('bgr8', 'bgr8'), ('yuv422_yuy2', ''), ('32FC1', ''), ('nv12', 'nv12'),
     ('yuv422_yuy2', 'yuv422_yuy2'), ('yuv422_yuy2', 'yuyv'), ('yuyv', 'yuv422_yuy2'),
     ('yuv422', 'uyvy')])
-def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, wanted: str) -> None:
+def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, requested: str) -> None:
     frame = frame_of(captured)
-    output = OutputImage(frame, OutputSettings(wanted))
+    output = OutputImage(frame, OutputSettings(requested))
     assert output.image is frame.image
-    assert output.encoding == (wanted or captured)
+    assert output.encoding == (requested or captured)
     assert output.size == (64, 48)
 
 
-@pytest.mark.parametrize(('captured', 'wanted', 'published', 'code'), [
+@pytest.mark.parametrize(('captured', 'requested', 'published', 'code'), [
     ('rgb8', 'bgr8', 'bgr8', cv2.COLOR_RGB2BGR), ('bgr8', 'rgba8', 'rgba8', cv2.COLOR_BGR2RGBA),
     (JPEG, '', 'bgr8', None), (JPEG, 'rgb8', 'rgb8', cv2.COLOR_BGR2RGB),
     (JPEG, 'mono8', 'mono8', cv2.COLOR_BGR2GRAY),
@@ -61,9 +61,9 @@ def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, wanted: 
     ('nv12', 'bgr8', 'bgr8', cv2.COLOR_YUV2BGR_NV12),
     ('bayer_rggb8', 'bgr8', 'bgr8', cv2.COLOR_BayerBG2BGR)])
 def test_pixels_are_converted_flipped_and_rotated(
-        captured: str, wanted: str, published: str, code: int | None) -> None:
+        captured: str, requested: str, published: str, code: int | None) -> None:
     frame = frame_of(captured)
-    output = OutputImage(frame, OutputSettings(wanted))
+    output = OutputImage(frame, OutputSettings(requested))
     assert output.encoding == published
     assert output.size == (64, 48)
     image = DECODED if captured == JPEG else np.ascontiguousarray(frame.image)
@@ -115,8 +115,8 @@ def test_camera_jpeg_is_encoded_again_for_other_settings(settings: OutputSetting
     ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
 def test_format_string_is_that_of_compressed_image_transport(
         captured: str, format_text: str) -> None:
-    data, told = OutputImage(frame_of(captured), OutputSettings()).jpeg
-    assert told == format_text
+    data, actual = OutputImage(frame_of(captured), OutputSettings()).jpeg
+    assert actual == format_text
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
     if captured in ('bgr8', 'rgb8', 'bgr16'):

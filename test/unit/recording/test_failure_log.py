@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is told of trouble: once each, though many threads meet it."""
+"""Log of failures: each reason once, also from many threads."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from switching import switching_in
 
 
 class Console:
-    """Keep what is said."""
+    """A log that keeps its lines."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -65,7 +65,7 @@ def test_each_reason_is_logged_once(clock: Time) -> None:
         for _ in range(3):
             failure_log.bad_frame(f'reason {letters(number)}')
     assert console.lines == [f'reason {letters(number)}' for number in range(300)]
-    failure_log.bad_frame('reason aa')  # the first, long ago
+    failure_log.bad_frame('reason aa')  # the first reason is forgotten
     assert console.lines[-1] == 'reason aa'
 
 
@@ -86,7 +86,7 @@ def test_rate_of_lines_is_limited_to_one_per_second(name: str, clock: Time) -> N
     for number in range(600):
         clock.now += 1 / 60
         getattr(failure_log, name)(f'reason {letters(number)}')
-    assert 18 <= len(console.lines) <= 20  # ten at once, and ten seconds
+    assert 18 <= len(console.lines) <= 20  # ten at once, then ten seconds
     counted = sum(int(line.split()[-2]) for line in console.lines if line.endswith(' more)'))
     clock.now += 60
     getattr(failure_log, name)('the last reason')

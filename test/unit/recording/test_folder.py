@@ -43,7 +43,7 @@ from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import (
-    Console, failing, gray_frame, gray_numbers, manifest_line, picture_files, record, record_ring)
+    Console, failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
 from special_files import KINDS
 
 
@@ -63,7 +63,7 @@ def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     put_and_wait(1)
     put_and_wait(2)
     assert console.lines == ['error: a frame was not written: No such file or directory']
-    assert not (tmp_path / 'mount').exists()  # it may be where a disk was
+    assert not (tmp_path / 'mount').exists()  # a disk may have been mounted there
     (tmp_path / 'mount').mkdir()
     put_and_wait(3)
     put_and_wait(4)
@@ -91,18 +91,18 @@ def test_file_without_its_manifest_line_is_removed(
 DIE_WITHIN = """
 import os, pathlib, sys
 from opencv_tools.recording.manifest import Manifest
-from recordings import gray_frame, picture_files
+from recordings import gray_frame, image_sink
 owner, name = {'link': (os, 'link'), 'unlink': (pathlib.Path, 'unlink'),
                'append': (Manifest, 'append')}[sys.argv[2]]
 setattr(owner, name, lambda *_: os._exit(9))
-files = picture_files(pathlib.Path(sys.argv[1]), '{seq}.png')
+sink = image_sink(pathlib.Path(sys.argv[1]), '{seq}.png')
 frame = gray_frame(5)
-files.commit(frame, files.prepare(frame))
+sink.commit(frame, sink.prepare(frame))
 """
 
 
 def leave_behind(folder: Path, kill_in: str) -> None:
-    """Record a frame, and stop as a killed process does: at once, in the middle of a call."""
+    """Record a frame in a process that ends in the middle of a call, like a killed one."""
     died = subprocess.run([sys.executable, '-c', DIE_WITHIN, str(folder), kill_in], check=False,
                           env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
                           timeout=DEADLINE)
@@ -133,9 +133,9 @@ from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.image_encoder import EncoderSettings
-files = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
+sink = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
                   'continue', Limits(), False)
-recorder = Recorder(files, logging, writers=2, block=True)
+recorder = Recorder(sink, logging, writers=2, block=True)
 for number in itertools.count():
     image = np.full((20, 20), number % 256, np.uint8)
     recorder.put(RawFrame(
@@ -188,10 +188,10 @@ def test_file_is_flushed_to_disk_before_it_is_renamed(
     monkeypatch.setattr(os, 'link', note('link', os.link))
     Folder(tmp_path).write((b'content',))
     for sync in (True, False):
-        files = open_sink(
+        sink = open_sink(
             tmp_path, FileNames(f'{{seq}}{suffix}'), EncoderSettings(suffix), 'continue', Limits(),
             sync)
-        recorder = Recorder(files, Console(), writers=1)
+        recorder = Recorder(sink, Console(), writers=1)
         recorder.put(gray_frame(0))
         recorder.close()
     assert done == ['fsync', 'link', 'link']
@@ -204,11 +204,11 @@ def test_nothing_is_overwritten_without_hard_links(
     monkeypatch.setattr(os, 'link', failing(number))
     record(tmp_path, 2)
     (tmp_path / '002.png').write_text('mine')
-    files = picture_files(tmp_path, '{seq:03d}.png')
+    sink = image_sink(tmp_path, '{seq:03d}.png')
     (tmp_path / '003.png').write_text('mine too')
     frame = gray_frame(4)
-    assert files.commit(frame, files.prepare(frame)).name == '004.png'
-    files.close()
+    assert sink.commit(frame, sink.prepare(frame)).name == '004.png'
+    sink.close()
     assert (tmp_path / '003.png').read_text() == 'mine too'
     lines = (tmp_path / 'manifest.jsonl').read_text().splitlines()
     assert [json.loads(line)['seq'] for line in lines] == [0, 1, 4]
@@ -239,8 +239,8 @@ def test_next_recording_adds_the_deferred_lines(tmp_path: Path) -> None:
     for entry in entries[:2]:
         folder.defer_line(entry)
     folder.write_journal(entries[2])
-    folder.write_journal(replace(entries[2], frame_id=''))  # shorter than what stands there
-    os.close(folder._journal)  # as a process that ends
+    folder.write_journal(replace(entries[2], frame_id=''))  # shorter than the previous content
+    os.close(folder._journal)  # like a process that ends
     Folder(tmp_path).close()
     assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1, 2]
     assert not list(tmp_path.glob('.*'))
@@ -285,11 +285,11 @@ def test_no_file_descriptor_stays_open(tmp_path: Path) -> None:
 def test_files_have_the_mode_of_the_umask(tmp_path: Path) -> None:
     before = os.umask(0o026)
     try:
-        files = picture_files(tmp_path, '{seq}.png')
+        sink = image_sink(tmp_path, '{seq}.png')
         frame = gray_frame(0)
-        files.commit(frame, files.prepare(frame))
+        sink.commit(frame, sink.prepare(frame))
         modes = {path.suffix: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
-        files.close()
+        sink.close()
     finally:
         os.umask(before)
     assert modes == {'.png': 0o640, '.jsonl': 0o640, '.journal': 0o640}
@@ -315,7 +315,7 @@ def test_leftovers_removed_by_another_recording_are_skipped(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def clean_up_and_lock(file: int, how: int) -> None:
         locked.append(file)
-        for path in listed[2 * (len(locked) < 2):]:  # the first lock is that of its own journal
+        for path in listed[2 * (len(locked) < 2):]:  # the first lock is on its own journal
             path.unlink()
         lock(file, how)
 
@@ -358,11 +358,11 @@ def test_file_removed_after_its_creation_is_created_again(
 
     open_file, removed = os.open, []
     monkeypatch.setattr(os, 'open', open_and_remove)
-    files = picture_files(tmp_path, '{seq}.png')
+    sink = image_sink(tmp_path, '{seq}.png')
     assert len(list(tmp_path.glob('.*.journal'))) == 1
     frame = gray_frame(0)
-    files.commit(frame, files.prepare(frame))
-    files.close()
+    sink.commit(frame, sink.prepare(frame))
+    sink.close()
     assert removed
     assert len(read_manifest(tmp_path)) == 1
     assert not list(tmp_path.glob('.*'))
@@ -382,7 +382,7 @@ def test_non_regular_manifest_or_journal_is_refused(
         KINDS[kind][0](folder / name)
     with pytest.raises(RecordingError, match=r'^output_dir .*/out cannot be used') as caught:
         record_ring(folder, suffix)
-    links = ('link', 'device')  # in a folder of ours a link to a device is a link
+    links = ('link', 'device')  # a link to a device counts as a link
     reason = 'is a symbolic link, not a regular file' if kind in links else KINDS[kind][1]
     reason = reason if kind == 'folder' else f'{name} {reason}'
     assert str(caught.value).endswith(f'cannot be used: {reason}')

@@ -129,20 +129,20 @@ def test_quality_and_compression_change_the_file_size() -> None:
     assert pngs == sorted(pngs, reverse=True) and len(set(pngs)) == 3
 
 
-def compressed(suffix: str, told: str, image: np.ndarray) -> CompressedFrame:
+def compressed(suffix: str, format_text: str, image: np.ndarray) -> CompressedFrame:
     data = memoryview(encode_image(image, suffix))
     return CompressedFrame(
-        metadata=FrameMetadata(NANO, 'camera', told, '/video_frames/compressed'),
+        metadata=FrameMetadata(NANO, 'camera', format_text, '/video_frames/compressed'),
         receive_ns=NANO, data=data)
 
 
-@pytest.mark.parametrize(('suffix', 'told'), [
+@pytest.mark.parametrize(('suffix', 'format_text'), [
     ('.jpg', 'rgb8; jpeg compressed bgr8'), ('.jpeg', 'jpeg'), ('.png', '; png compressed ')])
-def test_compressed_frame_is_stored_unchanged(suffix: str, told: str) -> None:
-    frame = compressed(suffix, told, random_image('bgr8'))
+def test_compressed_frame_is_stored_unchanged(suffix: str, format_text: str) -> None:
+    frame = compressed(suffix, format_text, random_image('bgr8'))
     content = encode_frame(frame, EncoderSettings(suffix))
     assert content.data is frame.data
-    assert (content.encoding, content.width, content.height) == (told, 8, 10)
+    assert (content.encoding, content.width, content.height) == (format_text, 8, 10)
 
 
 def test_compressed_frame_is_decoded_for_another_format() -> None:

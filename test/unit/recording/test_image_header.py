@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What compressed frames tell of themselves."""
+"""Headers of compressed frames."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import frame_of, gray_frame, gray_numbers, picture_files, random_image, record
+from recordings import frame_of, gray_frame, gray_numbers, image_sink, random_image, record
 
 LARGE = np.random.default_rng(4).integers(0, 2**16, (1024, 4096, 2), np.uint16)  # 16 MiB
 
@@ -45,17 +45,17 @@ def test_array_is_written_without_a_copy(image: np.ndarray, tmp_path: Path) -> N
         encoding = '8UC1' if image.dtype == np.uint8 else '64FC3'
     whole = io.BytesIO()
     np.save(whole, image)
-    files = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
-                      Limits(), sync=False)
+    sink = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
+                     Limits(), sync=False)
     frame = frame_of(image, encoding)
     tracemalloc.start()
     try:
-        prepared = files.prepare(frame)
+        prepared = sink.prepare(frame)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    path = files.commit(frame, prepared)
-    files.close()
+    path = sink.commit(frame, prepared)
+    sink.close()
     assert peak < 3 * 2**20
     assert path.read_bytes() == whole.getvalue()
     assert read_manifest(tmp_path)[0]['bytes'] == len(whole.getvalue())
@@ -63,17 +63,17 @@ def test_array_is_written_without_a_copy(image: np.ndarray, tmp_path: Path) -> N
 
 def test_array_on_a_full_disk_leaves_no_file(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
-                      Limits(), sync=False)
+    sink = open_sink(tmp_path, FileNames('{seq}.npy'), EncoderSettings('.npy'), 'continue',
+                     Limits(), sync=False)
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, 'no room')
 
     monkeypatch.setattr('opencv_tools.regular_files.write_buffer', refuse)
     with pytest.raises(OSError, match='no room'):
-        files.prepare(frame_of(random_image('bgr8'), 'bgr8'))
+        sink.prepare(frame_of(random_image('bgr8'), 'bgr8'))
     assert not [*tmp_path.glob('.*.part')]
-    files.close()
+    sink.close()
 
 
 def test_overwritten_file_holds_the_latest_frame(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ LIMITS = [Limits(max_frames=4, ring=True), Limits(max_seconds=3.5, ring=True)]
 
 
 @pytest.mark.parametrize(('limits', 'kept'), [
-    (LIMITS[0], [248, 249, 250, 251]), (LIMITS[1], [250, 251])])  # what is there is years old
+    (LIMITS[0], [248, 249, 250, 251]), (LIMITS[1], [250, 251])])  # existing files are years old
 def test_ring_keeps_the_newest_files(tmp_path: Path, limits: Limits, kept: list[int]) -> None:
     (tmp_path / '7.txt').write_text('not ours')
     recorder = record(tmp_path, 250, limits=limits)
@@ -94,7 +94,7 @@ def test_ring_keeps_the_newest_files(tmp_path: Path, limits: Limits, kept: list[
     assert recorder.counts.written == 250
     assert gray_numbers(tmp_path) == [246, 247, 248, 249]
     assert len(read_manifest(tmp_path)) == 4
-    record(tmp_path, 2, limits=limits, first=250)  # what is there already counts
+    record(tmp_path, 2, limits=limits, first=250)  # existing files count
     assert gray_numbers(tmp_path) == [number % 256 for number in kept]
     assert [line['seq'] for line in read_manifest(tmp_path)] == kept
 
@@ -105,9 +105,9 @@ def test_files_stay_below_max_bytes(tmp_path: Path, ring: bool) -> None:
     size = (tmp_path / 'one' / '000.bmp').stat().st_size
     limits = Limits(max_bytes=5 * size, ring=ring)
     recorder = record(tmp_path / 'many', 20, '{seq:03d}.bmp', limits=limits)
-    told = [f'info: Recording limit reached: max_bytes is {5 * size}, the next file has {size} '
-            'bytes']
-    assert recorder.console.lines == ([] if ring else told)
+    logged = [f'info: Recording limit reached: max_bytes is {5 * size}, the next file has {size} '
+              'bytes']
+    assert recorder.console.lines == ([] if ring else logged)
     assert recorder.times_full == (0 if ring else 1)
     assert gray_numbers(tmp_path / 'many') == (
         [15, 16, 17, 18, 19] if ring else [0, 1, 2, 3, 4])
@@ -128,8 +128,8 @@ def test_manifest_lines_of_other_recordings_stay(tmp_path: Path) -> None:
 
 def test_temporary_file_that_cannot_be_removed_is_left(tmp_path: Path) -> None:
     folder = tmp_path / 'out'
-    files = picture_files(folder, '{seq}.png')
-    picture = files.prepare(gray_frame(0))
+    sink = image_sink(folder, '{seq}.png')
+    picture = sink.prepare(gray_frame(0))
     folder.rename(tmp_path / 'away')
     folder.touch()
     picture.discard()
@@ -138,17 +138,17 @@ def test_temporary_file_that_cannot_be_removed_is_left(tmp_path: Path) -> None:
     (tmp_path / 'away').rename(folder)
     picture.discard()
     assert not picture.temporary.exists()
-    files.close()
+    sink.close()
 
 
 def test_manifest_is_compacted_while_a_ring_records(tmp_path: Path) -> None:
     names = FileNames('{seq:03d}.png')
-    files = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', LIMITS[0], False)
+    sink = open_sink(tmp_path, names, EncoderSettings('.png'), 'continue', LIMITS[0], False)
     lengths = []
     for number in range(250):
         frame = gray_frame(number)
-        files.commit(frame, files.prepare(frame))
+        sink.commit(frame, sink.prepare(frame))
         lengths.append((tmp_path / 'manifest.jsonl').read_bytes().count(b'\n'))
     assert lengths == [*range(1, 105), *[*range(4, 105)] * 2][:250]
-    files.close()
+    sink.close()
     assert len(read_manifest(tmp_path)) == 4

@@ -57,7 +57,7 @@ def test_line_added_during_a_compaction_is_kept(tmp_path: Path) -> None:
     def write(lines: Iterable[bytes]) -> Path:
         threads.append(threading.Thread(target=manifest.append, args=[first]))
         threads[0].start()
-        threads[0].join(0.3)  # it is over only where nothing keeps it from the file
+        threads[0].join(0.3)  # ends only if the file is not locked
         path = tmp_path / 'new'
         path.write_bytes(b''.join(lines))
         return path

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names of files: what a template makes, what it refuses, and what a message cannot do to it."""
+"""File names: valid and invalid templates, and names from hostile messages."""
 
 from __future__ import annotations
 

@@ -28,15 +28,15 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import Console, gray_frame, gray_numbers, picture_files, record
+from recordings import Console, gray_frame, gray_numbers, image_sink, record
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.mp4'])
 def test_long_file_name_is_reported_with_a_remedy(suffix: str, tmp_path: Path) -> None:
     console = Console()
     names = FileNames('a' * 251 + '{seq}' + suffix)
-    files = open_sink(tmp_path, names, EncoderSettings(suffix), 'continue', Limits(), sync=False)
-    recorder = Recorder(files, console, writers=1)
+    sink = open_sink(tmp_path, names, EncoderSettings(suffix), 'continue', Limits(), sync=False)
+    recorder = Recorder(sink, console, writers=1)
     recorder.put(gray_frame(0))
     recorder.close()
     assert recorder.counts.failed == 1
@@ -68,12 +68,12 @@ def test_numbers_continue_after_files_were_removed(tmp_path: Path, count: int) -
 
 
 def test_copies_are_numbered_for_each_name(tmp_path: Path) -> None:
-    files = picture_files(tmp_path, '{frame_id}.png')
+    sink = image_sink(tmp_path, '{frame_id}.png')
     gray = gray_frame(0)
     frames = [replace(gray, metadata=replace(gray.metadata, frame_id=name))
               for name in ('a', 'a', 'a', 'b', 'b', 'a')]
-    paths = [files.commit(frame, files.prepare(frame)) for frame in frames]
-    files.close()
+    paths = [sink.commit(frame, sink.prepare(frame)) for frame in frames]
+    sink.close()
     assert [path.name for path in paths] == [
         'a.png', 'a_1.png', 'a_2.png', 'b.png', 'b_1.png', 'a_3.png']
 

@@ -31,7 +31,7 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder, SinkCounts
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import Console, frame_of, gray_frame, gray_numbers, picture_files, record
+from recordings import Console, frame_of, gray_frame, gray_numbers, image_sink, record
 from switching import switching_in
 
 
@@ -44,8 +44,8 @@ def test_frames_are_numbered_in_the_order_of_arrival(tmp_path: Path) -> None:
     assert vars(recorder.counts) == {'written': 50, 'dropped': 0, 'failed': 0, 'skipped': 0}
 
 
-class SlowFiles(ImageSink):
-    """Write nothing before it may."""
+class SlowSink(ImageSink):
+    """A sink that writes nothing before ``may_write`` is set."""
 
     def __init__(self, *args: object) -> None:
         super().__init__(*args)
@@ -58,17 +58,17 @@ class SlowFiles(ImageSink):
 
 
 @pytest.fixture
-def slow_files(tmp_path: Path) -> SlowFiles:
-    return picture_files(tmp_path, '{seq:03d}.png', SlowFiles)
+def slow_sink(tmp_path: Path) -> SlowSink:
+    return image_sink(tmp_path, '{seq:03d}.png', SlowSink)
 
 
-def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_files: SlowFiles) -> None:
+def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_sink: SlowSink) -> None:
     console = Console()
-    recorder = Recorder(slow_files, console, queue_size=3, writers=1)
+    recorder = Recorder(slow_sink, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
-    assert slow_files.has_begun.wait(DEADLINE)
+    assert slow_sink.has_begun.wait(DEADLINE)
     made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
-    slow_files.may_write.set()
+    slow_sink.may_write.set()
     recorder.close()
     assert made_room == [True] * 3 + [False] * 16
     assert gray_numbers(tmp_path) == [0, 17, 18, 19]
@@ -78,14 +78,14 @@ def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_files: SlowFiles
     assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
-def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_files: SlowFiles) -> None:
-    recorder = Recorder(slow_files, Console(), queue_size=3, writers=2, block=True)
+def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_sink: SlowSink) -> None:
+    recorder = Recorder(slow_sink, Console(), queue_size=3, writers=2, block=True)
     putting = threading.Thread(
         target=lambda: [recorder.put(gray_frame(number)) for number in range(40)])
     putting.start()
     putting.join(0.2)
     assert putting.is_alive()
-    slow_files.may_write.set()
+    slow_sink.may_write.set()
     putting.join(DEADLINE)
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
@@ -133,16 +133,16 @@ def test_every_error_has_a_reason(
 
     monkeypatch.setattr('opencv_tools.recording.image_sink.encode_frame', stumble)
     console, outcomes = Console(), []
-    recorder = Recorder(picture_files(tmp_path, '{seq}.png'), console)
+    recorder = Recorder(image_sink(tmp_path, '{seq}.png'), console)
     recorder.put(gray_frame(0), outcomes.append)
     recorder.close()
     assert outcomes == [reason]
     assert console.lines == [f'error: a frame was not written: {reason}']
 
 
-def test_writer_threads_end_with_the_recorder(slow_files: SlowFiles) -> None:
+def test_writer_threads_end_with_the_recorder(slow_sink: SlowSink) -> None:
     before = set(threading.enumerate())
-    recorder = Recorder(slow_files, Console(), writers=3)
+    recorder = Recorder(slow_sink, Console(), writers=3)
     writers = set(threading.enumerate()) - before
     assert len(writers) == 3 and all(thread.daemon for thread in writers)
     recorder.close()
@@ -150,7 +150,7 @@ def test_writer_threads_end_with_the_recorder(slow_files: SlowFiles) -> None:
 
 
 class Numbers:
-    """Keep the numbers of frames in the order in which they are put in their place."""
+    """A sink that records the numbers of frames in the order of their commits."""
 
     def __init__(self) -> None:
         self.placed: list[int] = []
@@ -172,7 +172,7 @@ class Numbers:
 
 
 class Unfinished(Numbers):
-    """Fail at the end."""
+    """A sink whose ``close`` fails."""
 
     def close(self) -> None:
         raise OSError(errno.EIO, 'Input/output error', 'x')
@@ -190,7 +190,7 @@ def test_failure_of_close_is_logged_once() -> None:
 
 
 class Waiting(Numbers):
-    """Keep the frames in memory until there are three, and lose what is there at the end."""
+    """A sink that keeps three frames at a time, and loses the rest in ``close``."""
 
     def commit(self, frame: RawFrame, _: Numbers) -> Path:
         path = super().commit(frame, self)
@@ -203,8 +203,8 @@ class Waiting(Numbers):
 
 
 def test_frame_is_counted_when_its_outcome_is_known() -> None:
-    console, files = Console(), Waiting()
-    recorder = Recorder(files, console, block=True)
+    console, sink = Console(), Waiting()
+    recorder = Recorder(sink, console, block=True)
     for number in range(5):
         recorder.put(gray_frame(number))
     recorder.close()
@@ -213,7 +213,7 @@ def test_frame_is_counted_when_its_outcome_is_known() -> None:
 
 
 class Full(Numbers):
-    """Be full at the first frame, when the second one is prepared as well."""
+    """A sink that is full at the first frame, when the second one is prepared too."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -233,24 +233,24 @@ class Full(Numbers):
 
 
 def test_frames_prepared_before_the_limit_are_discarded() -> None:
-    files = Full()
+    sink = Full()
     outcomes: list[object] = []
-    recorder = Recorder(files, Console(), writers=2)
+    recorder = Recorder(sink, Console(), writers=2)
     for number in range(2):
         recorder.put(gray_frame(number), outcomes.append)
     recorder.close()
-    assert files.placed == [0]
+    assert sink.placed == [0]
     assert outcomes == ['no more', 'the recording has reached its limits']
-    assert (recorder.counts.skipped, files.discarded) == (2, 2)
+    assert (recorder.counts.skipped, sink.discarded) == (2, 2)
 
 
 @pytest.mark.filterwarnings('error::pytest.PytestUnhandledThreadExceptionWarning')
 def test_order_is_independent_of_thread_switches() -> None:
-    files = Numbers()
+    sink = Numbers()
     with switching_in(Recorder._write_all):
-        recorder = Recorder(files, Console(), writers=4, block=True)
+        recorder = Recorder(sink, Console(), writers=4, block=True)
         for number in range(40):
             recorder.put(gray_frame(number))
         recorder.close()
-    assert files.placed == list(range(40))
+    assert sink.placed == list(range(40))
     assert recorder.counts.written == 40

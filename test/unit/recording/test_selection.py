@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which frames are recorded: by their number, by their time, and until when."""
+"""Selection of frames by number, time and limits."""
 
 from __future__ import annotations
 
 import numpy as np
 from opencv_tools.recording.errors import LimitReached
-from opencv_tools.recording.frames import ArrivalClock, ReceivedFrame
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import Limits, Retention, Selection
@@ -32,18 +32,18 @@ def frame(stamp_ns: int, receive_ns: int = 0) -> ReceivedFrame:
     return ReceivedFrame(metadata=metadata, receive_ns=receive_ns)
 
 
-def wanted(selection: Selection, times: list[int]) -> list[int]:
+def selected(selection: Selection, times: list[int]) -> list[int]:
     return [number for number, time_ns in enumerate(times) if selection.selects(frame(time_ns))]
 
 
 def stamps(count: int, rate: float, jitter_ms: float = 0.0, start: int = 100 * NANO) -> list[int]:
-    trembling = np.random.default_rng(7).uniform(-jitter_ms, jitter_ms, count) * 1e6
-    return [start + int(number * NANO / rate + shift) for number, shift in enumerate(trembling)]
+    jitter = np.random.default_rng(7).uniform(-jitter_ms, jitter_ms, count) * 1e6
+    return [start + int(number * NANO / rate + shift) for number, shift in enumerate(jitter)]
 
 
 def test_every_nth_frame_is_selected() -> None:
-    assert wanted(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
-    assert wanted(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
+    assert selected(Selection(3, 0.0, Limits()), stamps(10, 30)) == [0, 3, 6, 9]
+    assert selected(Selection(1, 0.0, Limits()), [0] * 5) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(('rate', 'max_rate', 'jitter_ms'), [
@@ -51,31 +51,32 @@ def test_every_nth_frame_is_selected() -> None:
     (29.97, 15, 2), (1000, 3, 0.4)])
 def test_rate_is_independent_of_jitter(rate: float, max_rate: float, jitter_ms: float) -> None:
     seconds = 60
-    taken = wanted(Selection(1, max_rate, Limits()), stamps(int(rate * seconds), rate, jitter_ms))
+    selection = Selection(1, max_rate, Limits())
+    taken = selected(selection, stamps(int(rate * seconds), rate, jitter_ms))
     expected = min(rate, max_rate) * seconds
     assert expected * 0.98 <= len(taken) <= expected + 1
 
 
 def test_third_of_the_rate_is_every_third_frame() -> None:
-    assert wanted(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
+    assert selected(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
 
 
 def test_pause_or_clock_change_restarts_the_grid() -> None:
     selection = Selection(1, 1.0, Limits())
     times = [100, 100.5, 101, 500, 500.5, 501, 20, 20.5, 21]
-    assert wanted(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
+    assert selected(selection, [int(time * NANO) for time in times]) == [0, 2, 3, 5, 6, 8]
 
 
 @pytest.mark.parametrize(('times', 'expected'), [
-    ([100, 102, 102.5, 103.5], [0, 1, 2, 3]),  # a period too late is on the grid, ...
-    ([100, 102.01, 102.5, 103.5], [0, 1, 3]),  # and what comes later begins another one
-    ([100, 100.75, 101.75, 102.7], [0, 1, 2]),  # a quarter too early is on it as well
+    ([100, 102, 102.5, 103.5], [0, 1, 2, 3]),  # one period late: on the grid
+    ([100, 102.01, 102.5, 103.5], [0, 1, 3]),  # later: a new grid
+    ([100, 100.75, 101.75, 102.7], [0, 1, 2]),  # a quarter early: on the grid
     ([100, 100.74, 101.7, 102.7], [0, 2, 3]),
-    ([100, 99, 100.75], [0, 2]),  # two periods early is early, ...
-    ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # and more is a clock that was set
+    ([100, 99, 100.75], [0, 2]),  # two periods early: skipped
+    ([100, 98.99, 100.75, 101.7], [0, 1, 2, 3])])  # more: the clock was set
 def test_frames_off_the_grid(times: list[float], expected: list[int]) -> None:
     selection = Selection(1, 1.0, Limits())
-    assert wanted(selection, [round(time * NANO) for time in times]) == expected
+    assert selected(selection, [round(time * NANO) for time in times]) == expected
 
 
 def test_frames_without_a_stamp_use_the_receive_time() -> None:
@@ -114,24 +115,24 @@ def entry(name: str, size: int = 10, receive_ns: int = 0) -> ManifestEntry:
         stored_encoding='', width=0, height=0, size=size, sha256='', frames=1)
 
 
-def fill(budget: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:
-    """Let files come; the names of those that had to go."""
-    gone = []
-    for coming in entries:
-        going = budget.make_room(coming, arrival_ns)
-        budget.add(coming, going, arrival_ns)
-        gone += going
-    return gone
+def fill(retention: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> list[str]:
+    """Add files and return the names of the files to delete."""
+    deleted = []
+    for new in entries:
+        names = retention.make_room(new, arrival_ns)
+        retention.add(new, names, arrival_ns)
+        deleted += names
+    return deleted
 
 
 def test_ring_deletes_as_many_files_as_necessary() -> None:
-    budget = Retention(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
-    assert fill(budget, entry('c')) == []
-    assert fill(budget, entry('d')) == ['a']
-    assert fill(budget, entry('large', 25)) == ['b', 'c', 'd']
-    assert budget.count == 1
+    retention = Retention(Limits(max_bytes=30, ring=True), [entry('a'), entry('b')])
+    assert fill(retention, entry('c')) == []
+    assert fill(retention, entry('d')) == ['a']
+    assert fill(retention, entry('large', 25)) == ['b', 'c', 'd']
+    assert retention.count == 1
     with pytest.raises(LimitReached, match='max_bytes is 30, the next file has 31 bytes'):
-        budget.make_room(entry('larger', 31), 0)
+        retention.make_room(entry('larger', 31), 0)
 
 
 HOUR = 3600 * NANO
@@ -140,11 +141,11 @@ WALL = 500_000 * HOUR
 
 @pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
 def test_age_of_a_file_is_independent_of_clock_changes(jump: int) -> None:
-    budget = Retention(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
-                       lambda: HOUR, lambda: WALL)
-    gone = [fill(budget, entry(str(number), 10, WALL + number * NANO + (number > 3) * jump),
-                 arrival_ns=HOUR + number * NANO) for number in range(7)]
-    assert gone == [[], [], ['earlier'], ['0'], ['1'], ['2'], ['3']]
+    retention = Retention(Limits(max_seconds=2.0, ring=True), [entry('earlier', 10, WALL - NANO)],
+                          lambda: HOUR, lambda: WALL)
+    deleted = [fill(retention, entry(str(number), 10, WALL + number * NANO + (number > 3) * jump),
+                    arrival_ns=HOUR + number * NANO) for number in range(7)]
+    assert deleted == [[], [], ['earlier'], ['0'], ['1'], ['2'], ['3']]
 
 
 def test_file_with_a_future_time_is_the_oldest() -> None:
@@ -156,29 +157,15 @@ def test_file_with_a_future_time_is_the_oldest() -> None:
     assert fill(by_number, entry('a'), entry('b'), arrival_ns=HOUR) == ['future', 'older']
 
 
-@pytest.mark.parametrize('jump', [0, -HOUR, HOUR])
-def test_arrival_times_are_independent_of_clock_changes(jump: int) -> None:
-    monotonic, wall = [HOUR], [WALL]
-    arrivals = ArrivalClock(lambda: monotonic[0], lambda: wall[0])
-    found = []
-    for number in range(6):
-        received = wall[0] + 8
-        monotonic[0] += 10
-        wall[0] += 10 + (number == 3) * jump  # between the reception and the call
-        found.append(arrivals.arrival_ns(received) - HOUR)
-    assert found[:3] + found[4:] == [8, 18, 28, 48, 58]
-    assert 28 <= found[3] <= 40
-
-
 def test_replaced_file_is_counted_once() -> None:
-    budget = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
-    assert fill(budget, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
-    assert fill(budget, entry('d')) == ['c']
+    retention = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
+    assert fill(retention, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
+    assert fill(retention, entry('d')) == ['c']
 
 
 def test_no_file_is_deleted_without_a_ring() -> None:
-    budget = Retention(Limits(max_frames=1, max_bytes=25), [])
-    assert fill(budget, entry('a'), entry('b')) == []
+    retention = Retention(Limits(max_frames=1, max_bytes=25), [])
+    assert fill(retention, entry('a'), entry('b')) == []
     with pytest.raises(LimitReached):
-        budget.make_room(entry('c'), 0)
-    assert fill(budget, entry('small', 5)) == []
+        retention.make_room(entry('c'), 0)
+    assert fill(retention, entry('small', 5)) == []

@@ -28,7 +28,7 @@ from videos import BT_601, COLORS, decode
 
 
 def planes(image: np.ndarray, encoding: str) -> list[np.ndarray]:
-    """Give Y, Cb and Cr of a frame as the encoder gets them."""
+    """Return Y, Cb and Cr of a frame as the encoder gets them."""
     frame = to_video_frame(image, encoding, '.mkv').frame
     return [np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, :plane.width]
             for plane in frame.planes]

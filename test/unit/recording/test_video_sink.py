@@ -57,7 +57,7 @@ def put(videos: Sink[Any], frame: RawFrame) -> str:
 
 
 def put_all(videos: Sink[Any], numbers: Iterable[int], error: str = '') -> int:
-    """Put frames; the number of those that were not taken, which an error must say."""
+    """Put frames and return the number of refused ones, whose error must contain a text."""
     failed = 0
     for number in numbers:
         try:
@@ -124,7 +124,7 @@ def test_videos_stay_below_max_bytes(tmp_path: Path, name: str) -> None:
     assert counts.kept + counts.skipped == taken and counts.skipped < 2
     assert sum(line[2] for line in found) == counts.kept and len(found) == 2
     size = sum(path.stat().st_size for path in recorded_files(tmp_path))
-    assert 30_000 - 1500 < size <= 30_000  # a packet and what stands beside it
+    assert 30_000 - 1500 < size <= 30_000  # a packet and its container data
 
 
 @pytest.mark.parametrize(('more', 'count'), [(1, 1), (2200, 2)])
@@ -203,7 +203,7 @@ def test_new_video_begins_when_a_full_disk_has_room_again(tmp_path: Path, suffix
     assert first.stat().st_size <= 20_000
     assert videos.counts.kept == play(first) > 1
     assert videos.counts.kept + videos.counts.lost + failed == 150
-    with disk_of(100):  # where the line has no room, either
+    with disk_of(100):  # too small for the manifest line too
         for number in range(150, 250, 25):
             assert put_all(videos, range(number, number + 25), too_large) >= 24
             assert recorded_files(tmp_path) == [first]

@@ -46,7 +46,7 @@ def test_unreadable_file_is_not_reported_as_empty(
     text, large = tmp_path / 'notes.txt', tmp_path / 'video.mkv'
     text.write_text('precious')
     large.touch()
-    os.truncate(large, 8193)  # an MP4 that was cut off at a bad moment cannot be opened, either
+    os.truncate(large, 8193)  # an MP4 truncated in a header cannot be opened either
     assert count_frames(text) is count_frames(large) is None
     os.truncate(large, 8192)
     assert count_frames(large) == 0

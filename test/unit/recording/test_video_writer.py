@@ -50,7 +50,7 @@ def test_every_frame_is_played_at_its_time(tmp_path: Path, suffix: str) -> None:
     assert [number for _, number in played] == list(range(len(times)))
     errors = [time - (true - START_NS) / 1e6 for (time, _), true in zip(played, times)]
     assert np.abs(errors).max() < TOLERANCE_MS[suffix]
-    if suffix != '.avi':  # from which FFmpeg does not tell the true times
+    if suffix != '.avi':  # FFmpeg does not read the true times of an AVI
         with av.open(str(path)) as container:
             decoded = [frame.time * 1e3 for frame in container.decode(video=0)]
         np.testing.assert_allclose(decoded, [time for time, _ in played], atol=0.01)
@@ -79,7 +79,7 @@ def test_key_frame_each_second_and_start_time_in_the_comment(tmp_path: Path, suf
         keys = [packet.dts * packet.time_base for packet in container.demux(video=0)
                 if packet.size and packet.is_keyframe]
     assert comment == 'begins at 1700000000.123456789'
-    # The second frame is one, too: with it the first frame is written.
+    # The second frame is a key frame too, so that the first frame is written.
     np.testing.assert_allclose([*map(float, keys)], [0, 0.05, 1, 2, 3, 4], atol=0.01)
 
 
@@ -164,7 +164,7 @@ def test_frames_that_fit_into_one_file(tmp_path: Path, suffix: str, longest: int
     assert writer.fits(color, START_NS + second)
     assert not writer.fits(wider, START_NS + second)
     assert writer.fits(first, START_NS - second)
-    assert not writer.fits(first, START_NS - second - 1)  # such as a bag that begins anew
+    assert not writer.fits(first, START_NS - second - 1)  # for example a bag that starts again
     assert writer.fits(first, START_NS + longest * second)
     assert not writer.fits(first, START_NS + longest * second + 1)
     writer.close()
@@ -206,7 +206,7 @@ def test_full_disk_keeps_the_complete_frames(tmp_path: Path, size: int, suffix: 
         with pytest.raises(OSError) as caught:
             for number, picture in enumerate(pictures):
                 writer.write(picture, number * 50_000_000)
-        for _ in range(2):  # the second time it may not even try
+        for _ in range(2):  # the second call must not try again
             assert caught.value.errno == errno.EFBIG
             assert caught.value.filename == str(path)
             with pytest.raises(OSError) as caught:
@@ -263,7 +263,7 @@ def test_flushed_frames_are_complete_in_the_file(tmp_path: Path, height: int, su
         flushed.append(writer.flushed)
         shutil.copy(path, copy)
         assert count_frames(copy) == writer.flushed
-    assert flushed[2] >= 1 or (suffix, height) == ('.mkv', 16)  # which writes twice a second
+    assert flushed[2] >= 1 or (suffix, height) == ('.mkv', 16)  # Matroska writes twice a second
     assert flushed[-1] >= 45 - 22
     writer.close()
     assert writer.flushed == count_frames(path) == 45
@@ -285,7 +285,7 @@ def test_no_file_is_larger_than_max_bytes(tmp_path: Path, height: int, suffix: s
         assert size <= max_bytes
         assert writer.flushed == (count_frames(path) if size else 0)
         assert writer.is_full == (writer.flushed < 60)
-        if writer.flushed and writer.is_full and suffix != '.avi':  # reckons empty frames twice
+        if writer.flushed and writer.is_full and suffix != '.avi':  # AVI counts empty frames twice
             assert max_bytes - size < (10_000 if height > 16 else 600)  # a packet's
 
 
@@ -343,7 +343,7 @@ def test_killed_writer_leaves_a_video(tmp_path: Path, moment: int, suffix: str) 
         written = moment + 1 + len(process.stdout.readlines())
     kept = numbers(path)
     assert kept == list(range(len(kept)))
-    assert len(kept) >= written - 22  # a second, a frame, and that in the encoder
+    assert len(kept) >= written - 22  # a second, a frame, and the frame in the encoder
 
 
 @pytest.mark.process
