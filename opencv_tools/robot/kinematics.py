@@ -242,23 +242,19 @@ def with_mimics(robot: Robot, positions: Positions) -> dict[str, Sequence[float]
     :raises DescriptionError: joints mimic each other in a cycle.
     """
     result = dict(positions)
-    for joint in _mimic_order(robot):
+    for joint in check_mimic_cycles(robot):
         if any(axis.mimic for axis in joint.axes):
             result[joint.name] = _mimic_position(joint, result)
     return result
 
 
-def check_mimic_cycles(robot: Robot) -> None:
+def check_mimic_cycles(robot: Robot) -> list[Joint]:
     """
     Check that no joint mimics itself, directly or through other joints.
 
+    :returns: all joints, each after the joints that it mimics.
     :raises DescriptionError: there is such a cycle.
     """
-    _mimic_order(robot)
-
-
-def _mimic_order(robot: Robot) -> list[Joint]:
-    """Return all joints, each after the joints that it mimics."""
     joints = {joint.name: joint for joint in robot.joints}
     leaders = {joint.name: [axis.mimic.joint for axis in joint.axes
                             if axis.mimic and axis.mimic.joint in joints]

@@ -22,9 +22,9 @@ from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
+from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import POSED
 from opencv_tools.robot.xml.tracked import detached
 
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.

@@ -31,6 +31,7 @@ from opencv_tools.robot.geometry import Geometry, Material
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, JointKind
 from opencv_tools.robot.pose import Pose, Tensor, Vector
 
+INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')  # tags of `Inertial.inertia`
 WORLD = 'world'  # name of the inertial frame in both formats; SDF does not declare it as a link
 
 

@@ -24,7 +24,6 @@ from typing import TypeVar
 from lxml import etree
 from opencv_tools.robot.model import (
     Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
-from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import detached
@@ -164,6 +163,22 @@ def allowed_name(name: str) -> str:
     if len(name) > 3 and name.startswith('__') and name.endswith('__'):
         name = name.strip('_') or 'unnamed'
     return name
+
+
+def unique_name(base: str, taken: Container[str], counts: dict[str, int] | None = None) -> str:
+    """
+    Return a name that is not taken: the base name, or else the base name with a number from 1.
+
+    :param counts: how many names of each base were tried; it is updated. A dictionary that is
+        kept between calls avoids trying the same names again, which is slow for many of them.
+    """
+    counts = {} if counts is None else counts
+    while True:
+        count = counts.get(base, 0)
+        counts[base] = count + 1
+        name = f'{base}_{count}' if count else base
+        if name not in taken:
+            return name
 
 
 def _free_name(name: str, taken: Container[str], suffix: str) -> str:

@@ -21,14 +21,13 @@ from dataclasses import dataclass
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Shape, WORLD
+from opencv_tools.robot.model import Frame, FrameId, INERTIA, Joint, Link, MODEL, Shape, WORLD
 from opencv_tools.robot.sdf.values import (
     CAPSULE, MATERIAL_COLORS, number_element, PBR, pose_element, text_element, Version)
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import INERTIA
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,10 @@ Invalid names are changed and colours are clamped. The originals are preserved a
 from __future__ import annotations
 
 from opencv_tools.robot.model import Inertial, Robot, WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name
+from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
 from opencv_tools.robot.sdf.value_rules import (
     COLORS, find_flaw, is_ignored, parsed_elements, read_number)
 from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
-from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import math
 import re
 from typing import NamedTuple, TypeVar
@@ -29,7 +29,6 @@ from opencv_tools.robot.xml.numbers import (
     number, number_text, numbers, numbers_text, quoted, unclamped)
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import POSED
 
 Default = TypeVar('Default', float, None)
 
@@ -66,6 +65,19 @@ ORIGINAL_COLOR = f'{{{URDF_NAMESPACE}}}color'
 MATERIAL_COLORS = {
     'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
+# Elements of SDF that Gazebo copies from <gazebo> and <gazebo reference> into the model, the link
+# or the joint. The converter moves them between these places.
+GAZEBO: Mapping[str, frozenset[str]] = {
+    'model': frozenset({
+        'allow_auto_disable', 'enable_wind', 'plugin', 'self_collide', 'static'}),
+    'link': frozenset({
+        'audio_sink', 'audio_source', 'battery', 'enable_wind', 'gravity', 'kinematic', 'light',
+        'must_be_base_link', 'particle_emitter', 'plugin', 'projector', 'self_collide', 'sensor',
+        'velocity_decay'}),
+    'joint': frozenset({'sensor'}),
+}
+# Elements of a link that have a pose, by default in the frame of the link.
+POSED = frozenset({'audio_source', 'light', 'particle_emitter', 'projector', 'sensor'})
 _POSE_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}
 _FLAGS = {'true': True, '1': True, 'false': False, '0': False}
 

@@ -20,12 +20,11 @@ from lxml import etree
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import pose_of
+from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import numbers_text
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import GAZEBO, POSED
 from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # Rounding error of a pose that was transformed there and back.

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
-from opencv_tools.robot.model import Extension, FrameId, Inertial, Placement, Shape
+from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.xml.document import (
@@ -29,7 +29,6 @@ from opencv_tools.robot.xml.document import (
 from opencv_tools.robot.xml.numbers import number, numbers, vector
 from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import INERTIA
 from opencv_tools.robot.xml.tracked import TrackedElement
 
 

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Geometry, Mesh, Sphere
-from opencv_tools.robot.model import Inertial, Link, Shape
+from opencv_tools.robot.model import INERTIA, Inertial, Link, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import embed_foreign, merge_unread, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import INERTIA
 
 
 def origin_element(parent: Element, pose: Pose) -> None:

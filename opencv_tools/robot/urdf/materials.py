@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
-from opencv_tools.robot.unique import unique_name
+from opencv_tools.robot.renaming import unique_name
 from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
 from opencv_tools.robot.xml.numbers import numbers, numbers_text, unclamped
 from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE

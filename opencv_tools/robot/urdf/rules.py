@@ -25,8 +25,8 @@ from collections.abc import Iterator, Mapping
 import math
 import re
 
+from opencv_tools.robot.renaming import unique_name
 from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
-from opencv_tools.robot.unique import unique_name
 from opencv_tools.robot.urdf.materials import ORIGINAL_RGBA
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED

@@ -31,7 +31,7 @@ from opencv_tools.robot.model import (
     Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
-from opencv_tools.robot.sdf.values import MODEL_FRAME, NEWEST, pose_of
+from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST, pose_of, POSED
 from opencv_tools.robot.urdf.gazebo import set_pose
 from opencv_tools.robot.urdf.link_writer import inertial_element, origin_element, shape_element
 from opencv_tools.robot.urdf.materials import MaterialNames
@@ -40,7 +40,6 @@ from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.schema import GAZEBO, POSED
 from opencv_tools.robot.xml.tracked import detached
 
 _SDF = f'{{{SDF_NAMESPACE}}}'

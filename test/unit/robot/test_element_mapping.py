@@ -35,11 +35,11 @@ from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.sdf.values import GAZEBO
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.passthrough import PREFIXES
 from opencv_tools.robot.xml.report import LOSSY, PRESERVED, Report
-from opencv_tools.robot.xml.schema import GAZEBO
 import pytest
 
 Element = etree._Element

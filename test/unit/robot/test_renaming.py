@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.unique import unique_name
+from opencv_tools.robot.renaming import unique_name
 
 
 def test_free_name_is_kept() -> None:
