@@ -16,20 +16,44 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+import math
 
 from lxml import etree
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, MODEL, Robot, WORLD
-from opencv_tools.robot.sdf.fragments import frame_to_element
-from opencv_tools.robot.sdf.joint_writer import write_joint
-from opencv_tools.robot.sdf.link_writer import write_link, WriteContext
-from opencv_tools.robot.sdf.values import FRAMES, poses_in, written_version
+from opencv_tools.robot.model import (
+    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, Shape, WORLD)
+from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
+from opencv_tools.robot.sdf.values import (
+    CAPSULE, CONTINUOUS, FRAMES, JOINT_AXES, MATERIAL_COLORS, MIMIC, number_element, PBR,
+    pose_element, poses_in, text_element, Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.numbers import number_text, numbers_text
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
+
+
+@dataclass(frozen=True)
+class _WriteContext:
+    """
+    The output of a robot.
+
+    :param relative: whether each link is placed relative to its parent link.
+    """
+
+    kinematics: Kinematics
+    version: Version
+    relative: bool
+    report: Report
+
+    def write_extension(self, element: Element, written: Frame | Joint | Link | Shape) -> None:
+        """Write what the model does not represent: merge SDF, and embed URDF."""
+        merge_unread(element, written.extension.sdf)
+        embed_foreign(element, written.extension.urdf, 'urdf', self.report, written.name,
+                      written.line)
 
 
 def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
@@ -49,7 +73,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     if relative and output < FRAMES:
         raise DescriptionError(f'relative poses are not supported by SDF {version}; use version '
                                f'{FRAMES} or newer, or poses in the model frame')
-    context = WriteContext(Kinematics(robot), output, relative, report)
+    context = _WriteContext(Kinematics(robot), output, relative, report)
     _check_links(robot, context)
     root = etree.Element('sdf', version=str(output),
                          nsmap=namespaces(robot.extension_elements(), 'urdf'))
@@ -57,9 +81,9 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     _set_canonical_link(model, robot, context)
     for link in robot.links:
         if not link.is_world:
-            write_link(model, link, context)
+            _write_link(model, link, context)
     for joint in robot.joints:
-        write_joint(model, joint, context)
+        _write_joint(model, joint, context)
     substitutes = _substitute_frames(robot)
     for frame in robot.frames:
         attached_to = substitutes.get(frame.attached_to, frame.attached_to)
@@ -73,7 +97,7 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     return root
 
 
-def _check_links(robot: Robot, context: WriteContext) -> None:
+def _check_links(robot: Robot, context: _WriteContext) -> None:
     if all(link.is_world for link in robot.links):
         raise DescriptionError(f'robot {robot.name!r} has no links', source=robot.source)
     joint = context.kinematics.parent_joint.get(WORLD)
@@ -83,7 +107,7 @@ def _check_links(robot: Robot, context: WriteContext) -> None:
                                source=robot.source, line=joint.line, tag='joint')
 
 
-def _set_canonical_link(model: Element, robot: Robot, context: WriteContext) -> None:
+def _set_canonical_link(model: Element, robot: Robot, context: _WriteContext) -> None:
     first = next(link.name for link in robot.links if not link.is_world)
     if robot.canonical_link and context.version >= FRAMES:
         model.set('canonical_link', robot.canonical_link)
@@ -92,7 +116,7 @@ def _set_canonical_link(model: Element, robot: Robot, context: WriteContext) -> 
                             f'{context.version}; the canonical link becomes {first!r}')
 
 
-def _write_frame(model: Element, frame: Frame, context: WriteContext) -> None:
+def _write_frame(model: Element, frame: Frame, context: _WriteContext) -> None:
     element = frame_to_element(frame, context.kinematics)
     context.write_extension(element, frame)
     if context.version < FRAMES:
@@ -108,3 +132,146 @@ def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:
     joints = {FrameId('joint', joint.name): FrameId('link', joint.child)
               for joint in robot.joints if joint.type not in SDF_TYPES}
     return links | joints
+
+
+def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
+    """Write a link into a model."""
+    element = etree.SubElement(model, 'link', name=link.name)
+    frame, kinematics = FrameId('link', link.name), context.kinematics
+    joint = kinematics.parent_joint.get(link.name) if context.relative else None
+    base = FrameId('link', joint.parent) if joint and joint.parent != WORLD else MODEL
+    pose_element(element, kinematics.between(base, frame), base.name)
+    if link.inertial is not None:
+        inertial = etree.SubElement(element, 'inertial')
+        pose_element(inertial, kinematics.within(frame, link.inertial.placement))
+        number_element(inertial, 'mass', link.inertial.mass)
+        moments = etree.SubElement(inertial, 'inertia')
+        for tag, value in zip(INERTIA, link.inertial.inertia):
+            number_element(moments, tag, value)
+    for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
+        for shape in shapes:
+            child = etree.SubElement(element, tag, name=shape.name)
+            pose_element(child, kinematics.within(frame, shape.placement))
+            _write_geometry(child, shape, context)
+            _write_material(child, shape, context)
+            context.write_extension(child, shape)
+    context.write_extension(element, link)
+
+
+def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> None:
+    geometry, unread = shape.geometry, shape.extension.sdf
+    if geometry is None and unread is not None and unread.find('geometry') is not None:
+        return  # it is a part of the extension
+    parent = etree.SubElement(element, 'geometry')
+    if geometry is None:
+        etree.SubElement(parent, 'empty')
+    elif isinstance(geometry, Capsule) and context.version < CAPSULE:
+        capsule = etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule')
+        capsule.set('radius', number_text(geometry.radius))
+        capsule.set('length', number_text(geometry.length))
+        length = geometry.length + 2 * geometry.radius
+        _write_supported_geometry(parent, Cylinder(geometry.radius, length))
+        context.report.warn('capsule', shape.name, shape.line,
+                            f'not supported by SDF {context.version}; written as a cylinder of '
+                            'the same length, and preserved as <urdf:capsule>')
+    else:
+        _write_supported_geometry(parent, geometry)
+
+
+def _write_supported_geometry(parent: Element, geometry: Geometry) -> None:
+    element = etree.SubElement(parent, type(geometry).__name__.lower())
+    if isinstance(geometry, Box):
+        text_element(element, 'size', numbers_text(geometry.size))
+    elif isinstance(geometry, Mesh):
+        text_element(element, 'uri', geometry.uri)
+        if geometry.scale is not None:
+            text_element(element, 'scale', numbers_text(geometry.scale))
+    else:
+        number_element(element, 'radius', geometry.radius)
+        if not isinstance(geometry, Sphere):
+            number_element(element, 'length', geometry.length)
+
+
+def _write_material(visual: Element, shape: Shape, context: _WriteContext) -> None:
+    material = shape.material
+    if material is None:
+        return
+    element = etree.SubElement(visual, 'material')
+    if material.name:
+        element.set(f'{{{URDF_NAMESPACE}}}name', material.name)
+    for tag, field in MATERIAL_COLORS.items():
+        color = getattr(material, field)
+        if color is not None:
+            text_element(element, tag, numbers_text(color))
+    if material.texture and context.version >= PBR:
+        metal = etree.SubElement(etree.SubElement(element, 'pbr'), 'metal')
+        text_element(metal, 'albedo_map', material.texture)
+    elif material.texture:
+        etree.SubElement(element, f'{{{URDF_NAMESPACE}}}texture', filename=material.texture)
+        context.report.preserve('texture', shape.name, shape.line, 'not supported by SDF '
+                                f'{context.version}; preserved as <urdf:texture>')
+
+
+def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
+    """Write a joint into a model; in the namespace of URDF if SDF does not support its type."""
+    kinematics, version = context.kinematics, context.version
+    prefix = '' if joint.type in SDF_TYPES else f'{{{URDF_NAMESPACE}}}'
+    element = etree.SubElement(model, f'{prefix}joint', name=joint.name)
+    supported = _supported_joint(joint, version)
+    element.set('type', supported.type)
+    _preserve_type(element, joint, context)
+    text_element(element, 'parent', joint.parent)
+    text_element(element, 'child', joint.child)
+    frame = FrameId('joint', joint.name)
+    if joint.child != WORLD:
+        pose_element(element, kinematics.between(FrameId('link', joint.child), frame))
+    for tag, axis in zip(AXES, supported.axes):
+        in_model = kinematics.pose(frame).rotate(axis.xyz) if version < JOINT_AXES else None
+        element.append(axis_to_element(axis, tag, version, in_model))
+        if axis.mimic and version < MIMIC:
+            mimic = etree.SubElement(element, f'{{{URDF_NAMESPACE}}}mimic',
+                                     joint=axis.mimic.joint)
+            mimic.set('multiplier', number_text(axis.mimic.multiplier))
+            mimic.set('offset', number_text(axis.mimic.offset))
+            if tag != AXES[0]:
+                mimic.set('axis', tag)
+            context.report.preserve('mimic', joint.name, joint.line,
+                                    f'not supported by SDF {version}; preserved as <urdf:mimic>')
+    context.write_extension(element, joint)
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        _remove_positions(element, joint, context)
+
+
+def _supported_joint(joint: Joint, version: Version) -> Joint:
+    """Return a revolute joint in place of a continuous or fixed joint of newer versions."""
+    if joint.type == 'continuous' and version < CONTINUOUS:
+        return replace(joint, type='revolute')
+    if joint.type == 'fixed' and version < JOINT_AXES:
+        return replace(joint, type='revolute', axes=(Axis((0.0, 0.0, 1.0), Limit(0.0, 0.0)),))
+    return joint
+
+
+def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> None:
+    """Preserve a type that SDF does not support, or that its reader would change."""
+    is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
+    is_revolute = joint.type == 'fixed' and context.version < JOINT_AXES
+    if is_revolute or (joint.type == 'revolute' and is_unlimited):
+        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+    if is_revolute:
+        context.report.warn('joint', joint.name, joint.line,
+                            f'fixed joints are not supported by SDF {context.version}; written as '
+                            'a revolute joint with both limits 0')
+    elif joint.type not in SDF_TYPES:
+        context.report.warn('joint', joint.name, joint.line,
+                            f'{joint.type} joints are not supported by SDF; preserved as '
+                            f'<urdf:joint>, and link {joint.child!r} is not connected')
+
+
+def _remove_positions(element: Element, joint: Joint, context: _WriteContext) -> None:
+    """Remove position limits of a continuous joint that would limit the revolute joint."""
+    for limit in element.iterfind(f'{AXES[0]}/limit'):
+        for number in list(limit.iterchildren('lower', 'upper')):
+            limit.remove(number)
+            context.report.warn(str(number.tag), joint.name, joint.line,
+                                f'{number.text!r} is omitted: it would limit the revolute joint '
+                                f'in place of a continuous joint in SDF {context.version}')
