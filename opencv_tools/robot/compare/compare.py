@@ -27,8 +27,7 @@ import random
 
 from opencv_tools.robot.compare.properties import (
     axis_properties, format_pair, geometry_properties, is_continuous, material_properties,
-    Properties)
-from opencv_tools.robot.compare.sampling import random_position
+    Properties, random_position)
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform

@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Properties of shapes, materials, axes and inertials that do not depend on the format."""
+"""Properties of shapes, materials and joints that do not depend on the format."""
 
 from __future__ import annotations
 
 from dataclasses import fields
+import random
 
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, LIGHT_COLORS, Material, Mesh
@@ -26,6 +27,8 @@ from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.xml.document import local_name
 from opencv_tools.robot.xml.numbers import UNLIMITED
 
+# Limits farther from zero than this are ignored, because far poses hide small differences.
+_FAR = 1000.0
 Value = str | tuple[float, ...]
 Properties = dict[str, Value]
 
@@ -115,3 +118,23 @@ def format_pair(a: Value, b: Value) -> tuple[str, str]:
 def _short(value: float) -> str:
     # A value as small as this is a rounding error of zero.
     return f'{value if abs(value) > 1e-12 else 0.0:.6g}'
+
+
+def random_position(joint: Joint, generator: random.Random) -> list[float]:
+    """Return a random position of a joint within its limits, for `joint_transform`."""
+    return [generator.uniform(*limits) for limits in _limits(joint)]
+
+
+def _limits(joint: Joint) -> list[tuple[float, float]]:
+    kind = joint.kind
+    limits = [axis.limit or Limit() for axis in joint.axes[:kind.axes]
+              if joint.has_position_limits]
+    limits += [Limit()] * (kind.dof - len(limits))
+    return [_finite(limit, span) for limit, span in zip(limits, kind.random_span)]
+
+
+def _finite(limit: Limit, span: float) -> tuple[float, float]:
+    lower, upper = limit.lower, limit.upper
+    if abs(lower) > _FAR:
+        lower = -span if abs(upper) > _FAR else min(-span, upper - span)
+    return lower, max(span, lower + span) if abs(upper) > _FAR else upper

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from opencv_tools.robot.drawing.columns import Column, Entry
 from opencv_tools.robot.drawing.figure import (
     in_inches, matplotlib_module, new_figure, save, size_of)
+from opencv_tools.robot.drawing.labels import Column, Entry
 from opencv_tools.robot.drawing.primitives import (
     AXIS_COLORS, bezier_curve, GREY, hull, placed_shapes, plain, Point, pose_text, scaled,
     SHAPE_COLORS, TEXT_COLOR, transformed, UNITS)

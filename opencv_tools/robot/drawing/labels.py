@@ -12,21 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Labels of points in a picture that do not overlap."""
+"""Labels of points in a picture that do not overlap, near their points or in columns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 import math
 from typing import Any
 
-from opencv_tools.robot.drawing.figure import matplotlib_module, text_box
-from opencv_tools.robot.drawing.primitives import PALE, plain, Point
+from opencv_tools.robot.drawing.figure import matplotlib_module, size_of, text_box
+from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, Point, TEXT_COLOR
 
 # Positions of a label relative to its point, the best first: distance in points, and angle.
 _POSITIONS = [(distance, math.radians(angle))
               for distance in (8, 14, 22, 34, 50, 72, 100, 140, 200, 280, 400)
               for angle in (25, -25, 155, 205, 60, -60, 120, 240, 90, 270)]
 _GAP = 5.0  # pixels between two texts in a row
+_LINE_GAP, _ENTRY_GAP = 0.03, 0.08  # inches, in a column
 _NEAR = 14  # greatest distance in points without a line from the label to its point
 
 
@@ -113,3 +116,65 @@ class Labels:
 
 def _alignment(angle: float) -> str:
     return 'left' if math.cos(angle) > -1e-9 else 'right'
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A bold title and grey numbers for a point of the drawing."""
+
+    title: str
+    numbers: str
+    point: Point
+    on_left: bool = False
+
+
+class Column:
+    """A column of entries, each near the height of its point."""
+
+    def __init__(self, axes: Any, entries: Sequence[Entry]) -> None:
+        self._axes, self._points = axes, [entry.point for entry in entries]
+        self._texts = [[axes.text(0, 0, plain(text), fontsize=8, color=color, va='top',
+                                  fontweight=weight, linespacing=1.15)
+                        for text, color, weight in ((entry.title, TEXT_COLOR, 'bold'),
+                                                    (entry.numbers, GREY, 'normal')) if text]
+                       for entry in entries]
+        self._sizes = [[size_of(text) for text in texts] for texts in self._texts]
+        self._heights = [sum(high for _, high in sizes) + _LINE_GAP for sizes in self._sizes]
+        self.width = max((wide for sizes in self._sizes for wide, _ in sizes), default=0.0)
+        self.height = sum(self._heights) + _ENTRY_GAP * len(self._heights)
+
+    def lay_out(self, x: float, side: int, height: float, to_inches: Callable[[Point], Point]
+                ) -> None:
+        """
+        Place the texts and draw their lines.
+
+        :param x: edge of the column beside the drawing, in inches.
+        :param side: -1 for a column left of the drawing, 1 for a column right of it.
+        :param height: height of the drawing in inches.
+        :param to_inches: returns the position of a point in inches.
+        """
+        points = [to_inches(point) for point in self._points]
+        order = sorted(range(len(points)), key=lambda index: -points[index][1])
+        middles = _spread([points[index][1] for index in order],
+                          [self._heights[index] + _ENTRY_GAP for index in order], height)
+        for index, middle in zip(order, middles):
+            y = middle + self._heights[index] / 2
+            for text, (_, high) in zip(self._texts[index], self._sizes[index]):
+                text.set_position((x, y))
+                text.set_horizontalalignment('left' if side > 0 else 'right')
+                y -= high + _LINE_GAP
+            self._axes.plot([x - side * 0.05, points[index][0]], [middle, points[index][1]],
+                            color=PALE, lw=0.7, zorder=3)
+
+
+def _spread(targets: Sequence[float], heights: Sequence[float], top: float) -> list[float]:
+    """Return the middles of boxes that do not overlap, near their targets, from top to bottom."""
+    middles: list[float] = []
+    for middle, height in zip(targets, heights):
+        middles.append(min(middle, top - height / 2))
+        top = middles[-1] - height / 2
+    bottom = 0.0
+    for index in reversed(range(len(middles))):
+        middles[index] = max(middles[index], bottom + heights[index] / 2)
+        bottom = middles[index] + heights[index] / 2
+    return middles

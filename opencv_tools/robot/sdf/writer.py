@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import math
 
 from lxml import etree
-from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
+from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf.values import (
     CAPSULE, CONTINUOUS, FRAMES, JOINT_AXES, MATERIAL_COLORS, MIMIC, number_element, PBR,
     pose_element, poses_in, text_element, Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.numbers import number_text, numbers_text
+from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
@@ -180,16 +180,9 @@ def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> N
 
 def _write_supported_geometry(parent: Element, geometry: Geometry) -> None:
     element = etree.SubElement(parent, type(geometry).__name__.lower())
-    if isinstance(geometry, Box):
-        text_element(element, 'size', numbers_text(geometry.size))
-    elif isinstance(geometry, Mesh):
-        text_element(element, 'uri', geometry.uri)
-        if geometry.scale is not None:
-            text_element(element, 'scale', numbers_text(geometry.scale))
-    else:
-        number_element(element, 'radius', geometry.radius)
-        if not isinstance(geometry, Sphere):
-            number_element(element, 'length', geometry.length)
+    for tag, value in vars(geometry).items():
+        if value is not None:
+            text_element(element, tag, value_text(value))
 
 
 def _write_material(visual: Element, shape: Shape, context: _WriteContext) -> None:

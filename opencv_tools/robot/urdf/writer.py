@@ -25,18 +25,18 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.geometry import Geometry
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot)
+    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST, pose_of, POSED
 from opencv_tools.robot.urdf.gazebo import set_pose
-from opencv_tools.robot.urdf.link_writer import inertial_element, origin_element, shape_element
-from opencv_tools.robot.urdf.materials import MaterialNames
-from opencv_tools.robot.xml.document import Element, line_of
-from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED
+from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
+from opencv_tools.robot.xml.document import Element, line_of, local_name
+from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
@@ -104,12 +104,14 @@ def _link_element(root: Element, link: Link, context: _WriteContext) -> None:
     kinematics, link_frame = context.kinematics, context.link_frame(link.name)
     element = etree.SubElement(root, 'link', name=link.name)
     if link.inertial:
-        inertial_element(element, link.inertial,
-                         kinematics.within(link_frame, link.inertial.placement))
+        inertial = etree.SubElement(element, 'inertial')
+        _origin_element(inertial, kinematics.within(link_frame, link.inertial.placement))
+        etree.SubElement(inertial, 'mass', value=number_text(link.inertial.mass))
+        etree.SubElement(inertial, 'inertia',
+                         dict(zip(INERTIA, map(number_text, link.inertial.inertia))))
     for tag, shapes in (('visual', link.visuals), ('collision', link.collisions)):
         for shape in shapes:
-            pose = kinematics.within(link_frame, shape.placement)
-            shape_element(element, tag, shape, pose, link, context.materials, context.report)
+            _shape_element(element, tag, shape, link, context)
     if link_frame.kind == 'link':
         _preserve_pose(element, kinematics.between(MODEL, link_frame), link, context.report)
     merge_unread(element, link.extension.urdf)
@@ -126,7 +128,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     if joint.is_loop:
         report.warn('joint', joint.name, joint.line, 'closes a loop of links, which URDF does not '
                     'support; preserved as <sdf:joint> for the conversion back')
-    origin_element(element, kinematics.between(context.link_frame(joint.parent), frame))
+    _origin_element(element, kinematics.between(context.link_frame(joint.parent), frame))
     etree.SubElement(element, 'parent', link=joint.parent)
     etree.SubElement(element, 'child', link=joint.child)
     if joint_type not in WITHOUT_AXIS and joint.axes:
@@ -238,3 +240,47 @@ def _in_joint_frame(element: Element, owner: FrameId, context: _WriteContext) ->
     placement = Placement(pose_of(pose), context.frames.get(name, owner))
     set_pose(element, context.kinematics.within(link_frame, placement))
     return element
+
+
+def _origin_element(parent: Element, pose: Pose) -> None:
+    """Write ``<origin>``, unless it is the identity."""
+    if not pose.is_identity:
+        etree.SubElement(parent, 'origin', xyz=numbers_text(pose.xyz), rpy=numbers_text(pose.rpy))
+
+
+def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context: _WriteContext
+                   ) -> None:
+    """Write a visual or a collision. A shape without a geometry of URDF is preserved."""
+    name, report = shape.name or link.name, context.report
+    element = etree.SubElement(parent, tag if shape.geometry else f'{{{SDF_NAMESPACE}}}{tag}',
+                               {'name': shape.name} if shape.name else {})
+    _origin_element(element, context.kinematics.within(
+        context.link_frame(link.name), shape.placement))
+    if shape.geometry:
+        _geometry_element(element, shape.geometry)
+    else:
+        report.warn(tag, name, shape.line, f'{_missing_geometry(shape)}; preserved as '
+                    f'<sdf:{tag}> for the conversion back')
+    sdf = shape.extension.sdf
+    if shape.material:
+        material_element(element, shape.material, shape, link, context.materials, report)
+        sdf = with_lights(sdf, shape.material)
+    merge_unread(element, shape.extension.urdf)
+    embed_foreign(element, sdf, 'sdf', report, name, shape.line)
+
+
+def _missing_geometry(shape: Shape) -> str:
+    """Return why a shape has no geometry of URDF."""
+    unread = shape.extension.sdf
+    geometry = None if unread is None else unread.find('geometry')
+    if geometry is None or not len(geometry):
+        return 'has no geometry, which URDF requires'
+    return f'<{local_name(geometry[0])}> is not supported by URDF'
+
+
+def _geometry_element(parent: Element, geometry: Geometry) -> None:
+    element = etree.SubElement(etree.SubElement(parent, 'geometry'),
+                               type(geometry).__name__.lower())
+    for name, value in vars(geometry).items():
+        if value is not None:
+            element.set('filename' if name == 'uri' else name, value_text(value))

@@ -119,3 +119,10 @@ def number_text(value: float) -> str:
 def numbers_text(values: tuple[float, ...]) -> str:
     """Return the texts of numbers with blanks between them."""
     return ' '.join(map(number_text, values))
+
+
+def value_text(value: str | float | tuple[float, ...]) -> str:
+    """Return the text of a number or of several numbers; a text is returned unchanged."""
+    if isinstance(value, str):
+        return value
+    return numbers_text(value if isinstance(value, tuple) else (value,))

@@ -323,3 +323,21 @@ def test_linear_time_for_long_chains() -> None:
         assert differences(chain(count), chain(count), samples=1) == []
 
     assert robots.is_linear(check)
+
+
+@pytest.mark.parametrize('limit', [
+    Limit(-1e300, 1e300), Limit(2e3, 3e3), Limit(5.0, -5.0), Limit(upper=-50.0),
+    Limit(lower=50.0)])
+def test_extreme_limits(limit: Limit) -> None:
+    robot = free('prismatic', (Axis((1.0, 0.0, 0.0), limit),))
+    assert differences(robot, robot) == []
+
+
+def test_reproducible_random_positions() -> None:
+    one = with_axis(urdf(), 'slide', mimic=None)
+    other = with_axis(one, 'slide', xyz=(1.0, 0.01, 0.0))
+    found = differences(one, other, tolerance=1e-9)
+    assert found == differences(one, other, tolerance=1e-9)
+    assert found != differences(one, other, tolerance=1e-9, seed=1)
+    hand = next(one for one in found if one.name == 'hand')
+    assert 0 < hand.size <= 0.5 * 0.01

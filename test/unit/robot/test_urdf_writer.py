@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writer of URDF: frames, limits, extensions of SDF and reading by yourdfpy."""
+"""Writer of URDF: geometries, frames, limits, extensions of SDF and reading by yourdfpy."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from typing import Any
 
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Placement, Robot
 from opencv_tools.robot.pose import Pose
@@ -33,7 +34,7 @@ from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
-from urdf_models import ENDS, joint, read, robot_of_sdf, through_sdf, written
+from urdf_models import ENDS, joint, read, robot_of_sdf, round_trip, through_sdf, visual, written
 
 
 def test_limit_on_one_side_only() -> None:
@@ -175,3 +176,33 @@ def test_robot_name_without_double_colons() -> None:
     model = read_sdf(parse(text.encode(), 'r.sdf', Report()), Report())
     assert convert_to_urdf(model, report, inertial='zero').get('name') == 'a__b'
     assert [note.name for note in report.warnings] == ['a::b']
+
+
+@pytest.mark.parametrize(('written_geometry', 'geometry'), [
+    ('<box size="1 2 3"/>', Box((1.0, 2.0, 3.0))),
+    ('<sphere radius="0.1"/>', Sphere(0.1)),
+    ('<cylinder radius="1" length="2"/>', Cylinder(1.0, 2.0)),
+    ('<capsule radius="1" length="2"/>', Capsule(1.0, 2.0)),
+    ('<mesh filename="package://p/a b.stl"/>', Mesh('package://p/a b.stl')),
+    ('<mesh filename="a" scale="1 1 0.123456789012345"/>', Mesh('a', (1.0, 1.0,
+                                                                      0.123456789012345))),
+])
+@pytest.mark.parametrize('tag', ['visual', 'collision'])
+def test_geometry_in_a_round_trip(written_geometry: str, geometry: object, tag: str) -> None:
+    model = read(visual(f'<origin xyz="0.1 0 0"/><geometry>{written_geometry}</geometry>', tag))
+    shape = (model.links[0].visuals + model.links[0].collisions)[0]
+    assert shape.geometry == geometry
+    assert shape.placement == Placement(Pose((0.1, 0.0, 0.0)), FrameId('link', 'a'))
+    assert round_trip(model) == model
+
+
+def test_subnormal_numbers_are_zero() -> None:
+    model = read(joint('<origin xyz="1e-320 0 2.3e-308"/>', 'fixed'))
+    origin = written(model).find('joint/origin')
+    assert origin is not None
+    assert origin.get('xyz') == '0 0 2.3e-308'
+
+
+def test_identity_origin_is_not_written() -> None:
+    model = read(joint('<origin xyz="0 0 0" rpy="0 0 0"/>', 'fixed'))
+    assert not [*written(model).iter('origin')]
