@@ -17,11 +17,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import operator
 
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Inertial, Joint, Link, Placement, Robot, Shape
-from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
+from opencv_tools.robot.pose import Pose, rotated_tensor
 from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
@@ -140,8 +141,10 @@ def _total(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Ine
     frame = FrameId('link', host.name)
     poses = [kinematics.within(frame, inertial.placement).transform() for inertial in inertials]
     mass = sum(inertial.mass for inertial in inertials)
-    centre = _weighted([pose.translation for pose in poses],
-                       [inertial.mass / mass if mass else 0.0 for inertial in inertials])
+    weights = [inertial.mass / mass if mass else 0.0 for inertial in inertials]
+    centre_x, centre_y, centre_z = (sum(map(operator.mul, weights, values))
+                                    for values in zip(*(pose.translation for pose in poses)))
+    centre = (centre_x, centre_y, centre_z)
     total = [0.0] * 6
     for inertial, pose in zip(inertials, poses):
         x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
@@ -151,9 +154,3 @@ def _total(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Ine
                  for before, moment, shift in zip(total, rotated, shifted)]
     ixx, ixy, ixz, iyy, iyz, izz = total
     return Inertial(Placement(Pose(centre), frame), mass, (ixx, ixy, ixz, iyy, iyz, izz))
-
-
-def _weighted(points: list[Vector], weights: list[float]) -> Vector:
-    x, y, z = (sum(weight * value for weight, value in zip(weights, values))
-               for values in zip(*points))
-    return (x, y, z)

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 import random
 
 from lxml import etree
@@ -41,9 +40,8 @@ def geometry_properties(shape: Shape) -> Properties:
     properties: Properties = {'geometry': type(geometry).__name__.lower()}
     if isinstance(geometry, Mesh):
         return {**properties, 'uri': _uri(geometry.uri), 'scale': geometry.scale or (1.0,) * 3}
-    for dimension in fields(geometry):
-        value = getattr(geometry, dimension.name)
-        properties[dimension.name] = value if isinstance(value, tuple) else (value,)
+    for dimension, value in vars(geometry).items():
+        properties[dimension] = value if isinstance(value, tuple) else (value,)
     return properties
 
 

@@ -32,23 +32,14 @@ _SETTINGS = {'svg.hashsalt': 'opencv_tools', 'svg.fonttype': 'none', 'font.size'
              'font.family': ['DejaVu Sans']}
 
 
-def matplotlib_module(name: str = '') -> Any:
+def matplotlib_module(name: str = '', package: str = 'matplotlib') -> Any:
     """
     Import matplotlib or a module of it, because only pictures need it.
 
     :raises DescriptionError: matplotlib is not installed.
     """
-    return _module(f'matplotlib.{name}' if name else 'matplotlib')
-
-
-def toolkit_module(name: str) -> Any:
-    """Import a module of matplotlib's 3D toolkit in the manner of `matplotlib_module`."""
-    return _module(f'mpl_toolkits.mplot3d.{name}')
-
-
-def _module(name: str) -> Any:
     try:
-        return import_module(name)
+        return import_module(f'{package}.{name}' if name else package)
     except ImportError as err:
         raise DescriptionError('pictures need matplotlib; install it with `pip install '
                                'matplotlib` or `sudo apt install python3-matplotlib`') from err

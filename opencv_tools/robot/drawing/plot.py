@@ -60,7 +60,10 @@ def draw(robot: Robot, listing: Listing) -> Any:
     tree_width = _lay_out_tree(figure, tree, bottom, height - _HEAD)
     cell = (_MARGIN, bottom, _VIEW_WIDTH, height - _HEAD)
     view.set_position(in_inches(figure, *cell))
-    _draw_title(figure, heading(listing))
+    width, high = figure.get_size_inches()
+    title = figure.text(0.5, 1 - (_MARGIN + 0.3 * _TITLE) / high, plain(heading(listing), 150),
+                        fontsize=14, fontweight='bold', color=TEXT_COLOR, ha='center', va='center')
+    title.set_fontsize(14 * min(1.0, (width - 2 * _MARGIN) / size_of(title)[0]))
     figure.text(*in_inches(figure, _MARGIN + _VIEW_WIDTH / 2, bottom + height - _HEAD + 0.083,
                            0, 0)[:2], space_view.title(robot, listing), fontsize=10, color=GREY,
                 ha='center')
@@ -75,13 +78,6 @@ def draw(robot: Robot, listing: Listing) -> Any:
     if side:
         side_view.label(side, robot, listing)
     return figure
-
-
-def _draw_title(figure: Any, text: str) -> None:
-    width, height = figure.get_size_inches()
-    title = figure.text(0.5, 1 - (_MARGIN + 0.3 * _TITLE) / height, plain(text, 150), fontsize=14,
-                        fontweight='bold', color=TEXT_COLOR, ha='center', va='center')
-    title.set_fontsize(14 * min(1.0, (width - 2 * _MARGIN) / size_of(title)[0]))
 
 
 def _lay_out_tree(figure: Any, tree: Any, bottom: float, height: float) -> float:

@@ -21,7 +21,7 @@ from itertools import combinations
 import math
 from typing import Any
 
-from opencv_tools.robot.drawing.figure import matplotlib_module, text_box, toolkit_module
+from opencv_tools.robot.drawing.figure import matplotlib_module, text_box
 from opencv_tools.robot.drawing.labels import Labels
 from opencv_tools.robot.drawing.primitives import (
     AXIS_COLORS, extent, GREY, placed_shapes, scaled, SHAPE_COLORS, TEXT_COLOR, UNITS)
@@ -30,6 +30,7 @@ from opencv_tools.robot.frames.text import link_text
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.pose import Transform, Vector
 
+_TOOLKIT = 'mpl_toolkits.mplot3d'
 _MAX_NAMES = 40  # more names are not legible
 
 
@@ -100,7 +101,7 @@ def fit(figure: Any, axes: Any, halves: Sequence[float], cell: Any) -> None:
 
 def name_frames(axes: Any, listing: Listing, cell: Any) -> None:
     """Write the names of links beside their frames."""
-    project = toolkit_module('proj3d').proj_transform
+    project = matplotlib_module('proj3d', _TOOLKIT).proj_transform
     labels = Labels(axes, cell)
     for text in _tick_labels(axes):
         labels.avoid_text(text)
@@ -130,7 +131,7 @@ def _axis_objects(axes: Any) -> tuple[Any, ...]:
 def _bounding_box(figure: Any, axes: Any) -> Any:
     """Return the bounding box of the view in pixels, with ticks and their labels."""
     renderer, box = figure.canvas.get_renderer(), matplotlib_module('transforms').Bbox
-    corners = [toolkit_module('proj3d').proj_transform(x, y, z, axes.get_proj())[:2]
+    corners = [matplotlib_module('proj3d', _TOOLKIT).proj_transform(x, y, z, axes.get_proj())[:2]
                for x in axes.get_xlim() for y in axes.get_ylim() for z in axes.get_zlim()]
     view = box.null()
     view.update_from_data_xy(axes.transData.transform(corners))
@@ -162,7 +163,7 @@ def _add_lines(axes: Any, lines: Sequence[Sequence[Vector]], color: str, width: 
     # Each line is split into pairs of points, because matplotlib 3.10 wants equal lengths.
     pairs = [line[start:start + 2] for line in lines for start in range(len(line) - 1)]
     if pairs:
-        collection = toolkit_module('art3d').Line3DCollection(
+        collection = matplotlib_module('art3d', _TOOLKIT).Line3DCollection(
             pairs, colors=color, linewidths=width)
         collection.set_clip_on(False)  # the clip area is a square even if the cell is wide
         axes.add_collection3d(collection)

@@ -57,7 +57,8 @@ def axis_from_element(element: AnyElement, rotation: Rotation | None = None, *,
             xyz = original
     limit, dynamics, mimic = map(element.find, ('limit', 'dynamics', 'mimic'))
     return Axis(xyz, None if limit is None else _limit(limit, joint_type),
-                None if dynamics is None else _dynamics(dynamics),
+                None if dynamics is None else Dynamics(*(
+                    number_of(dynamics, tag, None) for tag in ('damping', 'friction'))),
                 None if mimic is None else _mimic(mimic))
 
 
@@ -66,25 +67,14 @@ def _limit(element: AnyElement, joint_type: str) -> Limit:
     values = {tag: limit_number(child.text, child) for tag in (*positions, 'effort', 'velocity')
               if (child := element.find(tag)) is not None}
     for tag in ('effort', 'velocity'):
-        negative = _negative(element, tag)
-        # SDF does not enforce a negative effort or velocity.
-        values[tag] = negative if tag not in values else _not_negative(values[tag])
+        # A preserved negative number of a URDF means no limit.
+        text = element.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+        negative = limit_number(text, element, f'urdf:{tag}')
+        if tag not in values:
+            values[tag] = negative if negative < 0 else math.inf
+        else:  # SDF does not enforce a negative effort or velocity
+            values[tag] = math.inf if values[tag] < 0 else abs(values[tag])
     return Limit(**values)
-
-
-def _not_negative(value: float) -> float:
-    return math.inf if value < 0 else abs(value)
-
-
-def _negative(limit: AnyElement, tag: str) -> float:
-    """Return the preserved negative number with which a URDF means no limit, or infinity."""
-    text = limit.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
-    value = limit_number(text, limit, f'urdf:{tag}')
-    return value if value < 0 else math.inf
-
-
-def _dynamics(element: AnyElement) -> Dynamics:
-    return Dynamics(number_of(element, 'damping', None), number_of(element, 'friction', None))
 
 
 def _mimic(element: AnyElement) -> Mimic:

@@ -146,7 +146,7 @@ def _joint_type(element: TrackedElement) -> str:
 def _rotation(axis: TrackedElement, joint: Joint, context: ReadContext, kinematics: Kinematics
               ) -> Rotation | None:
     """Return the rotation of an axis into the joint frame, by the rules of the SDF version."""
-    version, xyz = context.scope.version, axis.find('xyz')
+    version, xyz = context.scope.file.version, axis.find('xyz')
     name = '' if xyz is None else xyz.get('expressed_in', '')
     old = axis.find('use_parent_model_frame')
     if old is not None and flag(old.text, old) and version >= FRAMES:

@@ -62,7 +62,7 @@ class ReadContext:
         if pose is None:
             return Placement(pose_of(None), default)
         name, old_name = pose.get('relative_to', ''), pose.get('frame')
-        if old_name is not None and self.scope.version >= FRAMES:
+        if old_name is not None and self.scope.file.version >= FRAMES:
             self.report.warn('pose', holder.element.get('name', ''), line_of(pose),
                              'frame= is ignored since SDF 1.7; use relative_to=')
         elif old_name is not None:
@@ -79,7 +79,7 @@ class ReadContext:
         unread = element.unread()
         if unread is None:
             return None
-        is_old = self.scope.version < FRAMES
+        is_old = self.scope.file.version < FRAMES
         for axis in unread.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
             if is_old:
                 _to_expressed_in(axis)
@@ -123,7 +123,7 @@ def read_link(element: TrackedElement, context: ReadContext) -> Link:
     shapes: dict[str, tuple[Shape, ...]] = {}
     for tag in ('visual', 'collision'):
         shapes[tag] = tuple(_read_shape(child, frame, context) for child in element.take_all(tag))
-        if context.scope.version >= FRAMES:
+        if context.scope.file.version >= FRAMES:
             _check_unique_names(element, tag)
     placement, inertial = context.placement(element, context.scope.frame), element.find('inertial')
     return Link(
@@ -202,7 +202,7 @@ def _read_known_geometry(element: TrackedElement, context: ReadContext) -> Geome
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
-        if not uri and context.scope.version < (1, 4):
+        if not uri and context.scope.file.version < (1, 4):
             uri = text_of(element, 'filename')  # its name in SDF 1.2 and 1.3
         if not uri:
             raise DescriptionError('has no <uri>', element)

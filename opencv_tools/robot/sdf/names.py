@@ -75,7 +75,7 @@ class FrameRegistry:
             return self._frames[scope.qualified(name)]
         except KeyError:
             raise DescriptionError(f'{label} {name!r} is not a link, joint, frame or nested model '
-                                   f'of model {scope.name!r}', element) from None
+                                   f'of model {scope.file.name!r}', element) from None
 
     def link_of(self, frame: FrameId) -> str:
         """
@@ -132,7 +132,7 @@ class FrameRegistry:
         static = scope.element.element.find('static')
         if scope.parent and static is not None and flag(static.text, static):
             return scope.parent.frame  # a static model does not need links
-        raise DescriptionError(f'model {scope.name!r} has no links', scope.element)
+        raise DescriptionError(f'model {scope.file.name!r} has no links', scope.element)
 
     def _first_frame(self, scope: Scope) -> FrameId | None:
         """Return the first link of a model, or the frame of its first nested model."""
@@ -150,7 +150,7 @@ class FrameRegistry:
 
     def _declare(self, name: str, frame: FrameId, element: TrackedElement, scope: Scope) -> None:
         namesake = self._frames.get(name)
-        if frame in self.elements or (namesake and scope.version >= FRAMES):
+        if frame in self.elements or (namesake and scope.file.version >= FRAMES):
             first = self.elements[frame if frame in self.elements else namesake or frame]
             raise DescriptionError(
                 f'{name!r} is already the name of <{local_name(first)}> in line '
@@ -164,8 +164,8 @@ class FrameRegistry:
 def _checked_name(element: TrackedElement, scope: Scope) -> str:
     name = required_name(element)
     is_reserved = len(name) > 3 and name.startswith('__') and name.endswith('__')
-    if name == WORLD or (is_reserved and scope.version >= FRAMES):
+    if name == WORLD or (is_reserved and scope.file.version >= FRAMES):
         raise DescriptionError(f'{name!r} is reserved; use another name', element)
-    if scope.version >= _NESTED_NAMES and SEPARATOR in name:
+    if scope.file.version >= _NESTED_NAMES and SEPARATOR in name:
         raise DescriptionError(f'{name!r} contains {SEPARATOR!r}; use another name', element)
     return name

@@ -61,14 +61,14 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     scopes = collect_scopes(root, ModelLoader(search, report), model, report)
     top = scopes[0]
     if not any(scope.element.take_all('link') for scope in scopes):
-        raise DescriptionError(f'model {top.name!r} has no links', top.element)
+        raise DescriptionError(f'model {top.file.name!r} has no links', top.element)
     # All names are registered before elements are read, because they may refer to later elements.
     registry = FrameRegistry(scopes)
     folder = str(first_file(root).parent)
     contexts = [ReadContext(scope, registry, report, folder) for scope in scopes]
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)
-    robot = Robot(name=top.name, links=links, joints=joints, frames=frames,
+    robot = Robot(name=top.file.name, links=links, joints=joints, frames=frames,
                   source=source_of(root))
     canonical = registry.link_of(MODEL)
     if canonical != robot.links[0].name or top.element.get('canonical_link'):

@@ -23,7 +23,7 @@ from pathlib import Path
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
 from opencv_tools.robot.sdf.values import (
-    file_version, flag, MODEL_FRAME, SEPARATOR, text_of, Version)
+    file_version, flag, MODEL_FRAME, SEPARATOR, text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_name)
 from opencv_tools.robot.xml.report import Report
@@ -53,16 +53,6 @@ class Scope:
     def element(self) -> TrackedElement:
         """Element ``<model>``."""
         return self.file.element
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return self.file.name
-
-    @property
-    def version(self) -> Version:
-        """SDF version of the file."""
-        return self.file.version
 
     @property
     def is_merged(self) -> bool:
@@ -101,7 +91,7 @@ def collect_scopes(root: Element, loader: ModelLoader, name: str, report: Report
 def _nested_scope(parent: Scope, element: TrackedElement, loader: ModelLoader, report: Report
                   ) -> Scope:
     if local_name(element) == 'model':
-        file = ModelFile(element, parent.version, parent.file.files)
+        file = ModelFile(element, parent.file.version, parent.file.files)
     else:
         file = loader.load(element, parent.file.files)
         loader.count_elements(file)

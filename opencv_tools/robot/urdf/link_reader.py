@@ -140,9 +140,11 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     element = required_child(parent, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = element.element.get(name, '')
-        with suppress(ValueError):  # _GEOMETRIES refuses other texts
-            if '-' in text and min(map(float, text.split())) < 0:
-                report.warn(element.tag, link, line_of(element), f'{name}={text!r} is negative')
+        if '-' in text:
+            with suppress(ValueError):  # _GEOMETRIES refuses other texts
+                if min(map(float, text.split())) < 0:
+                    report.warn(element.tag, link, line_of(element),
+                                f'{name}={text!r} is negative')
     scale = element.element.get('scale', '')
     if element.tag == 'mesh' and len(scale.split()) == 1:
         report.warn('mesh', link, line_of(element),

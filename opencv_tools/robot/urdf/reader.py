@@ -90,6 +90,9 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     restore_colors(element)
     tree = build_tree(root, report)
+    canonical = root.get(f'{_SDF}canonical_link', '')
+    if canonical and canonical not in tree.links:
+        raise DescriptionError(f'canonical_link={canonical!r} is not a link of the robot', root)
     gazebo, remaining = extract_sdf(root, tree, report)
     context = _ReadContext(
         report=report, tree=tree, materials=collect_materials(root, report), gazebo=gazebo,
@@ -99,18 +102,11 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         name=name, source=source_of(root),
         links=tuple(_link(link, context) for link in tree.links.values()),
         joints=tuple(_joint(joint, context) for joint in tree.joints.values()),
-        frames=_frames(root, tree), canonical_link=_canonical_link(root, tree),
+        frames=_frames(root, tree), canonical_link=canonical,
         extension=_extension(root, gazebo.get(MODEL, []), remaining))
     robot = select_root(robot, root_link, report)
     check_mimic_cycles(robot)
     return robot
-
-
-def _canonical_link(root: TrackedElement, tree: LinkTree) -> str:
-    name = root.get(f'{_SDF}canonical_link', '')
-    if name and name not in tree.links:
-        raise DescriptionError(f'canonical_link={name!r} is not a link of the robot', root)
-    return name
 
 
 def _link(element: TrackedElement, context: _ReadContext) -> Link:
