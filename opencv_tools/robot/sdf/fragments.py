@@ -23,7 +23,7 @@ from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Axis, Dynamics, Frame, FrameId, Limit, Mimic, MODEL, Placement
 from opencv_tools.robot.pose import normalised, Vector, ZERO
-from opencv_tools.robot.sdf.value_rules import find_flaw, parsed_elements
+from opencv_tools.robot.sdf.rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (

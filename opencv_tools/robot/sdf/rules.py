@@ -17,14 +17,18 @@ Rules of the SDF parser for names, colours and values, applied to a written robo
 
 Invalid names are changed and colours are clamped. The originals are preserved as ``urdf:name`` and
 ``urdf:color`` and restored on the way back. Other invalid values are errors.
+
+The tables follow libsdformat 12 and SDF 1.9. Newer versions have the same rules.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+import math
+import re
+
 from opencv_tools.robot.model import Inertial, Robot, WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
-from opencv_tools.robot.sdf.value_rules import (
-    COLORS, find_flaw, is_ignored, parsed_elements, read_number)
 from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
@@ -37,6 +41,142 @@ _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 _VALID = ('link', 'joint', 'frame', 'collision', 'visual')
 # Rounding error of the inequalities between moments of inertia, relative to the moments.
 _ROUNDING = 1e-14
+_NUMBER = re.compile(
+    r'[+-]?(?:0x[\da-f]+|inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)', re.IGNORECASE)
+
+
+def _read_number(text: str) -> float | None:
+    """Return the number at the start of a text, as C reads it; None if there is no number."""
+    if text.isascii() and '_' not in text:  # float() is faster and has the same result
+        try:
+            value = float(text)
+        except ValueError:
+            pass
+        else:
+            return None if math.isinf(value) and 'n' not in text.lower() else value
+    found = _NUMBER.match(text)
+    if found is None:
+        return None
+    word = found[0].lower()
+    try:
+        value = float(int(word, 16)) if 'x' in word else float(word)
+    except OverflowError:
+        return None
+    return None if math.isinf(value) and 'inf' not in word else value
+
+
+def _numbers(count: int, text: str) -> bool:
+    values = [_read_number(word) for word in text.split()]
+    return len(values) >= count and all(
+        value is not None and math.isfinite(value) for value in values[:count])
+
+
+def _is_color(text: str) -> bool:
+    values = [_read_number(word) for word in text.split()]
+    return len(values) in (3, 4) and None not in values
+
+
+# Check of a text, and description of a valid text, by type of value.
+_KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
+    'double': (lambda text: _read_number(text) is not None, 'a number'),
+    'bool': (lambda text: text.lower() in ('true', 'false', '1', '0'), 'true or false'),
+    'vector3': (lambda text: _numbers(3, text), '3 numbers'),
+    'color': (_is_color, '3 or 4 numbers'),
+    'pose': (lambda text: _numbers(6, text) and len(text.split()) == 6, '6 finite numbers'),
+    'quaternion': (lambda text: _numbers(7, text) and len(text.split()) == 7,
+                   '7 finite numbers'),
+}
+_COLORS = ('ambient', 'diffuse', 'specular', 'emissive', 'color_start', 'color_end')
+_TAGS: Mapping[str, str] = {
+    'double': 'accuracy angular bias_mean bias_stddev bounce c1 c2 c3 category_bitmask '
+              'coefficient collide_bitmask constant contact_max_correcting_vel '
+              'contact_surface_layer cutoff_angle cx cy damping dissipation duration '
+              'dynamic_bias_correlation_time dynamic_bias_stddev dynamic_friction effort '
+              'elastic_modulus falloff far far_clip fov friction friction2 fx fy gain '
+              'gearbox_ratio height horizontal_fov inner_angle intensity ixx ixy ixz iyy iyz '
+              'izz k1 k2 k3 kd kp laser_retro lifetime linear lower mass max max_angle '
+              'max_contacts max_vel max_velocity mean min min_angle min_contact_count min_depth '
+              'min_velocity mu mu2 near near_clip outer_angle p1 p2 patch_radius poissons_ratio '
+              'precision quadratic restitution_coefficient rolling_friction samples scale_rate '
+              'slip slip1 slip2 soft_cfm soft_erp spring_reference spring_stiffness '
+              'static_friction stddev stiffness surface_radius thread_pitch threshold '
+              'transparency update_rate upper velocity viscous_friction visibility_flags '
+              'visibility_mask voltage width',
+    'bool': 'allow_auto_disable always_on cast_shadows collide_without_contact double_sided '
+            'emitting enable_metrics enable_orientation enable_wind gravity kinematic lighting '
+            'must_be_base_link provide_feedback scale_to_hfov self_collide static '
+            'use_patch_radius visualize',
+    'vector3': 'direction fdir1 particle_size',
+    'color': ' '.join(_COLORS),
+    'pose': 'pose',
+}
+_KIND_OF = {tag: kind for kind, tags in _TAGS.items() for tag in tags.split()}
+_RANGES: Mapping[str, tuple[float, float]] = {
+    'bias_stddev': (0.0, math.inf), 'coefficient': (0.0, math.inf),
+    'cutoff_angle': (0.0, 3.141592653), 'dynamic_bias_stddev': (0.0, math.inf),
+    'far': (0.1, math.inf), 'friction2': (0.0, math.inf), 'horizontal_fov': (0.1, 6.283186),
+    'max_velocity': (0.0, math.inf), 'min_velocity': (0.0, math.inf), 'mu': (0.0, math.inf),
+    'mu2': (0.0, math.inf), 'near': (0.0, math.inf), 'patch_radius': (0.0, math.inf),
+    'restitution_coefficient': (0.0, 1.0), 'scale_rate': (0.0, math.inf),
+    'stddev': (0.0, math.inf), 'surface_radius': (0.0, math.inf),
+}
+_REQUIRED: Mapping[str, tuple[str, ...]] = {
+    'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
+    'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
+    'sensor': ('name', 'type'),
+}
+_TYPES: Mapping[str, tuple[str, ...]] = {
+    'light': ('directional', 'point', 'spot'),
+    'sensor': (
+        'air_pressure', 'air_speed', 'altimeter', 'boundingbox', 'boundingbox_camera', 'camera',
+        'contact', 'custom', 'depth', 'depth_camera', 'dvl', 'force_torque', 'gps', 'gpu_lidar',
+        'gpu_ray', 'imu', 'lidar', 'logical_camera', 'magnetometer', 'multicamera', 'navsat',
+        'ray', 'rfid', 'rfidtag', 'rgbd', 'rgbd_camera', 'segmentation', 'segmentation_camera',
+        'sonar', 'thermal', 'thermal_camera', 'wide_angle_camera', 'wideanglecamera',
+        'wireless_receiver', 'wireless_transmitter'),
+}
+
+
+def _is_ignored(element: Element) -> bool:
+    """Return whether the parser ignores an element: a plugin, or an element with a prefix."""
+    return not isinstance(element.tag, str) or element.tag == 'plugin' or '{' in element.tag
+
+
+def parsed_elements(element: Element) -> Iterator[Element]:
+    """Return an element and all elements inside that the parser does not ignore."""
+    pending = [element]
+    while pending:
+        current = pending.pop()
+        if not _is_ignored(current):
+            yield current
+            pending.extend(reversed(current))
+
+
+def find_flaw(element: Element) -> str:
+    """Return why the parser rejects an element, without its children; empty if it does not."""
+    tag = local_name(element)
+    for name in _REQUIRED.get(tag, ()):
+        if not element.get(name, '').strip():
+            return f'has no {name}=, which SDF requires'
+    for plugin in element.iterchildren('plugin') if len(element) else ():
+        if not (plugin.get('filename', '').strip() and plugin.get('name', '').strip()):
+            return 'has a <plugin> without filename= or name=, which SDF requires'
+    if tag in _TYPES and element.get('type') not in _TYPES[tag]:
+        return f'type={element.get("type")!r} is not a type of <{tag}> in SDF'
+    text = (element.text or '').strip()
+    if not text or len(element):
+        return ''
+    kind = _KIND_OF.get(tag, '')
+    if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
+        kind = 'quaternion'
+    if kind and not _KINDS[kind][0](text):
+        return f'{text!r} is not {_KINDS[kind][1]}'
+    if tag in _RANGES:
+        low, high = _RANGES[tag]
+        value = _read_number(text)
+        if value is not None and (value < low or value > high):
+            return f'{text!r} is outside of {low:g} to {high:g}'
+    return ''
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
@@ -51,7 +191,7 @@ def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
     for element in parsed_elements(root):
         if len(element):
             _rename_children(element, report)
-        if element.tag in COLORS:
+        if element.tag in _COLORS:
             _clamp_color(element, report)
         flaw = find_flaw(element)
         if flaw:
@@ -70,7 +210,7 @@ def _rename_children(element: Element, report: Report) -> None:
         name = new = child.get('name', '')
         if child.tag in _FRAMED:
             new = f'{WORLD}_{child.tag}' if name == WORLD else allowed_name(name)
-        elif not is_ignored(child):
+        elif not _is_ignored(child):
             new = flat_name(name)
         if new in taken:
             new = unique_name(f'{new}_{local_name(child)}', taken, counts)
@@ -89,7 +229,7 @@ def _has_valid_name(child: Element) -> bool:
 def _clamp_color(element: Element, report: Report) -> None:
     """Clamp the components of a colour to 0 to 1."""
     words = (element.text or '').split()
-    values = tuple(value for word in words if (value := read_number(word)) is not None)
+    values = tuple(value for word in words if (value := _read_number(word)) is not None)
     if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
         element.set(ORIGINAL_COLOR, text)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from lxml import etree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Material, Sphere
 from opencv_tools.robot.load import read_robot
@@ -32,6 +33,7 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 from sdf_models import with_shape
+
 
 DATA = Path(__file__).parents[2] / 'data' / 'robots'
 BLACK = (0.0, 0.0, 0.0, 1.0)
@@ -142,3 +144,24 @@ def test_linear_cost_of_many_equal_names() -> None:
         assert len(set(root.xpath('//@name'))) == 2 * count + 2
 
     assert robots.is_linear(convert)
+
+
+@pytest.mark.parametrize(('content', 'words'), robots.PARTS_OF_SDF)
+def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
+    report = Report()
+    text = f'<robot name="r"><link name="a"/><gazebo reference="a">{content}</gazebo></robot>'
+    robot = read_urdf(parse(text.encode(), '', report), report)
+    flaws = [note.message for note in report.warnings]
+    root = convert_to_sdf(robot, report, inertial='zero')
+    tag = etree.fromstring(content).tag
+    if not words:
+        assert flaws == [] and root.find(f'model/link/{tag}') is not None
+        return
+    assert len(flaws) == 1 and words in flaws[0]
+    assert root.find(f'model/link/{tag}') is None
+    result = read_sdf(parse(to_bytes(root), '', Report()), Report())
+    back = convert_to_urdf(result, Report())
+    assert back.xpath('gazebo/@reference') == ['a']
+    kept, before = back.xpath('gazebo/*')[0], etree.fromstring(content)
+    assert [(one.tag, one.attrib, one.text) for one in kept.iter() if not len(one)] == [
+        (one.tag, one.attrib, one.text) for one in before.iter() if not len(one)]
