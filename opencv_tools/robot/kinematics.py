@@ -97,6 +97,11 @@ class Kinematics:
                 self._poses[name] = self._poses[placement.relative_to] @ placement.pose.transform()
         return self._poses[frame]
 
+    def urdf_frame(self, link: str) -> FrameId:
+        """Return the frame of a link in URDF, which is that of its parent joint."""
+        joint = self.parent_joint.get(link)
+        return FrameId('joint', joint.name) if joint else FrameId('link', link)
+
     def placement_pose(self, placement: Placement) -> Transform:
         """Return the pose of a placement in the model, with every joint at zero."""
         return self.pose(placement.relative_to) @ placement.pose.transform()

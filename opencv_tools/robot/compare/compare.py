@@ -135,8 +135,10 @@ class _Side:
             for element, shapes in _shapes(link):
                 names = (map(str, range(len(shapes))) if (element, key) in ordered
                          else (shape.name for shape in shapes))
-                items.update(((element, f'{key}/{name}'), self._shape_item(link, shape))
-                             for name, shape in zip(names, shapes))
+                for name, shape in zip(names, shapes):
+                    items[element, f'{key}/{name}'] = _Item(
+                        FrameId('link', link.name), self._offset(link, shape.placement),
+                        {**geometry_properties(shape), **material_properties(shape.material)})
         for key, joint in self.joints.items():
             items['joint', key] = _Item(FrameId('joint', joint.name), IDENTITY,
                                         self._joint_properties(joint, to_base))
@@ -168,10 +170,6 @@ class _Side:
         rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
         return _Item(frame, Transform(translation=offset.translation), {
             'mass': (inertial.mass,), 'inertia': rotated_tensor(inertial.inertia, rotation)})
-
-    def _shape_item(self, link: Link, shape: Shape) -> _Item:
-        return _Item(FrameId('link', link.name), self._offset(link, shape.placement),
-                     {**geometry_properties(shape), **material_properties(shape.material)})
 
     def _joint_properties(self, joint: Joint, to_base: Transform) -> Properties:
         pose = to_base @ self.kinematics.pose(FrameId('joint', joint.name))

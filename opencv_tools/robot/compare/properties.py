@@ -89,8 +89,7 @@ def axis_properties(axis: Axis, pose: Transform) -> Properties:
     x, y, z = normalised(axis.xyz)
     limit, dynamics = axis.limit or Limit(), axis.dynamics or Dynamics()
     properties: Properties = {'axis': pose.rotate((x, y, z))}
-    for name in ('lower', 'upper', 'effort', 'velocity'):
-        value = getattr(limit, name)
+    for name, value in vars(limit).items():
         unlimited = abs(value) >= UNLIMITED or (name in ('effort', 'velocity') and value < 0)
         properties[name] = 'unlimited' if unlimited else (value,)
     properties.update(damping=(dynamics.damping or 0.0,), friction=(dynamics.friction or 0.0,))

@@ -102,11 +102,7 @@ def draw(robot: Robot, listing: Listing) -> Any:
 
 def _urdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId, Transform]
                 ) -> _Panel:
-    def link_frame(link: str) -> FrameId:
-        """Return the frame of a link in URDF: the frame of its parent joint."""
-        joint = kinematics.parent_joint.get(link)
-        return FrameId('joint', joint.name) if joint else FrameId('link', link)
-
+    link_frame = kinematics.urdf_frame
     panel = _Panel(title='URDF places joints',
                    subtitle='each <origin> is relative to the parent link')
     names = [name for name, _ in depth_first(listing)]

@@ -46,7 +46,12 @@ def draw(axes: Any, robot: Robot, listing: Listing) -> None:
                    f'{plain(listing["root"])}, joints in their parent links', fontsize=10,
                    color=GREY)
     axes.set_axis_off()
-    _draw_ground(axes, left - 0.5 * unit, right + 0.5 * unit, 0.03 * unit)
+    ends, depth = [left - 0.5 * unit, right + 0.5 * unit], 0.03 * unit
+    axes.plot(ends, [0.0, 0.0], color=TEXT_COLOR, lw=1.4, zorder=1)
+    # This invisible line keeps labels off the ground.
+    axes.plot(ends, [-depth / 2, -depth / 2], lw=0.0, zorder=0)
+    axes.fill_between(ends, [-depth, -depth], [0.0, 0.0], facecolor='white', edgecolor=PALE,
+                      hatch='////', linewidth=0.0, zorder=0)
     for shape in shapes:
         _draw_shape(axes, shape)
     for pose in poses.values():
@@ -112,14 +117,6 @@ def _triad_length(listing: Listing, unit: float) -> float:
     distances = [distance for index, (a, b) in enumerate(points) for c, d in points[:index]
                  if (distance := max(abs(c - a), abs(d - b))) > _MIN_DISTANCE]
     return max(0.06 * unit, min(0.16 * unit, 0.5 * min(distances, default=unit)))
-
-
-def _draw_ground(axes: Any, left: float, right: float, depth: float) -> None:
-    axes.plot([left, right], [0.0, 0.0], color=TEXT_COLOR, lw=1.4, zorder=1)
-    # This invisible line keeps labels off the ground.
-    axes.plot([left, right], [-depth / 2, -depth / 2], lw=0.0, zorder=0)
-    axes.fill_between([left, right], [-depth, -depth], [0.0, 0.0], facecolor='white',
-                      edgecolor=PALE, hatch='////', linewidth=0.0, zorder=0)
 
 
 def _draw_mark(axes: Any, point: Point, marker: str, **style: Any) -> None:

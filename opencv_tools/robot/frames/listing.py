@@ -77,16 +77,13 @@ class _Poses:
         self._positions = with_mimics(
             robot, {name: (value,) for name, value in positions.items()})
         poses = self.kinematics.forward(self._positions)
-        self.root = self._first_root(robot)
+        # The first root link that is not an empty world without joints.
+        roots = self.kinematics.roots or [robot.links[0].name]
+        self.root = next((name for name in roots if self.kinematics.child_joints[name]
+                          or not self._links[name].is_world), roots[0])
         to_root = poses[FrameId('link', self.root)].inverse()
         self._poses = {frame: to_root @ pose for frame, pose in poses.items()}
         self._moved = self._moved_links()
-
-    def _first_root(self, robot: Robot) -> str:
-        """Return the first root link that is not an empty world without joints."""
-        roots = self.kinematics.roots or [robot.links[0].name]
-        return next((name for name in roots if self.kinematics.child_joints[name]
-                     or not self._links[name].is_world), roots[0])
 
     def _moved_links(self) -> set[str]:
         """Return the names of the links below a joint that is not at zero."""

@@ -100,8 +100,8 @@ def axis_to_element(axis: Axis, tag: str, version: Version,
         _limit_element(element, axis.limit)
     if axis.dynamics is not None:
         dynamics = etree.SubElement(element, 'dynamics')
-        for name in ('damping', 'friction'):
-            if (value := getattr(axis.dynamics, name)) is not None:
+        for name, value in vars(axis.dynamics).items():
+            if value is not None:
                 number_element(dynamics, name, value)
     if axis.mimic is not None and version >= MIMIC:
         mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
@@ -113,8 +113,7 @@ def axis_to_element(axis: Axis, tag: str, version: Version,
 
 def _limit_element(axis: Element, limit: Limit) -> None:
     element = etree.SubElement(axis, 'limit')
-    for tag in ('lower', 'upper', 'effort', 'velocity'):
-        value = getattr(limit, tag)
+    for tag, value in vars(limit).items():
         # An omitted value means no limit.
         if tag in ('effort', 'velocity') and value < 0:
             element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))

@@ -237,13 +237,9 @@ def _clamp_color(element: Element, report: Report) -> None:
         previous = element.getprevious()
         if previous is not None and previous.get(ORIGINAL_COLOR) == text:
             return  # ambient and diffuse come from one colour of URDF
-        report.warn(local_name(element), _owner(element), line_of(element),
+        names = (outer.get('name') for outer in element.iterancestors())
+        report.warn(local_name(element), next(filter(None, names), ''), line_of(element),
                     f'{text!r} is outside of 0 to 1; clamped to {element.text!r}')
-
-
-def _owner(element: Element) -> str:
-    """Return the name of the nearest enclosing element with a name."""
-    return next((name for outer in element.iterancestors() if (name := outer.get('name'))), '')
 
 
 def report_inertials(robot: Robot, report: Report) -> None:

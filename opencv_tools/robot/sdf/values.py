@@ -166,7 +166,14 @@ def pose_of(element: AnyElement | None) -> Pose:
     rotation_format = element.get('rotation_format', 'euler_rpy')
     degrees = flag(element.get('degrees'), element, 'degrees')
     if rotation_format == 'quat_xyzw':
-        return _quaternion_pose(element, degrees)
+        if degrees:
+            raise DescriptionError('degrees="true" does not apply to a quaternion; remove it',
+                                   element)
+        x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
+        if not any((qx, qy, qz, qw)):
+            raise DescriptionError('the quaternion is 0 0 0 0; give a non-zero quaternion',
+                                   element)
+        return Transform(rotation_of_quaternion((qw, qx, qy, qz)), (x, y, z)).pose()
     if rotation_format != 'euler_rpy':
         raise DescriptionError(f'rotation_format={rotation_format!r} is not supported; use '
                                'euler_rpy or quat_xyzw', element)
@@ -174,15 +181,6 @@ def pose_of(element: AnyElement | None) -> Pose:
     if degrees:
         roll, pitch, yaw = map(math.radians, (roll, pitch, yaw))
     return Pose((x, y, z), (roll, pitch, yaw))
-
-
-def _quaternion_pose(element: AnyElement, degrees: bool) -> Pose:
-    if degrees:
-        raise DescriptionError('degrees="true" does not apply to a quaternion; remove it', element)
-    x, y, z, qx, qy, qz, qw = numbers(element.text, 7, element)
-    if not any((qx, qy, qz, qw)):
-        raise DescriptionError('the quaternion is 0 0 0 0; give a non-zero quaternion', element)
-    return Transform(rotation_of_quaternion((qw, qx, qy, qz)), (x, y, z)).pose()
 
 
 def pose_element(parent: Element, pose: Pose, relative_to: str = '') -> None:

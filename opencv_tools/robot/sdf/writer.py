@@ -86,8 +86,14 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         _write_joint(model, joint, context)
     substitutes = _substitute_frames(robot)
     for frame in robot.frames:
-        attached_to = substitutes.get(frame.attached_to, frame.attached_to)
-        _write_frame(model, replace(frame, attached_to=attached_to), context)
+        element = frame_to_element(replace(frame, attached_to=substitutes.get(
+            frame.attached_to, frame.attached_to)), context.kinematics)
+        context.write_extension(element, frame)
+        if output < FRAMES:
+            element.tag = f'{{{URDF_NAMESPACE}}}frame'
+            report.warn('frame', frame.name, frame.line,
+                        f'not supported by SDF {output}; preserved as <urdf:frame>')
+        model.append(element)
     merge_unread(model, robot.extension.sdf)
     embed_foreign(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
     if output < FRAMES:
@@ -114,16 +120,6 @@ def _set_canonical_link(model: Element, robot: Robot, context: _WriteContext) ->
     elif robot.canonical_link not in ('', first):
         context.report.warn('model', robot.name, 0, 'canonical_link is not supported by SDF '
                             f'{context.version}; the canonical link becomes {first!r}')
-
-
-def _write_frame(model: Element, frame: Frame, context: _WriteContext) -> None:
-    element = frame_to_element(frame, context.kinematics)
-    context.write_extension(element, frame)
-    if context.version < FRAMES:
-        element.tag = f'{{{URDF_NAMESPACE}}}frame'
-        context.report.warn('frame', frame.name, frame.line, 'not supported by SDF '
-                            f'{context.version}; preserved as <urdf:frame>')
-    model.append(element)
 
 
 def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:
@@ -166,9 +162,8 @@ def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> N
     if geometry is None:
         etree.SubElement(parent, 'empty')
     elif isinstance(geometry, Capsule) and context.version < CAPSULE:
-        capsule = etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule')
-        capsule.set('radius', number_text(geometry.radius))
-        capsule.set('length', number_text(geometry.length))
+        etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule',
+                         radius=number_text(geometry.radius), length=number_text(geometry.length))
         length = geometry.length + 2 * geometry.radius
         _write_supported_geometry(parent, Cylinder(geometry.radius, length))
         context.report.warn('capsule', shape.name, shape.line,
@@ -222,10 +217,10 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
         in_model = kinematics.pose(frame).rotate(axis.xyz) if version < JOINT_AXES else None
         element.append(axis_to_element(axis, tag, version, in_model))
         if axis.mimic and version < MIMIC:
-            mimic = etree.SubElement(element, f'{{{URDF_NAMESPACE}}}mimic',
-                                     joint=axis.mimic.joint)
-            mimic.set('multiplier', number_text(axis.mimic.multiplier))
-            mimic.set('offset', number_text(axis.mimic.offset))
+            mimic = etree.SubElement(
+                element, f'{{{URDF_NAMESPACE}}}mimic', joint=axis.mimic.joint,
+                multiplier=number_text(axis.mimic.multiplier),
+                offset=number_text(axis.mimic.offset))
             if tag != AXES[0]:
                 mimic.set('axis', tag)
             context.report.preserve('mimic', joint.name, joint.line,

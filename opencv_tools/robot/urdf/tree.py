@@ -78,7 +78,12 @@ def build_tree(root: TrackedElement, report: Report) -> LinkTree:
             raise DescriptionError(f'link {child!r} is the child of two joints, '
                                    f'{required_name(parent_joint[child])!r} and {name!r}', joint)
         parent_joint[child] = joint
-    _check_cycles(tree)
+    parents = {link: [tree.ends(joint)[0]] for link, joint in parent_joint.items()}
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as err:
+        raise DescriptionError(f'kinematic cycle: {cycle_text(err)}',
+                               parent_joint[err.args[1][0]]) from err
     return tree
 
 
@@ -112,12 +117,3 @@ def _by_name(elements: Iterable[TrackedElement]) -> dict[str, TrackedElement]:
                                    f'{found[name].sourceline}; give each its own name', element)
         found[name] = element
     return found
-
-
-def _check_cycles(tree: LinkTree) -> None:
-    parents = {link: [tree.ends(joint)[0]] for link, joint in tree.parent_joint.items()}
-    try:
-        TopologicalSorter(parents).prepare()
-    except CycleError as err:
-        raise DescriptionError(f'kinematic cycle: {cycle_text(err)}',
-                               tree.parent_joint[err.args[1][0]]) from err

@@ -58,11 +58,6 @@ class _WriteContext:
     materials: MaterialNames
     frames: Mapping[str, FrameId]
 
-    def link_frame(self, link: str) -> FrameId:
-        """Return the frame of a link in URDF, which is that of its parent joint."""
-        parent_joint = self.kinematics.parent_joint.get(link)
-        return FrameId('joint', parent_joint.name) if parent_joint else FrameId('link', link)
-
     def gazebo_tags(self, owner: FrameId) -> frozenset[str]:
         """Return the tags of an object's SDF that are written into a ``<gazebo>`` block."""
         # If a link and a joint have the same name, the block belongs to the link.
@@ -101,7 +96,8 @@ def write_urdf(robot: Robot, report: Report) -> Element:
 
 
 def _link_element(root: Element, link: Link, context: _WriteContext) -> None:
-    kinematics, link_frame = context.kinematics, context.link_frame(link.name)
+    kinematics = context.kinematics
+    link_frame = kinematics.urdf_frame(link.name)
     element = etree.SubElement(root, 'link', name=link.name)
     if link.inertial:
         inertial = etree.SubElement(element, 'inertial')
@@ -128,7 +124,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     if joint.is_loop:
         report.warn('joint', joint.name, joint.line, 'closes a loop of links, which URDF does not '
                     'support; preserved as <sdf:joint> for the conversion back')
-    _origin_element(element, kinematics.between(context.link_frame(joint.parent), frame))
+    _origin_element(element, kinematics.between(kinematics.urdf_frame(joint.parent), frame))
     etree.SubElement(element, 'parent', link=joint.parent)
     etree.SubElement(element, 'child', link=joint.child)
     if joint_type not in WITHOUT_AXIS and joint.axes:
@@ -169,21 +165,18 @@ def _axis_elements(element: Element, joint_type: str, axis: Axis) -> None:
     if has_position_limits or math.isfinite(limit.effort) or math.isfinite(limit.velocity):
         names = [*(('lower', 'upper') if has_position_limits else ()), 'effort', 'velocity']
         etree.SubElement(element, 'limit', {
-            name: _limit_text(getattr(limit, name)) for name in names})
+            name: number_text(max(-UNLIMITED, min(getattr(limit, name), UNLIMITED)))
+            for name in names})
     if axis.dynamics:
-        values = {'damping': axis.dynamics.damping, 'friction': axis.dynamics.friction}
         etree.SubElement(element, 'dynamics', {
-            name: number_text(value) for name, value in values.items() if value is not None})
+            name: number_text(value) for name, value in vars(axis.dynamics).items()
+            if value is not None})
     if axis.mimic:
         mimic = etree.SubElement(element, 'mimic', joint=axis.mimic.joint)
         if axis.mimic.multiplier != 1:
             mimic.set('multiplier', number_text(axis.mimic.multiplier))
         if axis.mimic.offset:
             mimic.set('offset', number_text(axis.mimic.offset))
-
-
-def _limit_text(value: float) -> str:
-    return number_text(math.copysign(UNLIMITED, value) if math.isinf(value) else value)
 
 
 def _with_axes(joint: Joint) -> Element:
@@ -228,7 +221,7 @@ def _in_joint_frame(element: Element, owner: FrameId, context: _WriteContext) ->
     element = detached(element)
     if owner.kind != 'link' or element.tag not in POSED:
         return element
-    pose, link_frame = element.find('pose'), context.link_frame(owner.name)
+    pose, link_frame = element.find('pose'), context.kinematics.urdf_frame(owner.name)
     if (pose is None or not pose.attrib) and (
             context.kinematics.between(owner, link_frame).is_identity):
         return element
@@ -255,7 +248,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
     element = etree.SubElement(parent, tag if shape.geometry else f'{{{SDF_NAMESPACE}}}{tag}',
                                {'name': shape.name} if shape.name else {})
     _origin_element(element, context.kinematics.within(
-        context.link_frame(link.name), shape.placement))
+        context.kinematics.urdf_frame(link.name), shape.placement))
     if shape.geometry:
         _geometry_element(element, shape.geometry)
     else:

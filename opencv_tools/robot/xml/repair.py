@@ -55,7 +55,8 @@ def repaired(data: bytes) -> bytes | None:
     for pattern, replacement in _DECLARATIONS:
         document = pattern.sub(replacement, document, count=1)
     document = _without_dashes(document)
-    prefixes = _undeclared_prefixes(document)
+    used = {prefix for pattern in _USED_PREFIXES for prefix in pattern.findall(document)}
+    prefixes = sorted(used - {*_DECLARED_PREFIX.findall(document), b'xmlns', b'xml'})
     if b'xacro' in prefixes:  # without the namespace of xacro, xacro does not expand the file
         return None
     # The lines of the text that is removed move into the tag of the root element.
@@ -64,11 +65,6 @@ def repaired(data: bytes) -> bytes | None:
                           for prefix in prefixes)
     document = _ROOT.sub(lambda tag: tag[0] + lines + namespaces, document, count=1)
     return document if document != data else None
-
-
-def _undeclared_prefixes(document: bytes) -> list[bytes]:
-    used = {prefix for pattern in _USED_PREFIXES for prefix in pattern.findall(document)}
-    return sorted(used - {*_DECLARED_PREFIX.findall(document), b'xmlns', b'xml'})
 
 
 def _without_dashes(document: bytes) -> bytes:
