@@ -217,8 +217,7 @@ def _convert(language: str, options: argparse.Namespace, report: Report,
 
 
 def _robot_compare(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.compare.compare import differences
-    from opencv_tools.robot.compare.table import table
+    from opencv_tools.robot.compare.compare import differences, table
     from opencv_tools.robot.renaming import with_original_names
     from opencv_tools.robot.xml.document import DescriptionError
     from opencv_tools.robot.xml.output import print_text

@@ -29,13 +29,14 @@ from opencv_tools.robot.compare.properties import (
     axis_properties, format_pair, geometry_properties, is_continuous, material_properties,
     Properties, random_position)
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
-from opencv_tools.robot.model import FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape
+from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name, with_original_names
 
 Key = tuple[str, str]  # element and name
 _Poses = Mapping[FrameId, Transform]
 
+_HEADING = ('element', 'name', 'property', 'a', 'b', 'difference')
 # The tolerance of these properties is always relative, because robots have very small values.
 _RELATIVE = ('mass', 'inertia')
 
@@ -112,6 +113,25 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     return [difference for result in found.values() for difference in result]
 
 
+def table(found: Sequence[Difference], most: int | None = None) -> str:
+    """
+    Return a heading, one line for each difference, and the number of differences.
+
+    :param most: greatest number of lines for differences; None for all.
+    :returns: the lines, or an empty string if there are no differences.
+    """
+    if not found:
+        return ''
+    rows = [_HEADING, *(
+        (row.element, row.name, row.property, row.a, row.b, f'{row.size:.3g}' if row.size else '')
+        for row in found[:most])]
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = ['  '.join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    if len(found) >= len(rows):
+        lines.append(f'... and {len(found) - len(rows) + 1} more; --all shows them')
+    return '\n'.join([*lines, '1 difference' if len(found) == 1 else f'{len(found)} differences'])
+
+
 class _Side:
     """One of the two robots, with its objects by names that are the same in both formats."""
 
@@ -129,21 +149,27 @@ class _Side:
         for key, link in self.links.items():
             if key in skipped:
                 continue
-            items['link', key] = _Item(FrameId('link', link.name))
+            frame = FrameId('link', link.name)
+            items['link', key] = _Item(frame)
             if link.inertial:
-                items['inertial', key] = self._inertial_item(link, link.inertial, to_base)
+                # The axes of the moments are arbitrary, so the moments are rotated into the base.
+                offset = self._offset(link, link.inertial.placement)
+                rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
+                items['inertial', key] = _Item(frame, Transform(translation=offset.translation), {
+                    'mass': (link.inertial.mass,),
+                    'inertia': rotated_tensor(link.inertial.inertia, rotation)})
             for element, shapes in _shapes(link):
                 names = (map(str, range(len(shapes))) if (element, key) in ordered
                          else (shape.name for shape in shapes))
                 for name, shape in zip(names, shapes):
                     items[element, f'{key}/{name}'] = _Item(
-                        FrameId('link', link.name), self._offset(link, shape.placement),
+                        frame, self._offset(link, shape.placement),
                         {**geometry_properties(shape), **material_properties(shape.material)})
         for key, joint in self.joints.items():
             items['joint', key] = _Item(FrameId('joint', joint.name), IDENTITY,
                                         self._joint_properties(joint, to_base))
-        for key, frame in self.frames.items():
-            items['frame', key] = _Item(FrameId('frame', frame.name))
+        for key, other in self.frames.items():
+            items['frame', key] = _Item(FrameId('frame', other.name))
         return items
 
     def poses(self, base: str, positions: Mapping[str, Sequence[float]]) -> _Poses:
@@ -162,14 +188,6 @@ class _Side:
 
     def _offset(self, link: Link, placement: Placement) -> Transform:
         return self.kinematics.within(FrameId('link', link.name), placement).transform()
-
-    def _inertial_item(self, link: Link, inertial: Inertial, to_base: Transform) -> _Item:
-        frame = FrameId('link', link.name)
-        # The axes of the moments are arbitrary, so the moments are rotated into the base.
-        offset = self._offset(link, inertial.placement)
-        rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
-        return _Item(frame, Transform(translation=offset.translation), {
-            'mass': (inertial.mass,), 'inertia': rotated_tensor(inertial.inertia, rotation)})
 
     def _joint_properties(self, joint: Joint, to_base: Transform) -> Properties:
         pose = to_base @ self.kinematics.pose(FrameId('joint', joint.name))
@@ -255,13 +273,8 @@ def _pose_differences(keys: Iterable[Key], name: str, items: Sequence[Mapping[Ke
         # The rotation of an inertial is part of its moments.
         angle = 0.0 if key[0] == 'inertial' else 2 * math.asin(min(1.0, sine))
         if distance > tolerance * scale or angle > tolerance:
-            texts = format_pair(_numbers(a), _numbers(b))
+            texts = format_pair(*((*pose.xyz, *pose.rpy) for pose in (a.pose(), b.pose())))
             yield key, _difference(key, name, *texts, size=max(distance, angle))
-
-
-def _numbers(transform: Transform) -> tuple[float, ...]:
-    pose = transform.pose()
-    return (*pose.xyz, *pose.rpy)
 
 
 def _property_differences(key: Key, item_a: _Item, item_b: _Item, tolerance: float

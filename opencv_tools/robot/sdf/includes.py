@@ -189,11 +189,7 @@ def first_file(root: Element) -> Path:
 
 
 def _only_model(root: Element, include: TrackedElement) -> Element:
-    """
-    Return the ``<model>`` of an included file, or the ``<include>`` in its place.
-
-    :raises DescriptionError: the file has no model, or several models.
-    """
+    """Return the ``<model>`` of an included file, or the ``<include>`` in its place."""
     models = [child for child in root if child.tag in ('model', 'include')]
     if not models:
         raise NoModelError(f'{source_of(root)} has no model', include)

@@ -142,11 +142,7 @@ def _report_nested(context: ReadContext) -> None:
 
 
 def _check_placements(robot: Robot, registry: FrameRegistry) -> None:
-    """
-    Check that the placement of every frame leads to the model frame.
-
-    :raises DescriptionError: frames are placed relative to each other in a cycle.
-    """
+    """Check that the placement of every frame leads to the model frame."""
     bases = {frame: owner.placement.relative_to for frame, owner in robot.frame_owners()}
     placed = {MODEL}
     try:
@@ -210,11 +206,7 @@ def _with_axes(robot: Robot, contexts: Sequence[ReadContext]) -> Robot:
 
 
 def _model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
-    """
-    Return the unread parts of the model, with the overrides of its includes.
-
-    :param pose_in_world: pose of the model frame in the world.
-    """
+    """Return the unread parts of the model, with the overrides of its includes."""
     file = context.scope.file
     urdf, unread = extract_foreign(file.element, 'urdf'), context.unread(file.element)
     if unread is None:

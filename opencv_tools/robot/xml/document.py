@@ -12,7 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Documents of XML: robot descriptions that are read safely, and written."""
+"""
+Documents of XML: robot descriptions that are read safely, and written.
+
+Errors of XML that public robot descriptions have are repaired. Every element keeps its line.
+
+===================================  =========================================================
+error                                repair
+===================================  =========================================================
+text before the XML declaration      is removed
+XML declaration of another version   has version 1.0
+XML declaration without a version    has version 1.0
+comment with ``--``                  is blanked
+prefix without a declaration         is declared on the root element
+===================================  =========================================================
+"""
 
 from __future__ import annotations
 
@@ -23,7 +37,6 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.regular_files import read_regular
-from opencv_tools.robot.xml.repair import repaired
 from opencv_tools.robot.xml.report import Report, SourceLine
 from opencv_tools.robot.xml.tracked import TrackedElement
 
@@ -37,6 +50,18 @@ _MAX_MARKUP = 1_000_000
 # Files that the shell has opened, for example for <(command).
 _OPEN_FILE = re.compile(r'/dev/stdin|/(?:dev|proc/self)/fd/\d+')
 _URI = re.compile(r'([A-Za-z][A-Za-z0-9+.-]+):/+(.*)', re.DOTALL)
+# Replacements at the beginning of the document.
+_DECLARATIONS = (
+    (re.compile(rb'\A(<\?xml\s+version\s*=\s*["\'])[\d.]*'), rb'\g<1>1.0'),
+    (re.compile(rb'\A<\?xml\s+(?!version)'), b'<?xml version="1.0" '),
+)
+_START = re.compile(rb'<\?xml[\s?]|<(sdf|robot)[\s>]')
+_ROOT = re.compile(rb'<(sdf|robot)(?=[\s>])')
+_DECLARED_PREFIX = re.compile(rb'xmlns:([\w.-]+)\s*=')
+_USED_PREFIXES = (re.compile(rb'</?([A-Za-z_][\w.-]*):[\w.-]+'),
+                  re.compile(rb'\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*["\']'))
+# A blank for each byte but line feeds.
+_BLANKS = bytes(byte if byte == ord('\n') else ord(' ') for byte in range(256))
 
 
 class DescriptionError(ValueError):
@@ -120,7 +145,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     """
     Read XML without entities, without network access and with limits of size and depth.
 
-    Errors that `repair` knows are repaired with a warning.
+    Errors of the table above are repaired with a warning.
 
     :param source: name of the file, for messages.
     :returns: the root element.
@@ -146,6 +171,41 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     report.warn(local_name(root), '', SourceLine(error.lineno or 0, source),
                 f'{_message(error)}; the file is read with this error repaired')
     return root
+
+
+def repaired(data: bytes) -> bytes | None:
+    """Return a document with the errors of the table repaired, or None if it has none of them."""
+    start = _START.search(data)
+    if start is None:
+        return None
+    document = data[start.start():]
+    for pattern, replacement in _DECLARATIONS:
+        document = pattern.sub(replacement, document, count=1)
+    document = _without_dashes(document)
+    used = {prefix for pattern in _USED_PREFIXES for prefix in pattern.findall(document)}
+    prefixes = sorted(used - {*_DECLARED_PREFIX.findall(document), b'xmlns', b'xml'})
+    if b'xacro' in prefixes:  # without the namespace of xacro, xacro does not expand the file
+        return None
+    # The lines of the text that is removed move into the tag of the root element.
+    lines = b'\n' * data.count(b'\n', 0, start.start())
+    namespaces = b''.join(b' xmlns:%b="urn:undeclared:%b"' % (prefix, prefix)
+                          for prefix in prefixes)
+    document = _ROOT.sub(lambda tag: tag[0] + lines + namespaces, document, count=1)
+    return document if document != data else None
+
+
+def _without_dashes(document: bytes) -> bytes:
+    """Blank the comments that contain ``--``."""
+    blanked = bytearray(document)
+    start = document.find(b'<!--')
+    while start >= 0:
+        end = document.find(b'-->', start + 4)
+        if end < 0:
+            break
+        if document.find(b'--', start + 4, end + 1) >= 0:
+            blanked[start + 4:end] = document[start + 4:end].translate(_BLANKS)
+        start = document.find(b'<!--', end + 3)
+    return bytes(blanked)
 
 
 def _parse(data: bytes, source: str) -> Element:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Comparison of two robots."""
+"""Comparison of two robots, and the table of their differences."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from typing import Any
 
 from compared_robots import absent, free, HALF, on, RED, shape, urdf, with_axis, with_joint
 from lxml import etree
-from opencv_tools.robot.compare.compare import differences
+from opencv_tools.robot.compare.compare import Difference, differences, table
 from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
@@ -341,3 +341,28 @@ def test_reproducible_random_positions() -> None:
     assert found != differences(one, other, tolerance=1e-9, seed=1)
     hand = next(one for one in found if one.name == 'hand')
     assert 0 < hand.size <= 0.5 * 0.01
+
+
+def test_aligned_columns_of_the_table() -> None:
+    assert table([]) == ''
+    heading, first, second, count = table([
+        Difference(element='joint', name='j', property='upper', a='1', b='22', size=21.0),
+        absent('collision', 'a/0')]).splitlines()
+    assert heading.split() == ['element', 'name', 'property', 'a', 'b', 'difference']
+    assert first.index('upper') == second.index('presence') == heading.index('property')
+    assert first.endswith('22  21')
+    assert second == second.rstrip()
+    assert count == '2 differences'
+
+
+@pytest.mark.parametrize(('count', 'most', 'rows', 'last'), [
+    (1, 50, 1, ['1 difference']), (50, 50, 50, ['50 differences']),
+    (51, 50, 50, ['... and 1 more; --all shows them', '51 differences']),
+    (173, 50, 50, ['... and 123 more; --all shows them', '173 differences']),
+    (173, None, 173, ['173 differences'])])
+def test_maximum_number_of_rows_of_the_table(count: int, most: int | None, rows: int,
+                                             last: list[str]) -> None:
+    found = [absent('link', f'{number}') for number in range(count)]
+    lines = table(found, most).splitlines()
+    assert [line.split()[1] for line in lines[1:rows + 1]] == [f'{n}' for n in range(rows)]
+    assert lines[rows + 1:] == last
