@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from opencv_tools.robot.geometry import Mesh
-from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
@@ -27,7 +26,7 @@ from opencv_tools.robot.renaming import (
 from opencv_tools.robot.sdf.rules import keep_sdf_rules, report_inertials
 from opencv_tools.robot.sdf.values import FRAMES, written_version
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import select_root, shortened
+from opencv_tools.robot.trees import lump_fixed, select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import DescriptionError, Element

@@ -31,9 +31,6 @@ from opencv_tools.robot.xml.document import (
     DescriptionError, display_name, Element, line_of, local_name, parse, read_bytes)
 from opencv_tools.robot.xml.report import Report
 
-URDF = 'urdf'
-SDF = 'sdf'
-
 
 @dataclass(frozen=True, kw_only=True)
 class LoadOptions:
@@ -58,7 +55,7 @@ def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
     Read a robot from URDF, xacro or SDF. The content of the file determines the format.
 
     :param path: a file, the folder of a model, or ``-`` for standard input.
-    :returns: the robot with the names of the file, and the format: ``URDF`` or ``SDF``.
+    :returns: the robot with the names of the file, and the format: ``urdf`` or ``sdf``.
     :raises DescriptionError: the file is not a valid robot description.
     """
     path = file_of_model(path)
@@ -66,12 +63,12 @@ def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
     root = _parse_root(path, report, options)
     tag = local_name(root)
     if tag == 'robot':
-        return read_urdf(root, report, root_link=options.root), URDF
+        return read_urdf(root, report, root_link=options.root), 'urdf'
     if tag != 'sdf':
         raise DescriptionError('is not a robot description; URDF has the root element <robot>, '
                                'SDF <sdf>', root)
     robot = read_sdf(root, report, model=options.model, search=options.search)
-    return (select_root(robot, options.root, report) if options.root else robot), SDF
+    return (select_root(robot, options.root, report) if options.root else robot), 'sdf'
 
 
 def _parse_root(path: str, report: Report, options: LoadOptions) -> Element:

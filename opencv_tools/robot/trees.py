@@ -12,17 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Selection of one kinematic tree of a robot."""
+"""Trees of a robot: selection of one tree, and lumping of links that fixed joints connect."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import operator
 
+from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import FrameId, Joint, MODEL, Placement, Robot
-from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.model import (
+    Frame, FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.pose import Pose, rotated_tensor
+from opencv_tools.robot.sdf.values import POSED
+from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.tracked import detached
+
+# Tags in <gazebo reference="joint"> that preserve a fixed joint.
+_PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
 
 
 def select_root(robot: Robot, root: str, report: Report) -> Robot:
@@ -90,3 +99,127 @@ def shortened(names: Sequence[str]) -> str:
     """Return the first five names in quotes, and the number of the others."""
     few = ', '.join(map(repr, names[:5]))
     return f'{few} and {len(names) - 5} more' if len(names) > 5 else few
+
+
+def lump_fixed(robot: Robot, report: Report) -> Robot:
+    """
+    Return a robot with each link below a fixed joint merged into its parent link.
+
+    The parent link gets the total mass, the visuals and the collisions. Merged links and joints
+    remain as frames, and shapes remain placed in them. Joints to the world stay, and so do joints
+    that a ``<gazebo>`` block preserves.
+    """
+    kinematics = Kinematics(robot)
+    links = {link.name: link for link in robot.links}
+    preserved = _preserved_joints(robot)
+    hosts = {name: name for name in kinematics.roots}  # by link: the link that it is merged into
+    lumped: dict[str, Joint] = {}  # by child link
+    for name in kinematics.subtree(kinematics.roots):
+        for joint in kinematics.child_joints[name]:
+            stays = joint.type != 'fixed' or joint.name in preserved or links[name].is_world
+            hosts[joint.child] = joint.child if stays else hosts[name]
+            if not stays:
+                lumped[joint.child] = joint
+    if not lumped:
+        return robot
+    members: dict[str, list[Link]] = {}
+    for link in robot.links:
+        members.setdefault(hosts[link.name], []).append(link)
+    merged = {name: _merged(links[name], [link for link in group if link.name != name], kinematics)
+              for name, group in members.items()}
+    new_ids: dict[FrameId, FrameId] = {}
+    frames = []
+    for child, joint in lumped.items():
+        report.warn('joint', joint.name, joint.line,
+                    f'lumped: link {child!r} is now a frame of link {hosts[child]!r}')
+        joint_frame = f'{joint.name}_joint' if joint.name == joint.child else joint.name
+        new_ids[FrameId('link', child)] = FrameId('frame', child)
+        new_ids[FrameId('joint', joint.name)] = FrameId('frame', joint_frame)
+        host = FrameId('link', hosts[child])
+        pose, link = kinematics.between(host, FrameId('joint', joint.name)), links[child]
+        frames.append(Frame(name=joint_frame, attached_to=host, placement=Placement(pose, host),
+                            extension=joint.extension, line=joint.line))
+        frames.append(Frame(name=child, attached_to=host, placement=link.placement,
+                            extension=replace(link.extension, sdf=None), line=link.line))
+
+    def new_id(frame: FrameId) -> FrameId:
+        return new_ids.get(frame, frame)
+
+    return replace(
+        robot, links=tuple(merged[link.name] for link in robot.links if link.name in merged),
+        joints=tuple(replace(joint, parent=hosts[joint.parent]) for joint in robot.joints
+                     if lumped.get(joint.child) is not joint),
+        frames=tuple(replace(frame, attached_to=new_id(frame.attached_to))
+                     for frame in (*robot.frames, *frames)),
+        canonical_link=hosts.get(robot.canonical_link, '')).map_placements(
+            lambda placement: replace(placement, relative_to=new_id(placement.relative_to)))
+
+
+def _preserved_joints(robot: Robot) -> set[str]:
+    """Return the names of the fixed joints that ``<gazebo>`` blocks preserve."""
+    root = robot.extension.urdf
+    return {block.get('reference', '')
+            for block in ([] if root is None else root.iterchildren('gazebo'))
+            for tag in _PRESERVING_TAGS
+            if (block.findtext(tag) or '').strip().lower() in ('true', '1')}
+
+
+def _merged(host: Link, guests: list[Link], kinematics: Kinematics) -> Link:
+    """Return a link with the inertials, shapes and sensors of other links merged into it."""
+    if not guests:
+        return host
+    sdf = None if host.extension.sdf is None else detached(host.extension.sdf)
+    for guest in guests:
+        for element in guest.extension.sdf if guest.extension.sdf is not None else ():
+            sdf = etree.Element('link') if sdf is None else sdf
+            sdf.append(_posed_in(element, guest.name))
+    members = (host, *guests)
+    inertials = [link.inertial for link in members if link.inertial]
+    return replace(
+        host,
+        visuals=tuple(_qualified(shape, link, host) for link in members for shape in link.visuals),
+        collisions=tuple(_qualified(shape, link, host) for link in members
+                         for shape in link.collisions),
+        inertial=_total(inertials, host, kinematics) if inertials else None,
+        extension=replace(host.extension, sdf=sdf))
+
+
+def _qualified(shape: Shape, link: Link, host: Link) -> Shape:
+    """Return a shape with the name of its former link in its name, so that names stay unique."""
+    if link is host or not shape.name:
+        return shape
+    return replace(shape, name=f'{link.name}_{shape.name}')
+
+
+def _posed_in(element: Element, frame: str) -> Element:
+    """Return a copy of an element of a link whose pose is relative to a frame."""
+    copy = detached(element)
+    if copy.tag in POSED:
+        pose = copy.find('pose')
+        if pose is None:
+            pose = etree.SubElement(copy, 'pose')
+        if not pose.get('relative_to'):
+            pose.set('relative_to', frame)
+    return copy
+
+
+def _total(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Inertial:
+    """Return the sum of inertials about their common centre, by the parallel axis theorem."""
+    if len(inertials) == 1:
+        return inertials[0]
+    frame = FrameId('link', host.name)
+    poses = [kinematics.within(frame, inertial.placement).transform() for inertial in inertials]
+    mass = sum(inertial.mass for inertial in inertials)
+    weights = [inertial.mass / mass if mass else 0.0 for inertial in inertials]
+    centre_x, centre_y, centre_z = (sum(map(operator.mul, weights, values))
+                                    for values in zip(*(pose.translation for pose in poses)))
+    centre = (centre_x, centre_y, centre_z)
+    total = [0.0] * 6
+    for inertial, pose in zip(inertials, poses):
+        x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
+        rotated = rotated_tensor(inertial.inertia, pose.rotation)
+        shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
+        total = [before + moment + inertial.mass * shift
+                 for before, moment, shift in zip(total, rotated, shifted)]
+    ixx, ixy, ixz, iyy, iyz, izz = total
+    return Inertial(Placement(Pose(centre), frame), mass, (ixx, ixy, ixz, iyy, iyz, izz))

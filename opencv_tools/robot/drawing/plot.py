@@ -71,12 +71,12 @@ def draw(robot: Robot, listing: Listing) -> Any:
     if small:
         width = _VIEW_WIDTH + _GAP + tree_width
         side = figure.add_axes(in_inches(figure, _MARGIN, _MARGIN, width, _SIDE_HEIGHT - _HEAD))
-        side_view.draw(side, robot, listing)
+        drawn = side_view.draw(side, robot, listing)
     pixels = matplotlib_module('transforms').Bbox.from_bounds(*(DPI * value for value in cell))
     space_view.fit(figure, view, halves, pixels)
     space_view.name_frames(view, listing, pixels)
     if side:
-        side_view.label(side, robot, listing)
+        side_view.label(side, listing, *drawn)
     return figure
 
 

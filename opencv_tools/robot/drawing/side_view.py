@@ -35,8 +35,12 @@ _MIN_DISTANCE = 1e-6  # metres
 _Bounds = tuple[float, float, float, float]  # left, right, low, high
 
 
-def draw(axes: Any, robot: Robot, listing: Listing) -> None:
-    """Draw everything except the labels, which `label` adds after the layout."""
+def draw(axes: Any, robot: Robot, listing: Listing) -> tuple[list[PlacedShape], float]:
+    """
+    Draw everything except the labels, which `label` adds after the layout.
+
+    :returns: all shapes, and the length of the axes of frames.
+    """
     shapes = list(placed_shapes(robot, listing))
     poses = link_poses(listing)
     bounds = left, right, low, high = _bounds(listing, shapes)
@@ -54,13 +58,15 @@ def draw(axes: Any, robot: Robot, listing: Listing) -> None:
                       hatch='////', linewidth=0.0, zorder=0)
     for shape in shapes:
         _draw_shape(axes, shape)
+    length = _triad_length(listing, unit)
     for pose in poses.values():
-        _draw_triad(axes, pose, _triad_length(listing, unit))
+        _draw_triad(axes, pose, length)
     _draw_joints(axes, listing, poses)
     _draw_distances(axes, listing, shapes, bounds, unit)
+    return shapes, length
 
 
-def label(axes: Any, robot: Robot, listing: Listing) -> None:
+def label(axes: Any, listing: Listing, shapes: list[PlacedShape], length: float) -> None:
     """Write the names of links, joints, visuals and collisions."""
     labels = Labels(axes)
     for text in axes.texts:
@@ -69,9 +75,6 @@ def label(axes: Any, robot: Robot, listing: Listing) -> None:
     for line in axes.lines:
         for start, end in pairwise((float(x), float(y)) for x, y in zip(*line.get_data())):
             labels.avoid_line(start, end)
-    shapes = list(placed_shapes(robot, listing))
-    left, right, low, high = _bounds(listing, shapes)
-    length = _triad_length(listing, max(right - left, high - low) or 1.0)
     for transform in link_poses(listing).values():
         _label_axes(labels, transform, length)
     for name, transform in link_poses(listing).items():

@@ -38,15 +38,11 @@ from opencv_tools.robot.xml.report import Report
 
 @dataclass(frozen=True)
 class _WriteContext:
-    """
-    The output of a robot.
-
-    :param relative: whether each link is placed relative to its parent link.
-    """
+    """The output of a robot."""
 
     kinematics: Kinematics
     version: Version
-    relative: bool
+    relative: bool  # whether each link is placed relative to its parent link
     report: Report
 
     def write_extension(self, element: Element, written: Frame | Joint | Link | Shape) -> None:
@@ -227,7 +223,14 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
                                     f'not supported by SDF {version}; preserved as <urdf:mimic>')
     context.write_extension(element, joint)
     if joint.type == 'continuous' and version < CONTINUOUS:
-        _remove_positions(element, joint, context)
+        # They would limit the revolute joint.
+        for limit in element.iterfind(f'{AXES[0]}/limit'):
+            for number in list(limit.iterchildren('lower', 'upper')):
+                limit.remove(number)
+                context.report.warn(
+                    str(number.tag), joint.name, joint.line, f'{number.text!r} is omitted: it '
+                    'would limit the revolute joint in place of a continuous joint in SDF '
+                    f'{version}')
 
 
 def _supported_joint(joint: Joint, version: Version) -> Joint:
@@ -253,13 +256,3 @@ def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> No
         context.report.warn('joint', joint.name, joint.line,
                             f'{joint.type} joints are not supported by SDF; preserved as '
                             f'<urdf:joint>, and link {joint.child!r} is not connected')
-
-
-def _remove_positions(element: Element, joint: Joint, context: _WriteContext) -> None:
-    """Remove position limits of a continuous joint that would limit the revolute joint."""
-    for limit in element.iterfind(f'{AXES[0]}/limit'):
-        for number in list(limit.iterchildren('lower', 'upper')):
-            limit.remove(number)
-            context.report.warn(str(number.tag), joint.name, joint.line,
-                                f'{number.text!r} is omitted: it would limit the revolute joint '
-                                f'in place of a continuous joint in SDF {context.version}')

@@ -47,16 +47,12 @@ _SDF = f'{{{SDF_NAMESPACE}}}'
 
 @dataclass(frozen=True)
 class _WriteContext:
-    """
-    Facts of the whole robot that its elements are written with.
-
-    :param frames: frames by the names that poses of SDF use.
-    """
+    """Facts of the whole robot that its elements are written with."""
 
     kinematics: Kinematics
     report: Report
     materials: MaterialNames
-    frames: Mapping[str, FrameId]
+    frames: Mapping[str, FrameId]  # by the names that poses of SDF use
 
     def gazebo_tags(self, owner: FrameId) -> frozenset[str]:
         """Return the tags of an object's SDF that are written into a ``<gazebo>`` block."""

@@ -40,12 +40,8 @@ class TrackedElement:
     __slots__ = ('_children', '_is_taken', '_names', 'element')
 
     def __init__(self, element: _Element) -> None:
-        """
-        Begin with nothing consumed.
-
-        :param element: the element; reading from it consumes nothing.
-        """
-        self.element = element
+        """Begin with nothing consumed."""
+        self.element = element  # reading from it consumes nothing
         self._names: set[str] = set()  # consumed attributes; '' is the text
         self._children: dict[_Element, TrackedElement] = {}
         self._is_taken = True  # whether its unread parts are its own, not its parent's

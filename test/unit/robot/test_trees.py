@@ -22,10 +22,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 from opencv_tools.robot.convert import convert_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.lump import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.trees import lump_fixed
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
