@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
-from textwrap import indent
 import xml.etree.ElementTree as ElementTree
 
 from sphinx.application import Sphinx
@@ -61,16 +60,6 @@ def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 
 
-def keep_trees(app: Sphinx, what: str, name: str, value: object, options: object,
-               lines: list[str]) -> None:
-    """Change each paragraph with a drawn tree to a literal block."""
-    paragraphs = '\n'.join(lines).split('\n\n')
-    lines[:] = '\n\n'.join(
-        f'::\n\n{indent(paragraph, "    ")}' if '└─' in paragraph else paragraph
-        for paragraph in paragraphs).split('\n')
-
-
 def setup(app: Sphinx) -> None:
-    """Connect the changes of pages and docstrings."""
+    """Connect the changes of pages."""
     app.connect('source-read', insert_page)
-    app.connect('autodoc-process-docstring', keep_trees)

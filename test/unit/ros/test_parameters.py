@@ -147,7 +147,7 @@ def test_misspelt_parameter_that_ends_the_node(context: Context, name: str, mean
 
 @pytest.fixture
 def described(domain: int) -> Node:
-    """Give a node with the table's parameters, of which some were given."""
+    """Create a node with the parameters of the table, some of them set."""
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain, args=[
         '--ros-args', '-p', 'name:=7', '-p', 'rate:=2', '-p', 'count:=5', '-p', 'on:=1'])
