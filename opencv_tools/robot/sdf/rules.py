@@ -154,7 +154,7 @@ def parsed_elements(element: Element) -> Iterator[Element]:
 
 def find_flaw(element: Element) -> str:
     """Return why the parser rejects an element, without its children; empty if it does not."""
-    tag = local_name(element)
+    tag = str(element.tag)
     for name in _REQUIRED.get(tag, ()):
         if not element.get(name, '').strip():
             return f'has no {name}=, which SDF requires'
