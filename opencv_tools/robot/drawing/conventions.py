@@ -171,8 +171,10 @@ class _View:
             half = len(rights) // 2
             lefts, rights = lefts + rights[:half], rights[half:]
         self._columns = [Column(axes, lefts), Column(axes, rights)]
-        self._arrows = [(start, end, -_BEND if many and _goes_right(start, end) else _BEND)
-                        for start, end in panel.arrows if math.dist(start, end) > 1e-6]
+        self.text_height = max(column.height for column in self._columns)  # inches
+        self._arrows = [
+            (start, end, -_BEND if many and end[0] > start[0] + 0.1 * abs(end[1] - start[1])
+             else _BEND) for start, end in panel.arrows if math.dist(start, end) > 1e-6]
         curves = [[start, *bezier_curve(start, end, bend), end]
                   for start, end, bend in self._arrows]
         points = [point for line in (*curves, *panel.offsets, *(
@@ -187,11 +189,6 @@ class _View:
         xs, ys = zip(*points)
         self.bounds = (min(xs), min(ys)), (max(xs), max(ys))
         self._to_inches: Callable[[Point], Point] = lambda point: point
-
-    @property
-    def text_height(self) -> float:
-        """Height of the columns of texts in inches."""
-        return max(column.height for column in self._columns)
 
     def lay_out(self, height: float, low: Sequence[float], size: Sequence[float], scale: float
                 ) -> float:
@@ -249,10 +246,6 @@ class _View:
         self.axes.add_collection(matplotlib_module('collections').LineCollection(
             [[self._to_inches(point) for point in line] for line in lines], colors=color,
             linewidths=width, linestyles=style, zorder=order, clip_on=False), autolim=False)
-
-
-def _goes_right(start: Point, end: Point) -> bool:
-    return end[0] > start[0] + 0.1 * abs(end[1] - start[1])
 
 
 def _project(point: Vector) -> Point:

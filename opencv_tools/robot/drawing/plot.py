@@ -67,7 +67,6 @@ def draw(robot: Robot, listing: Listing) -> Any:
     figure.text(*in_inches(figure, _MARGIN + _VIEW_WIDTH / 2, bottom + height - _HEAD + 0.083,
                            0, 0)[:2], space_view.title(robot, listing), fontsize=10, color=GREY,
                 ha='center')
-    side = None
     if small:
         width = _VIEW_WIDTH + _GAP + tree_width
         side = figure.add_axes(in_inches(figure, _MARGIN, _MARGIN, width, _SIDE_HEIGHT - _HEAD))
@@ -75,7 +74,7 @@ def draw(robot: Robot, listing: Listing) -> Any:
     pixels = matplotlib_module('transforms').Bbox.from_bounds(*(DPI * value for value in cell))
     space_view.fit(figure, view, halves, pixels)
     space_view.name_frames(view, listing, pixels)
-    if side:
+    if small:
         side_view.label(side, listing, *drawn)
     return figure
 
