@@ -261,6 +261,13 @@ class Robot:
             yield from (element for element in (extension.urdf, extension.sdf)
                         if element is not None)
 
+    def map_frame_ids(self, change: Callable[[FrameId], FrameId]) -> Robot:
+        """Return the robot with every reference to a frame replaced by a function's result."""
+        robot = replace(self, frames=tuple(
+            replace(frame, attached_to=change(frame.attached_to)) for frame in self.frames))
+        return robot.map_placements(lambda placement: replace(
+            placement, relative_to=change(placement.relative_to)))
+
     def map_placements(self, change: Callable[[Placement], Placement]) -> Robot:
         """Return the robot with every placement replaced by the result of a function."""
         def changed(owners: tuple[_Placed, ...]) -> tuple[_Placed, ...]:

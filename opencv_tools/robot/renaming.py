@@ -146,11 +146,8 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
         joints=tuple(replace(
             rename('joint', joint), parent=link_name(joint.parent), child=link_name(joint.child),
             axes=tuple(map(axis, joint.axes))) for joint in robot.joints),
-        frames=tuple(replace(rename('frame', frame),
-                             attached_to=_new_id(frame.attached_to, names))
-                     for frame in robot.frames))
-    return robot.map_placements(lambda placement: replace(
-        placement, relative_to=_new_id(placement.relative_to, names)))
+        frames=tuple(rename('frame', frame) for frame in robot.frames))
+    return robot.map_frame_ids(lambda frame: _new_id(frame, names))
 
 
 def _new_id(frame: FrameId, names: _Names) -> FrameId:

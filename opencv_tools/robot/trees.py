@@ -142,17 +142,12 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
         frames.append(Frame(name=child, attached_to=host, placement=link.placement,
                             extension=replace(link.extension, sdf=None), line=link.line))
 
-    def new_id(frame: FrameId) -> FrameId:
-        return new_ids.get(frame, frame)
-
     return replace(
         robot, links=tuple(merged[link.name] for link in robot.links if link.name in merged),
         joints=tuple(replace(joint, parent=hosts[joint.parent]) for joint in robot.joints
                      if lumped.get(joint.child) is not joint),
-        frames=tuple(replace(frame, attached_to=new_id(frame.attached_to))
-                     for frame in (*robot.frames, *frames)),
-        canonical_link=hosts.get(robot.canonical_link, '')).map_placements(
-            lambda placement: replace(placement, relative_to=new_id(placement.relative_to)))
+        frames=(*robot.frames, *frames), canonical_link=hosts.get(robot.canonical_link, '')
+    ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
 
 
 def _preserved_joints(robot: Robot) -> set[str]:

@@ -143,7 +143,10 @@ def _sdf_pose(element: TrackedElement) -> Pose | None:
 
 
 def _joint(element: TrackedElement, context: _ReadContext) -> Joint:
-    name, joint_type = required_name(element), _type(element)
+    name, joint_type = required_name(element), element.get('type')
+    if joint_type not in URDF_TYPES:
+        problem = 'has no type=' if joint_type is None else f'type={joint_type!r} is not supported'
+        raise DescriptionError(f'{problem}; give one of {", ".join(URDF_TYPES)}', element)
     is_loop = element.tag != 'joint'
     parent, child = context.tree.ends(element)
     placement = Placement(origin_of(element), context.link_frame(parent))
@@ -169,14 +172,6 @@ def _sdf_axes(element: TrackedElement, sdf_type: str, extension: Extension
     return axes, Extension(extension.urdf, sdf.unread())
 
 
-def _type(element: TrackedElement) -> str:
-    joint_type = element.get('type')
-    if joint_type not in URDF_TYPES:
-        problem = 'has no type=' if joint_type is None else f'type={joint_type!r} is not supported'
-        raise DescriptionError(f'{problem}; give one of {", ".join(URDF_TYPES)}', element)
-    return joint_type
-
-
 def _axes(element: TrackedElement, joint_type: str, context: _ReadContext) -> tuple[Axis, ...]:
     if joint_type in WITHOUT_AXIS:
         return ()
@@ -188,8 +183,11 @@ def _axes(element: TrackedElement, joint_type: str, context: _ReadContext) -> tu
             raise DescriptionError(
                 f'xyz={axis.get("xyz")!r} has no direction; give {joint_type} joint '
                 f'{required_name(element)!r} a non-zero axis', axis)
-    return (Axis(xyz, _limit(element, joint_type, context), _dynamics(element),
-                 _mimic(element, context)),)
+    limit, dynamics = _limit(element, joint_type, context), element.find('dynamics')
+    values = None if dynamics is None else Dynamics(*(
+        number(dynamics.get(name), dynamics, name) if name in dynamics else None
+        for name in ('damping', 'friction')))
+    return (Axis(xyz, limit, values, _mimic(element, context)),)
 
 
 def _limit(element: TrackedElement, joint_type: str, context: _ReadContext) -> Limit | None:
@@ -216,14 +214,6 @@ def _effort_or_velocity(limit: TrackedElement, name: str, *, is_required: bool) 
         raise DescriptionError(f'has no {name}=, which URDF requires', limit)
     value = limit_number(limit.get(name, 'inf'), limit, name)
     return abs(value) if math.isinf(value) else value
-
-
-def _dynamics(element: TrackedElement) -> Dynamics | None:
-    dynamics = element.find('dynamics')
-    if dynamics is None:
-        return None
-    return Dynamics(*(number(dynamics.get(name), dynamics, name) if name in dynamics else None
-                      for name in ('damping', 'friction')))
 
 
 def _mimic(element: TrackedElement, context: _ReadContext) -> Mimic | None:
