@@ -74,7 +74,12 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     root = etree.Element('sdf', version=str(output),
                          nsmap=namespaces(robot.extension_elements(), 'urdf'))
     model = etree.SubElement(root, 'model', name=robot.name)
-    _set_canonical_link(model, robot, context)
+    first = next(link.name for link in robot.links if not link.is_world)
+    if robot.canonical_link and output >= FRAMES:
+        model.set('canonical_link', robot.canonical_link)
+    elif robot.canonical_link not in ('', first):
+        report.warn('model', robot.name, 0, f'canonical_link is not supported by SDF {output}; '
+                    f'the canonical link becomes {first!r}')
     for link in robot.links:
         if not link.is_world:
             _write_link(model, link, context)
@@ -107,15 +112,6 @@ def _check_links(robot: Robot, context: _WriteContext) -> None:
         raise DescriptionError(f"joint {joint.name!r} has the child 'world', which is not "
                                'supported by SDF; make the world its parent',
                                source=robot.source, line=joint.line, tag='joint')
-
-
-def _set_canonical_link(model: Element, robot: Robot, context: _WriteContext) -> None:
-    first = next(link.name for link in robot.links if not link.is_world)
-    if robot.canonical_link and context.version >= FRAMES:
-        model.set('canonical_link', robot.canonical_link)
-    elif robot.canonical_link not in ('', first):
-        context.report.warn('model', robot.name, 0, 'canonical_link is not supported by SDF '
-                            f'{context.version}; the canonical link becomes {first!r}')
 
 
 def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:

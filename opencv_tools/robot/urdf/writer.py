@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
-from opencv_tools.robot.geometry import Geometry
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -246,7 +245,11 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
     _origin_element(element, context.kinematics.within(
         context.kinematics.urdf_frame(link.name), shape.placement))
     if shape.geometry:
-        _geometry_element(element, shape.geometry)
+        geometry = etree.SubElement(etree.SubElement(element, 'geometry'),
+                                    type(shape.geometry).__name__.lower())
+        for field, value in vars(shape.geometry).items():
+            if value is not None:
+                geometry.set('filename' if field == 'uri' else field, value_text(value))
     else:
         report.warn(tag, name, shape.line, f'{_missing_geometry(shape)}; preserved as '
                     f'<sdf:{tag}> for the conversion back')
@@ -265,11 +268,3 @@ def _missing_geometry(shape: Shape) -> str:
     if geometry is None or not len(geometry):
         return 'has no geometry, which URDF requires'
     return f'<{local_name(geometry[0])}> is not supported by URDF'
-
-
-def _geometry_element(parent: Element, geometry: Geometry) -> None:
-    element = etree.SubElement(etree.SubElement(parent, 'geometry'),
-                               type(geometry).__name__.lower())
-    for name, value in vars(geometry).items():
-        if value is not None:
-            element.set('filename' if name == 'uri' else name, value_text(value))
