@@ -184,13 +184,7 @@ class Grabber:
         return self._paused.is_set() or not self._demand.may_publish()
 
     def _open(self) -> Source | None:
-        """
-        Open the source, and retry while it is unavailable.
-
-        :returns: the source, or None after ``stop``.
-        :raises CaptureError: the source cannot be opened, or was unavailable for longer than the
-            reconnect time.
-        """
+        """Open the source, and retry while it is unavailable; return None after ``stop``."""
         while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
                 self._delay = _POLL_SECONDS
@@ -208,12 +202,7 @@ class Grabber:
         return None
 
     def _handle_unavailable(self, err: UnavailableError) -> None:
-        """
-        Report an outage to the listener, and set the delay of the next attempt.
-
-        :param err: the reason of the outage.
-        :raises CaptureError: the source was unavailable for longer than the reconnect time.
-        """
+        """Report an outage and set the delay of the next attempt, or raise a CaptureError."""
         away = self._clock.monotonic() - self._last_frame_at
         left = self.reconnect.reconnect_timeout - away
         if left <= 0:
@@ -234,11 +223,7 @@ class Grabber:
         self._last_frame_at = self._clock.monotonic()
 
     def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
-        """
-        Yield the newest frame whenever one is due, until the source has to be closed.
-
-        :raises UnavailableError: the source is disconnected or has stalled.
-        """
+        """Yield the newest frame whenever one is due, until the source has to be closed."""
         pacer = Pacer(self._clock)
         # A frame that is up to half a period early is nearer to the due time than the next frame.
         early = 0.5 / source.rate if source.rate else 0.0
@@ -263,12 +248,7 @@ class Grabber:
             quiet_since = self._clock.monotonic()
 
     def _read(self, source: LiveSource) -> Frame | None:
-        """
-        Read the frame, or skip it if there is no subscriber.
-
-        :returns: the frame, or None when it was skipped.
-        :raises BrokenFrameError: the frame is unreadable.
-        """
+        """Read the frame, or skip it and return None if there is no subscriber."""
         if self._demand.has_subscribers():
             return source.read()
         source.skip()

@@ -171,11 +171,7 @@ class Player:
             return
 
     def _readable_frames(self) -> Iterator[Frame]:
-        """
-        Yield the readable frames of one pass.
-
-        :raises CaptureError: the source ends before the first frame to play.
-        """
+        """Yield the readable frames of one pass."""
         playback = self._playback()
         for number in range(playback.first):
             if not self._source.skip():

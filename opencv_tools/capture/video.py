@@ -80,11 +80,7 @@ class VideoSource:
         self._capture.release()
 
     def _check_end(self) -> None:
-        """
-        Check, once, that the video did not end early.
-
-        :raises BrokenFrameError: the file has fewer frames than its index lists.
-        """
+        """Check, once, that the file has the number of frames that its index lists."""
         number, listed = self._number, self._listed
         self._listed = 0
         if number < listed:

@@ -206,7 +206,7 @@ def _padded(head: bytes) -> bytes:
 
 
 class _Reader:
-    """A reader of the fields of a message in order."""
+    """A reader of the fields of a message in order; its methods raise a CdrError at its end."""
 
     def __init__(self, serialized: Any) -> None:
         self._bytes = memoryview(serialized).cast('B')
@@ -219,48 +219,26 @@ class _Reader:
         self._position = _HEAD_SIZE
 
     def header(self) -> WireHeader:
-        """
-        Read a std_msgs/Header.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a std_msgs/Header."""
         sec, nanosec = self.numbers('iI')
         return WireHeader(sec, nanosec, self.string())
 
     def numbers(self, codes: str) -> tuple[int, ...]:
-        """
-        Read numbers of four bytes.
-
-        :param codes: format characters of ``struct``, such as ``'iI'``.
-        :raises CdrError: the message is too short.
-        """
+        """Read numbers of four bytes by format characters of ``struct``, such as ``'iI'``."""
         self._position += -self._position % 4
         return struct.unpack(self._order + codes, self._take(4 * len(codes)))
 
     def byte(self) -> int:
-        """
-        Read a number of one byte.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a number of one byte."""
         return self._take(1)[0]
 
     def string(self) -> str:
-        """
-        Read a string, replacing bytes that are not valid UTF-8.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a string, replacing bytes that are not valid UTF-8."""
         text = bytes(self.data())
         return text.removesuffix(b'\0').decode(errors='replace')
 
     def data(self) -> memoryview:
-        """
-        Read a sequence of bytes.
-
-        :returns: a view of the bytes.
-        :raises CdrError: the message is too short.
-        """
+        """Return a view of a sequence of bytes."""
         return self._take(self.numbers('I')[0])
 
     def _take(self, size: int) -> memoryview:

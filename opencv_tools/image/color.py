@@ -86,11 +86,7 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
 
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:
-    """
-    Check that a conversion is supported.
-
-    :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
-    """
+    """Check that a conversion is supported; the texts of the errors are those of cv_bridge."""
     if not source.is_generic and target.kind == 'color':
         return
     if not source.is_generic and not target.is_generic:

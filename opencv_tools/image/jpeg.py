@@ -100,11 +100,7 @@ def jpeg_components(jpeg: bytes) -> int:
 
 
 def _find_frame(jpeg: bytes) -> _Frame:
-    """
-    Read the frame header of a JPEG, and nothing after it.
-
-    :raises JpegError: the JPEG has no valid frame header.
-    """
+    """Read the frame header of a JPEG, and nothing after it."""
     try:
         for segment in _segments(jpeg):
             if segment.marker in _SOF:
@@ -237,11 +233,7 @@ def _read_frame(marker: int, content: bytes) -> _Frame:
 
 
 def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
-    """
-    Read a DHT segment: the fewest bits of a symbol and of the number after it, for each table.
-
-    :raises struct.error: a table is truncated.
-    """
+    """Read the fewest bits of a symbol and of the number after it, for each table of a DHT."""
     position = 0
     while position < len(content):
         table, *counts = struct.unpack_from('17B', content, position)
@@ -256,13 +248,7 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
 
 
 def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
-    """
-    Check the length of a scan, and add the scan to the state.
-
-    :raises JpegError: the scan has fewer bits than its blocks need.
-    :raises struct.error: the scan header is damaged.
-    :raises KeyError: a component of the scan is not in the frame header.
-    """
+    """Check the length of a scan, and add the scan to the state."""
     count, = struct.unpack_from('B', content)
     selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
     first, _, approximation = struct.unpack_from('BBB', content, 1 + 2 * count)

@@ -242,11 +242,7 @@ class Folder:
 
 
 def _move(source: Path, target: Path) -> None:
-    """
-    Rename a file without replacing another one.
-
-    :raises FileExistsError: the target exists.
-    """
+    """Rename a file; raise a FileExistsError if the target exists."""
     try:
         os.link(source, target)
     except OSError as err:

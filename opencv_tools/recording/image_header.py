@@ -65,12 +65,7 @@ def read_image_header(data: Any) -> ImageHeader:
 
 
 def _check_png(png: bytes) -> tuple[int, int]:
-    """
-    Check the chunks of a PNG.
-
-    :returns: width and height.
-    :raises CodecError: a chunk is damaged, or a required chunk is missing.
-    """
+    """Check the chunks of a PNG and return its width and height."""
     if not png.endswith(_PNG_ENDS):
         raise CodecError(f'{len(png)} bytes of a PNG picture whose end is missing')
     view = memoryview(png)

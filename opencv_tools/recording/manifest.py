@@ -196,11 +196,7 @@ class Manifest:
             return []
 
     def _open(self, flags: int) -> int:
-        """
-        Open the manifest.
-
-        :raises RefusedFileError: the manifest is too large, or not a regular file.
-        """
+        """Open the manifest, unless it is too large or not a regular file."""
         file = open_regular(self._path, flags, follow=False)
         if os.fstat(file).st_size > _MAX_BYTES:
             os.close(file)
@@ -247,11 +243,7 @@ def _count(value: Any) -> int:
 
 
 def _file_name(value: Any) -> str:
-    """
-    Check that a value is a file name without a folder.
-
-    :raises ValueError: it is not a file name.
-    """
+    """Check that a value is a file name without a folder, and return it."""
     if not isinstance(value, str) or value in ('', '.', '..') or {'/', '\0'} & set(value):
         raise ValueError(f'{value!r:.80} is not a file name')
     os.fsencode(value)

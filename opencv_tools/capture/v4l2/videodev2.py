@@ -205,13 +205,7 @@ _WRITE, _READ = 1, 2
 
 def _ioc(number: int, argument: type[ctypes.Structure] | type[ctypes._SimpleCData[int]],
          direction: int = _WRITE | _READ) -> int:
-    """
-    Return the number of an ioctl request, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does.
-
-    :param number: number of the request within V4L2.
-    :param argument: type of the argument.
-    :param direction: ``_WRITE``, ``_READ`` or both.
-    """
+    """Return the number of a request of V4L2, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does."""
     return direction << 30 | ctypes.sizeof(argument) << 16 | ord('V') << 8 | number
 
 

@@ -211,11 +211,7 @@ class PublishLoop:
         self._diagnostics.count()
 
     def _finish(self) -> None:
-        """
-        Wait until subscribers have received the published frames.
-
-        :raises CaptureError: no frame was published.
-        """
+        """Wait until subscribers have received the published frames, at least one."""
         if not self._progress.count:
             raise CaptureError(f'{self._source_name()}: no frame could be published')
         self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)

@@ -34,12 +34,7 @@ from opencv_tools.ros.publisher.stamps import STAMPS
 
 
 def _parse_reconnect(text: str) -> float:
-    """
-    Read the maximum time to wait for a disconnected camera, in seconds.
-
-    :param text: ``forever``, ``never`` or a number of seconds.
-    :raises ValueError: the text is none of these.
-    """
+    """Read the seconds to wait for a disconnected camera: forever, never or a number."""
     named = {'forever': math.inf, 'never': 0.0}
     try:
         seconds = named[text] if text in named else float(text)

@@ -114,11 +114,7 @@ class RecordingSession:
 
 
 def _absolute_path(text: str) -> Path:
-    """
-    Return the path of the output folder.
-
-    :raises RecordingError: the path is relative to a folder that was removed.
-    """
+    """Return the path of the output folder, unless it is relative to a removed folder."""
     try:
         return Path(text).expanduser().absolute()
     except FileNotFoundError as err:
@@ -131,11 +127,7 @@ def _open_recorder(
     folder: Path, settings: RecorderSettings, limits: Limits, log: Log,
     on_full: Callable[[], object],
 ) -> Recorder:
-    """
-    Open the output folder and start the threads that write.
-
-    :raises RecordingError: the output folder cannot be used.
-    """
+    """Open the output folder and start the threads that write."""
     names = FileNames(settings.file_name)
     encoder = EncoderSettings(
         names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
