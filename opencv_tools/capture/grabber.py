@@ -22,10 +22,9 @@ import math
 from threading import Event
 from typing import Protocol
 
-from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import Frame, LiveSource, Source
-from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
+from opencv_tools.capture.player import Clock, Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
 _POLL_SECONDS = 0.1
