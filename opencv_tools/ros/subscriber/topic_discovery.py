@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import re
 
 from opencv_tools.image.text import printable
-from opencv_tools.ros.fastdds.other_users import find_other_user
+from opencv_tools.ros.fastdds.shared_memory import find_other_user
 from opencv_tools.ros.qos import qos_mismatch
 from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
 from rclpy.node import Node
