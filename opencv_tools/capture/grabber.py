@@ -167,7 +167,8 @@ class Grabber:
             try:
                 if not source.live:
                     yield from Player(
-                        source, lambda: self.playback, self._stopped, self._is_suspended,
+                        source, lambda: self.playback, self._stopped,
+                        lambda: self.paused or not self._demand.may_publish(),
                         self._listener.broken, self._clock).frames()
                     return
                 yield from self._live_frames(source)
@@ -178,9 +179,6 @@ class Grabber:
                 self.source = None
                 source.close()
                 self._released.set()
-
-    def _is_suspended(self) -> bool:
-        return self._paused.is_set() or not self._demand.may_publish()
 
     def _open(self) -> Source | None:
         """Open the source, and retry while it is unavailable; return None after ``stop``."""
@@ -235,8 +233,12 @@ class Grabber:
                 continue
             self._mark_alive(source)
             if pacer.is_due(early) and self._demand.may_publish():
+                frame: Frame | None = None
                 try:
-                    frame = self._read(source)
+                    if self._demand.has_subscribers():
+                        frame = source.read()
+                    else:
+                        source.skip()
                 except BrokenFrameError as err:
                     self._listener.broken(err)
                 else:
@@ -245,13 +247,6 @@ class Grabber:
             else:
                 source.skip()
             quiet_since = self._clock.monotonic()
-
-    def _read(self, source: LiveSource) -> Frame | None:
-        """Read the frame, or skip it and return None if there is no subscriber."""
-        if self._demand.has_subscribers():
-            return source.read()
-        source.skip()
-        return None
 
     def _period(self, source: LiveSource) -> float:
         """Return the seconds between published frames; 0.0 to publish every frame."""
