@@ -99,7 +99,7 @@ class Selection:
         return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)
 
     def count(self) -> None:
-        """Count a recorded frame."""
+        """Count a recorded frame, unless it displaced another one."""
         self._counted += 1
 
     def is_late(self) -> bool:
@@ -108,10 +108,6 @@ class Selection:
         if self._began_at is None:
             self._began_at = now
         return 0 < self._limits.max_seconds <= now - self._began_at
-
-    def uncount(self) -> None:
-        """Undo the count of a frame that was dropped."""
-        self._counted -= 1
 
     def _is_due(self, time_ns: int) -> bool:
         """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
