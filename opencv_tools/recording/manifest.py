@@ -210,7 +210,8 @@ class Manifest:
         while True:
             file = self._open(os.O_RDWR | os.O_APPEND | os.O_CREAT)
             try:
-                _lock(file)
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(file, fcntl.LOCK_EX)
                 if is_same_file(file, self._path):
                     yield file
                     return
@@ -267,9 +268,3 @@ def _truncate_partial_line(file: int) -> int:
     if end < size:
         os.ftruncate(file, end)
     return end
-
-
-def _lock(file: int) -> None:
-    """Wait for an exclusive lock; do nothing on a file system without locks."""
-    with suppress(OSError):
-        fcntl.flock(file, fcntl.LOCK_EX)

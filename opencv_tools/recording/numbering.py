@@ -46,12 +46,14 @@ class Numbering:
         :param folder: folder of the files.
         :param on_exists: one of ``ON_EXISTS``.
         :raises RecordingError: matching files exist, and ``on_exists`` is ``error``.
+        :raises OSError: the folder cannot be read.
         """
         self.replaces = on_exists == 'overwrite'
         self._names = names
         self._only_free = on_exists == 'error'
         self._copy = ('', 0)
-        existing = [name for name in folder.names() if names.matches(name)]
+        existing = [path.name for path in folder.path.iterdir()
+                    if not path.name.startswith('.') and names.matches(path.name)]
         if existing and self._only_free:
             raise RecordingError(
                 f'output_dir {folder.path} already contains {printable(min(existing))}; '
