@@ -36,9 +36,6 @@ from opencv_tools.image.text import printable
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _HEAD_SIZE = len(_LITTLE_ENDIAN)
-_STAMP = struct.Struct('<iI')
-_SIZE = struct.Struct('<I')
-_SIZES = struct.Struct('<II')
 _MAX_TEXT = 40  # characters of a text in a description
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
 
@@ -123,16 +120,16 @@ def image_to_cdr(image: WireImage) -> bytes:
     :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
-    head = _header(image.header) + _pack(_SIZES, image.height, image.width)
+    head = _header(image.header) + _pack('II', image.height, image.width)
     head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
-    return b''.join((head, _pack(_SIZES, image.step, data.nbytes), data))
+    return b''.join((head, _pack('II', image.step, data.nbytes), data))
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     """Convert a compressed image message to CDR, as ``image_to_cdr`` does."""
     data = memoryview(image.data).cast('B')
     head = _padded(_header(image.header) + _string(image.format))
-    return b''.join((head, _pack(_SIZE, data.nbytes), data))
+    return b''.join((head, _pack('I', data.nbytes), data))
 
 
 def cdr_to_image(serialized: Any) -> WireImage:
@@ -179,20 +176,20 @@ def encode_text(text: str) -> bytes:
 
 def _header(header: WireHeader) -> bytes:
     """Return the CDR header and the serialised std_msgs/Header, padded to four bytes."""
-    stamp = _pack(_STAMP, header.sec, header.nanosec)
+    stamp = _pack('iI', header.sec, header.nanosec)
     return _padded(_LITTLE_ENDIAN + stamp + _string(header.frame_id))
 
 
-def _pack(layout: struct.Struct, *numbers: int) -> bytes:
+def _pack(codes: str, *numbers: int) -> bytes:
     try:
-        return layout.pack(*numbers)
+        return struct.pack(f'<{codes}', *numbers)
     except struct.error as err:
         raise CdrError(f'a number is out of the range of its field: {err}') from err
 
 
 def _string(text: str) -> bytes:
     encoded = encode_text(text)
-    return _pack(_SIZE, len(encoded) + 1) + encoded + b'\0'
+    return _pack('I', len(encoded) + 1) + encoded + b'\0'
 
 
 def _padded(head: bytes) -> bytes:
