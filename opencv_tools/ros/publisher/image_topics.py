@@ -121,7 +121,9 @@ class ImageTopics:
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
         if to_compressed:
-            self._compressed.publish(_compressed_cdr(output, wire_header))
+            data, format_text = output.jpeg
+            self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
+                header=wire_header, format=format_text, data=data.data)))
             self.backlog.add(self._compressed)
         if failure:
             raise failure
@@ -141,9 +143,3 @@ class ImageTopics:
 
 def _count(publisher: Publisher) -> Any:
     return publisher.get_subscription_count()
-
-
-def _compressed_cdr(output: OutputImage, header: WireHeader) -> bytes:
-    data, format_text = output.jpeg
-    return compressed_image_to_cdr(WireCompressedImage(
-        header=header, format=format_text, data=data.data))
