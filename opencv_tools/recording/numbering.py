@@ -49,7 +49,7 @@ class Numbering:
         :raises OSError: the folder cannot be read.
         """
         self.replaces = on_exists == 'overwrite'
-        self._names = names
+        self.names = names
         self._only_free = on_exists == 'error'
         self._copy = ('', 0)
         existing = [path.name for path in folder.path.iterdir()
@@ -60,10 +60,6 @@ class Numbering:
                 'set output_dir to another folder, or on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(existing), *numbers, 0)
-
-    def matches(self, name: str) -> bool:
-        """Return whether a name may belong to this recording."""
-        return self._names.matches(name)
 
     def claim(self, metadata: FrameMetadata, make: Callable[[int, str], T]) -> T:
         """
@@ -93,14 +89,14 @@ class Numbering:
 
     def _candidates(self, metadata: FrameMetadata) -> Iterator[tuple[int, str]]:
         """Yield numbers and names to try until one is free."""
-        name = self._names.name(self._seq, metadata)
+        name = self.names.name(self._seq, metadata)
         if self._only_free:
             yield self._seq, name
-        elif self._names.is_numbered:
+        elif self.names.is_numbered:
             while True:
                 yield self._seq, name
                 self._seq += 1
-                name = self._names.name(self._seq, metadata)
+                name = self.names.name(self._seq, metadata)
         else:
             first = self._copy[1] if self._copy[0] == name else 0
             for copy in itertools.count(first):
