@@ -151,15 +151,11 @@ def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     :param jpeg: content of the file.
     :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
-    following = (_last_restart(jpeg[:scan_end]) + 1) % 8
-    restart = bytes((0xff, 0xd0 + following))
+    # The number of the last restart marker, or 7 if there is none.
+    _, last = max((jpeg.rfind(bytes((0xff, 0xd0 + number)), 0, scan_end), number)
+                  for number in range(8))
+    restart = bytes((0xff, 0xd0 + (last + 1) % 8))
     return b''.join((jpeg[:scan_end], _EXTRA_DATA, restart, _EXTRA_DATA, jpeg[scan_end:]))
-
-
-def _last_restart(scan: bytes) -> int:
-    """Return the number of the last restart marker, 0 to 7; -1 if there is none."""
-    last = max((scan.rfind(bytes((0xff, 0xd0 + number))), number) for number in range(8))
-    return last[1] if last[0] >= 0 else -1
 
 
 def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
