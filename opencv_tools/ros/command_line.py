@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Parameters of the command line, and checks of arguments that ROS accepts but misapplies."""
 
 from __future__ import annotations

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A writable folder for the log of ROS; rcl does not start without one."""
 
 from __future__ import annotations

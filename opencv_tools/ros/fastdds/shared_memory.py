@@ -82,20 +82,15 @@ def _remove_if_dead(lock: Path) -> bool:
 
 def find_other_user() -> str:
     """Return the name of another user who runs a node in this ROS domain; '' if there is none."""
-    for path in sorted(SHARED_MEMORY.glob('fastrtps_port*_el')):
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    for path in sorted(SHARED_MEMORY.glob('fastrtps_port*_el') if domain.isdecimal() else ()):
         match = _PORT_LOCK.fullmatch(path.name)
-        if match and _is_of_domain(int(match[1])):
+        if match and (int(match[1]) - _FIRST_PORT) // _PORTS_OF_A_DOMAIN == int(domain):
             with suppress(OSError):
                 owner = _find_owner(path)
                 if owner not in (None, os.geteuid()):
                     return _user_name(owner)
     return ''
-
-
-def _is_of_domain(port: int) -> bool:
-    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    return domain.isdecimal() and (
-        (port - _FIRST_PORT) // _PORTS_OF_A_DOMAIN == int(domain))
 
 
 def _find_owner(path: Path) -> int | None:
