@@ -24,7 +24,7 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 
-from opencv_tools import basic_image_publisher, basic_image_subscriber
+from opencv_tools import basic_image_publisher, basic_image_subscriber, image_filter
 from opencv_tools.ros.parameters import Parameter
 
 PAGE = Path(__file__).with_name('parameters.md')
@@ -62,7 +62,8 @@ def parameters_page() -> str:
     return ''.join((
         _INTRODUCTION,
         _section('img_publisher', 'image_publisher', basic_image_publisher.PARAMETERS),
-        _section('img_subscriber', 'image_subscriber', basic_image_subscriber.PARAMETERS)))
+        _section('img_subscriber', 'image_subscriber', basic_image_subscriber.PARAMETERS),
+        _section('img_filter', 'image_filter', image_filter.PARAMETERS)))
 
 
 def _section(executable: str, node: str, table: Sequence[Parameter]) -> str:

@@ -49,6 +49,7 @@ PRINT_PEAK_MEMORY = ('import pathlib; print(pathlib.Path("/proc/self/status").re
                      '.partition("VmHWM:")[2].split()[0])')
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
+EXAMPLES = Path(__file__).parent.parent / 'examples'
 DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
 #: Folders of tests that run only within a command of their own, and the variable that it sets.
@@ -238,7 +239,7 @@ def other_domain() -> Iterator[int]:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
-    Return a function that starts executables of the package; all of them end with the test.
+    Return a function that starts executables or examples; all of them end with the test.
 
     Keywords are parameters. Positional arguments go to the command line unchanged. ``within`` is
     the prefix of the command; it must replace itself by ``exec``.
@@ -248,7 +249,9 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     def _start(name: str, *words: str, within: Sequence[str] = (),
                **parameters: object) -> NodeProcess:
         given = [f'{key}:={value}' for key, value in parameters.items()]
-        command = [*within, executable(name), *words, '--ros-args',
+        program = [sys.executable, str(EXAMPLES / name)] if name.endswith('.py') else [
+            executable(name)]
+        command = [*within, *program, *words, '--ros-args',
                    *itertools.chain.from_iterable(('-p', assignment) for assignment in given)]
         log = tmp_path / f'{name}_{len(processes)}.log'
         processes.append(NodeProcess(command, log, dict(os.environ)))

@@ -59,7 +59,8 @@ class Executable:
     :param name: name of the executable.
     :param node: name of the node.
     :param description: purpose of the executable, for ``--help``.
-    :param parameters: parameters of the node.
+    :param parameters: parameters of the node; None if they are not known, and other arguments may
+        be given as well.
     :param example: example of ROS arguments, for ``--help``.
     :param frame_bytes: estimates the bytes of a published frame from the command line; 0 for an
         executable that publishes none.
@@ -68,7 +69,7 @@ class Executable:
     name: str
     node: str
     description: str
-    parameters: Sequence[Parameter]
+    parameters: Sequence[Parameter] | None
     example: str
     frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
 
@@ -181,8 +182,11 @@ def _start(
     """Check the arguments, initialise rclpy and create the node; parameters as for ``run``."""
     logger = get_logger(executable.name)
     args = list(args)
-    mistakes = check_ros_arguments(args, executable.name, executable.node, executable.parameters)
-    _parse_arguments(remove_ros_args(args), executable)
+    mistakes: list[str] = []
+    if executable.parameters is not None:
+        mistakes = check_ros_arguments(
+            args, executable.name, executable.node, executable.parameters)
+        _parse_arguments(remove_ros_args(args), executable, executable.parameters)
     log_warning = replace_log_folder()
     if log_warning:
         logger.warning(log_warning)
@@ -198,24 +202,26 @@ def _start(
         return create_node(fastdds)
 
 
-def _parse_arguments(args: list[str], executable: Executable) -> None:
+def _parse_arguments(
+    args: list[str], executable: Executable, parameters: Sequence[Parameter],
+) -> None:
     """Handle ``--help``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
         prog=executable.name, description=executable.description,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{executable.name} [--ros-args -p NAME:=VALUE ...]',
         epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
-               f'parameters [default]:\n{describe_parameters(executable.parameters)}\n\n'
+               f'parameters [default]:\n{describe_parameters(parameters)}\n\n'
                f'{ENVIRONMENT_HELP}')
     _, unknown = parser.parse_known_args(args[1:])
     if unknown:
         parser.error(
-            f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, executable)}')
+            f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, parameters)}')
 
 
-def _remedy(words: Sequence[str], executable: Executable) -> str:
+def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
     """Return how to write a parameter that was given as an option such as ``--source 0``."""
-    names = {parameter.name for parameter in executable.parameters}
+    names = {parameter.name for parameter in parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
         name = option.lstrip('-').removesuffix(':').replace('-', '_')

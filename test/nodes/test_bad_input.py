@@ -141,7 +141,8 @@ Run = Callable[..., tuple[int, str]]
 def run(files: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
     """Run an executable in this process: its exit status, and what is on the console."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in (
+        signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', 'default')  # this process's malloc is not theirs
 

@@ -38,6 +38,10 @@ ALLOWED = {
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
                              'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'cv2'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.frames': {
+        'opencv_tools.frames', 'opencv_tools.cv_bridge', 'opencv_tools.image',
+        'opencv_tools.logs', 'opencv_tools.ros', 'builtin_interfaces', 'rclpy', 'sensor_msgs',
+        'std_msgs'},
     'opencv_tools.logs': set(),
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
                                'opencv_tools.image_codecs', 'opencv_tools.logs',
@@ -60,12 +64,13 @@ ALLOWED = {
 }
 #: What the modules of a package must not import, although ALLOWED names a package around it.
 FORBIDDEN = {
+    'opencv_tools.frames': ('opencv_tools.ros.publisher',),
     'opencv_tools.ros': ('opencv_tools.ros.publisher', 'opencv_tools.ros.subscriber'),
     'opencv_tools.ros.publisher': ('opencv_tools.ros.subscriber', 'opencv_tools.recording'),
     'opencv_tools.ros.subscriber': ('opencv_tools.ros.publisher', 'opencv_tools.capture'),
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
-         'opencv_tools.basic_image_subscriber')
+         'opencv_tools.basic_image_subscriber', 'opencv_tools.image_filter')
 
 
 def imported(module: str) -> set[str]:

@@ -1,0 +1,139 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A received image as arrays."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.layout import array_to_wire
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+
+_NANO = 10**9
+_BRIDGE = CvBridge()
+
+
+class Frame:
+    """
+    A received image. All arrays are read-only; draw on ``frame.image.copy()``.
+
+    An array without a conversion is a view of the message, which stays in memory as long as any
+    view of it.
+    """
+
+    def __init__(
+        self, message: WireMessage, target: str = '', receive_ns: int = 0,
+        camera_info: CameraInfo | None = None,
+    ) -> None:
+        """
+        Decode and convert a message.
+
+        :param message: raw or compressed image as plain values.
+        :param target: encoding of ``image``; '' for that of the message.
+        :param receive_ns: time of reception in nanoseconds of the system clock.
+        :param camera_info: calibration with the same stamp.
+        :raises CvBridgeError: the message is not a valid image, or cannot be converted.
+        :raises SizeError: a compressed image has too many pixels.
+        """
+        self._message = message
+        #: Time of reception in nanoseconds of the system clock.
+        self.receive_ns = receive_ns
+        #: Calibration with the same stamp, if it was requested; otherwise None.
+        self.camera_info = camera_info
+        if isinstance(message, WireCompressedImage):
+            check_size(*image_size(bytes(message.data)), MAX_PIXELS)
+            self._raw = _BRIDGE.compressed_imgmsg_to_cv2(message)
+            self._encoding = decoded_encoding(self._raw, message.format).name
+        else:
+            self._raw = _BRIDGE.imgmsg_to_cv2(message)
+            self._encoding = message.encoding
+        self._raw.flags.writeable = False
+        #: The image in the requested encoding: (h, w) for one channel, (h, w, c) otherwise.
+        self.image = self.to(target) if target else self._raw
+        self._target = target or self._encoding
+
+    @property
+    def raw(self) -> NDArray[Any]:
+        """The image in the encoding of the message: (h, w) or (h, w, c)."""
+        return self._raw
+
+    @property
+    def raw_encoding(self) -> str:
+        """Encoding of ``raw``."""
+        return self._encoding
+
+    @property
+    def encoding(self) -> str:
+        """Encoding of ``image``."""
+        return self._target
+
+    @cached_property
+    def gray(self) -> NDArray[Any]:
+        """
+        The image as ``mono8``, (h, w) uint8, computed once.
+
+        :raises CvBridgeError: the image cannot be converted.
+        """
+        return self.to('mono8')
+
+    def to(self, encoding: str) -> NDArray[Any]:
+        """
+        Convert the image.
+
+        :param encoding: name of an encoding.
+        :returns: (h, w) or (h, w, c) array, a view if the encoding is that of the message.
+        :raises CvBridgeError: the conversion is not supported.
+        """
+        if encoding == self._encoding:
+            return self._raw
+        # A view of the decoded image is converted like a message.
+        wire = array_to_wire(self._raw, declared_encoding(self._raw, self._encoding))
+        converted = _BRIDGE.imgmsg_to_cv2(wire, encoding)
+        converted.flags.writeable = False
+        return converted
+
+    @property
+    def stamp(self) -> Time:
+        """Stamp of the image."""
+        return Time(sec=self._message.header.sec, nanosec=self._message.header.nanosec)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the image in nanoseconds."""
+        return self._message.header.sec * _NANO + self._message.header.nanosec
+
+    @property
+    def frame_id(self) -> str:
+        """Coordinate frame of the camera."""
+        return self._message.header.frame_id
+
+    @property
+    def header(self) -> Header:
+        """Stamp and coordinate frame as a message."""
+        return Header(stamp=self.stamp, frame_id=self.frame_id)
+
+    @property
+    def description(self) -> str:
+        """Size and encoding as text, such as ``640x480 bgr8``."""
+        return self._message.description

@@ -1,0 +1,127 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Publisher of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.frames.frame import Frame
+from opencv_tools.image.cdr import WireHeader
+from opencv_tools.image.encodings import declared_encoding, Encoding, generic_encoding
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.ros.qos import create_frame_publisher
+from opencv_tools.ros.zero_copy import publish_image
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+_ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
+# Encodings that JPEG stores; all others become PNG.
+_FOR_JPEG = ('mono8', 'bgr8', 'rgb8')
+
+
+class FramePublisher:
+    """
+    Publish arrays as raw and compressed images, and compute nothing without subscribers.
+
+    The topics have the names of image_transport. The profile is reliable with depth 10; the
+    ``qos_overrides`` parameters of the node change it.
+    """
+
+    def __init__(self, node: Node, topic: str, *, quality: int = 80) -> None:
+        """
+        Create the publishers.
+
+        :param node: node of the publishers.
+        :param topic: name of the topic of the raw images; JPEG images are on
+            ``<topic>/compressed``.
+        :param quality: quality of JPEG, 1 to 100.
+        :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
+        """
+        self._node = node
+        self._quality = quality
+        self._bridge = CvBridge()
+        self._images = create_frame_publisher(node, Image, topic)
+        self._compressed = create_frame_publisher(
+            node, CompressedImage, f'{node.resolve_topic_name(topic)}/compressed')
+
+    @property
+    def topic_name(self) -> str:
+        """Name of the topic of the raw images after remapping."""
+        return str(self._images.topic_name)
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a raw or compressed image would be received."""
+        return bool(self._images.get_subscription_count()
+                    or self._compressed.get_subscription_count())
+
+    def publish(
+        self, image: NDArray[np.generic], source: Frame | Header | None = None, *,
+        encoding: str = '',
+    ) -> None:
+        """
+        Publish an array on the topics that have subscribers.
+
+        :param image: (h, w) or (h, w, c) array of any strides; it must not change during the
+            call.
+        :param source: frame or header whose stamp and coordinate frame the message gets; None for
+            the time of the node and no coordinate frame.
+        :param encoding: encoding of the array; '' for ``mono8``, ``bgr8`` or ``bgra8`` if it has
+            8 bits, otherwise its generic type, such as ``16UC1``.
+        :raises EncodingError: the encoding is unknown or does not fit the array.
+        :raises TypeError: ``image`` is not an array.
+        """
+        header = source.header if isinstance(source, Frame) else source
+        if header is None:
+            header = Header(stamp=self._node.get_clock().now().to_msg())
+        declared = _encoding_of(image, encoding)
+        wire = array_to_wire(image, declared, WireHeader(
+            header.stamp.sec, header.stamp.nanosec, header.frame_id))
+        if self._images.get_subscription_count():
+            publish_image(self._images.handle, wire)
+        if self._compressed.get_subscription_count():
+            self._publish_compressed(image, wire.encoding, header)
+
+    def _publish_compressed(
+        self, image: NDArray[np.generic], encoding: str, header: Header,
+    ) -> None:
+        codec = 'jpeg' if encoding in _FOR_JPEG else 'png'
+        stored = 'bgr8' if encoding == 'rgb8' else encoding
+        self._compressed.publish(self._bridge.cv2_to_compressed_imgmsg(
+            image, f'{encoding}; {codec} compressed {stored}', header=header,
+            quality=self._quality if codec == 'jpeg' else None))
+
+    def destroy(self) -> None:
+        """Remove the publishers."""
+        self._node.destroy_publisher(self._images)
+        self._node.destroy_publisher(self._compressed)
+
+
+def _encoding_of(image: NDArray[np.generic], name: str) -> Encoding:
+    """
+    Return the encoding with a name, or the usual encoding of an array without a name.
+
+    :raises EncodingError: the encoding does not fit the array.
+    :raises TypeError: ``image`` is not an array.
+    """
+    if not isinstance(image, np.ndarray):
+        raise TypeError(f'an array is needed, not {type(image).__name__}')
+    if not name:
+        channels = image.shape[2] if image.ndim == 3 else 1
+        name = _ENCODINGS.get((image.dtype.name, channels), '')
+    return declared_encoding(image, name) if name else generic_encoding(image)

@@ -1,0 +1,217 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node ``image_filter``: applies a function to the images of a topic and publishes the results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.node import FRAME_SIZE, FrameNode
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import EncodingError
+from opencv_tools.logs import Throttle
+from opencv_tools.ros.parameters import (
+    declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
+    unknown_parameters)
+from opencv_tools.ros.progress import Progress
+from opencv_tools.ros.run_node import EXIT_FAILURE, EXIT_OK, Executable, keep_exit_status, run
+import yaml
+
+
+def _check_encoding(text: str) -> None:
+    if text:
+        try:
+            find_encoding(text)
+        except EncodingError as err:
+            raise ValueError(str(err)) from err
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterSettings:
+    """Values of the parameters of ``img_filter``."""
+
+    function: str = parameter(
+        '', 'Function to apply to each image, as module:function, for example cv2:Canny',
+        ends=True)
+    arguments: str = parameter(
+        '', 'Arguments of the function after the image, for example: 50, 150, apertureSize=5')
+    encoding: str = parameter(
+        'bgr8', 'Encoding of the array that the function gets; empty for that of the messages',
+        check=_check_encoding)
+    every: bool = parameter(
+        False, 'Whether to filter every frame; false to skip frames while the function runs')
+    transport: str = parameter(
+        'auto', 'Type of the received images; auto prefers raw images',
+        choices=('auto', 'raw', 'compressed'))
+
+
+#: Parameters of ``img_filter``.
+PARAMETERS = parameter_table(FilterSettings)
+
+
+class ImageFilter(FrameNode):
+    """Receive ``video_frames``, apply a function, and publish ``filtered_frames``."""
+
+    def __init__(self) -> None:
+        """
+        Load the function and subscribe.
+
+        :raises ParameterError: the value of a parameter is invalid.
+        """
+        super().__init__('image_filter', automatically_declare_parameters_from_overrides=True)
+        settings = FilterSettings(**declare_parameters(self, PARAMETERS))
+        self._function = load_function(settings.function)
+        self._arguments, self._keywords = parse_arguments(settings.arguments)
+        self._failed = 0
+        self._throttle = Throttle()
+        self._progress = Progress(self.get_logger().info, 'Filtering video frame')
+        self._publisher = self.publish_frames('filtered_frames')
+        self._subscriber = self.receive_frames(
+            'video_frames', self.listener_callback, encoding=settings.encoding,
+            every=settings.every, transport=settings.transport)
+        for name in unknown_parameters(self, PARAMETERS):
+            self.get_logger().warning(describe_unknown(name, PARAMETERS))
+        self.get_logger().info(
+            f'Waiting for {self._subscriber.topic_name}, publishing to '
+            f'{self._publisher.topic_name}')
+
+    def listener_callback(self, frame: Frame) -> None:
+        """Filter a frame and publish the result, if it has subscribers."""
+        if not self._publisher.has_subscribers:
+            self._progress.tick('no subscribers', self._dropped())
+            return
+        try:
+            result = self._function(frame.image, *self._arguments, **self._keywords)
+            image = _image_of(result)
+            if image is not None:
+                self._publisher.publish(image, frame)
+        except Exception as err:  # noqa: B902 (the function may raise anything)
+            self._failed += 1
+            if self._throttle.passes():
+                self.get_logger().error(
+                    f'frame not filtered: {type(err).__name__}: {" ".join(str(err).split())}')
+        self._progress.tick(frame.description, self._dropped())
+
+    def close(self) -> int:
+        """
+        Unsubscribe and log a summary.
+
+        :returns: the exit status.
+        """
+        skipped = self._subscriber.skipped
+        failed = self._failed + self._subscriber.failed
+        super().close()
+        self.get_logger().info(
+            f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
+            f'{failed} failed, {skipped} skipped')
+        return EXIT_FAILURE if failed else EXIT_OK
+
+    def _dropped(self) -> int:
+        return self._subscriber.skipped + self._failed
+
+
+def load_function(name: str) -> Callable[..., Any]:
+    """
+    Import a function.
+
+    :param name: ``module:function``, or ``module.function``; modules of the working folder are
+        found as well.
+    :raises ParameterError: there is no such function.
+    """
+    module_name, _, attribute = name.rpartition(':' if ':' in name else '.')
+    problem = 'give module:function, for example cv2:Canny'
+    if module_name and attribute:
+        here = str(Path.cwd())
+        if here not in sys.path:
+            sys.path.append(here)
+        try:
+            found: Any = import_module(module_name)
+            for part in attribute.split('.'):
+                found = getattr(found, part)
+        except Exception as err:  # noqa: B902 (a module of the user may raise anything)
+            problem = f'{type(err).__name__}: {err}'
+        else:
+            if callable(found):
+                function: Callable[..., Any] = found
+                return function
+            problem = 'it is not a function'
+    raise ParameterError(f'parameter function is {name!r}: {problem}')
+
+
+def parse_arguments(text: str) -> tuple[list[Any], dict[str, Any]]:
+    """
+    Read arguments of a function.
+
+    :param text: values separated by commas, in YAML, with or without a name:
+        ``50, 150, apertureSize=5``. Lists stand in brackets.
+    :returns: positional arguments and keyword arguments.
+    :raises ParameterError: the text is invalid.
+    """
+    positional: list[Any] = []
+    keywords: dict[str, Any] = {}
+    try:
+        for item in yaml.safe_load(f'[{text}]'):
+            name, equals, value = item.partition('=') if isinstance(item, str) else ('', '', '')
+            if equals and name.strip().isidentifier():
+                keywords[name.strip()] = yaml.safe_load(value)
+            else:
+                positional.append(tuple(item) if isinstance(item, list) else item)
+    except yaml.YAMLError as err:
+        raise ParameterError(f'parameter arguments is {text!r}: give values separated by commas, '
+                             'for example 50, 150') from err
+    return positional, keywords
+
+
+def _image_of(result: Any) -> NDArray[Any] | None:
+    """
+    Return the image in the result of a function; functions of OpenCV return it last.
+
+    :raises CvBridgeError: there is no array.
+    """
+    image = result[-1] if isinstance(result, tuple) and result else result
+    if image is None or isinstance(image, np.ndarray):
+        return image
+    raise CvBridgeError(f'the function returned {type(image).__name__}, not an array')
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """
+    Run the node.
+
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if a frame failed, 2 for invalid parameters or arguments.
+    """
+    width, height = FRAME_SIZE
+    executable = Executable(
+        name='img_filter', node='image_filter', parameters=PARAMETERS,
+        description='Apply a function to the images on video_frames; publish filtered_frames.',
+        example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8",
+        frame_bytes=lambda _: width * height * 3)
+    status = run(executable, lambda _: ImageFilter(), args, failures=())
+    keep_exit_status()
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())
