@@ -120,11 +120,13 @@ class TopicDiscovery:
     def _describe_images(self) -> str:
         """Describe the topics that have images, and how to subscribe to one."""
         topics = {}
+        own = self._node.get_name(), self._node.get_namespace()  # a filter publishes as well
         for name, types in sorted(self._node.get_topic_names_and_types()):
             # Topics that are not of ROS have other names. Subscriptions have types as well.
             if _NAME.fullmatch(name) and not MESSAGE_TYPES.keys().isdisjoint(types):
                 published = {
-                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
+                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)
+                    if (info.node_name, info.node_namespace) != own}
                 if published & MESSAGE_TYPES.keys():
                     topics[name] = published
         domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
