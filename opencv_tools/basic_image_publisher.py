@@ -25,10 +25,10 @@ from opencv_tools.ros.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.camera_info import create_camera_info_service, open_calibration
-from opencv_tools.ros.publisher.frame_size import expected_frame_bytes
 from opencv_tools.ros.publisher.image_topics import ImageTopics
 from opencv_tools.ros.publisher.loop import PublishLoop
-from opencv_tools.ros.publisher.parameters import PARAMETERS, PublisherSettings
+from opencv_tools.ros.publisher.parameters import (
+    expected_frame_bytes, PARAMETERS, PublisherSettings)
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from rclpy.node import Node
 from rclpy.task import Future

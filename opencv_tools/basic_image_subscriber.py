@@ -115,11 +115,7 @@ class ImageSubscriber(Node):
         return self.done.result() if self.done.done() else EXIT_OK
 
     def _record_remaining(self) -> int:
-        """
-        Record received frames until the end of the reception, unless the node is done.
-
-        :returns: number of received frames that were not processed.
-        """
+        """Record received frames, unless the node is done; return the number not processed."""
         if self.done.done():
             self.subscription.destroy()
             return 0

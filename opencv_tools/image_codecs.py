@@ -60,8 +60,7 @@ CODEC_TYPES = {
 }
 
 # The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
-_TIFF_OPTIONS: tuple[int, ...] = (cv2.IMWRITE_TIFF_COMPRESSION, 5)
-_OPTIONS = {'.tif': _TIFF_OPTIONS, '.tiff': _TIFF_OPTIONS}
+_OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))
 # OpenCV 4 is fastest without a compression level. OpenCV 5 also has filters; with UP it is faster
 # and writes smaller files.
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY,

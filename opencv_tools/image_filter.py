@@ -35,7 +35,7 @@ from opencv_tools.ros.parameters import (
     declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
     unknown_parameters)
 from opencv_tools.ros.progress import Progress
-from opencv_tools.ros.run_node import EXIT_FAILURE, EXIT_OK, Executable, keep_exit_status, run
+from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 import yaml
 
 

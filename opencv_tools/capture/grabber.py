@@ -22,10 +22,9 @@ import math
 from threading import Event
 from typing import Protocol
 
-from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import Frame, LiveSource, Source
-from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
+from opencv_tools.capture.player import Clock, Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
 _POLL_SECONDS = 0.1
@@ -168,7 +167,8 @@ class Grabber:
             try:
                 if not source.live:
                     yield from Player(
-                        source, lambda: self.playback, self._stopped, self._is_suspended,
+                        source, lambda: self.playback, self._stopped,
+                        lambda: self.paused or not self._demand.may_publish(),
                         self._listener.broken, self._clock).frames()
                     return
                 yield from self._live_frames(source)
@@ -180,17 +180,8 @@ class Grabber:
                 source.close()
                 self._released.set()
 
-    def _is_suspended(self) -> bool:
-        return self._paused.is_set() or not self._demand.may_publish()
-
     def _open(self) -> Source | None:
-        """
-        Open the source, and retry while it is unavailable.
-
-        :returns: the source, or None after ``stop``.
-        :raises CaptureError: the source cannot be opened, or was unavailable for longer than the
-            reconnect time.
-        """
+        """Open the source, and retry while it is unavailable; return None after ``stop``."""
         while not self._clock.wait(self._stopped, self._delay):
             if self._paused.is_set():
                 self._delay = _POLL_SECONDS
@@ -208,12 +199,7 @@ class Grabber:
         return None
 
     def _handle_unavailable(self, err: UnavailableError) -> None:
-        """
-        Report an outage to the listener, and set the delay of the next attempt.
-
-        :param err: the reason of the outage.
-        :raises CaptureError: the source was unavailable for longer than the reconnect time.
-        """
+        """Report an outage and set the delay of the next attempt, or raise a CaptureError."""
         away = self._clock.monotonic() - self._last_frame_at
         left = self.reconnect.reconnect_timeout - away
         if left <= 0:
@@ -234,11 +220,7 @@ class Grabber:
         self._last_frame_at = self._clock.monotonic()
 
     def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
-        """
-        Yield the newest frame whenever one is due, until the source has to be closed.
-
-        :raises UnavailableError: the source is disconnected or has stalled.
-        """
+        """Yield the newest frame whenever one is due, until the source has to be closed."""
         pacer = Pacer(self._clock)
         # A frame that is up to half a period early is nearer to the due time than the next frame.
         early = 0.5 / source.rate if source.rate else 0.0
@@ -251,8 +233,12 @@ class Grabber:
                 continue
             self._mark_alive(source)
             if pacer.is_due(early) and self._demand.may_publish():
+                frame: Frame | None = None
                 try:
-                    frame = self._read(source)
+                    if self._demand.has_subscribers():
+                        frame = source.read()
+                    else:
+                        source.skip()
                 except BrokenFrameError as err:
                     self._listener.broken(err)
                 else:
@@ -261,18 +247,6 @@ class Grabber:
             else:
                 source.skip()
             quiet_since = self._clock.monotonic()
-
-    def _read(self, source: LiveSource) -> Frame | None:
-        """
-        Read the frame, or skip it if there is no subscriber.
-
-        :returns: the frame, or None when it was skipped.
-        :raises BrokenFrameError: the frame is unreadable.
-        """
-        if self._demand.has_subscribers():
-            return source.read()
-        source.skip()
-        return None
 
     def _period(self, source: LiveSource) -> float:
         """Return the seconds between published frames; 0.0 to publish every frame."""

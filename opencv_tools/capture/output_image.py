@@ -50,11 +50,6 @@ class OutputSettings:
     rotate: int = 0
     jpeg_quality: int = 95
 
-    @property
-    def is_transformed(self) -> bool:
-        """Whether frames are flipped or rotated."""
-        return self.flip != 'none' or self.rotate != 0
-
 
 class OutputImage:
     """
@@ -113,9 +108,10 @@ class OutputImage:
 
     def _can_pass_jpeg_through(self) -> bool:
         """Return whether the camera's own JPEG can be published unchanged."""
-        return (self._frame.encoding == JPEG and not self.settings.is_transformed
-                and (self.settings.encoding in _AS_JPEG
-                     or (self.settings.encoding == 'mono8' and self._is_gray_jpeg)))
+        settings = self.settings
+        return (self._frame.encoding == JPEG and settings.flip == 'none' and not settings.rotate
+                and (settings.encoding in _AS_JPEG
+                     or (settings.encoding == 'mono8' and self._is_gray_jpeg)))
 
     @cached_property
     def _is_gray_jpeg(self) -> bool:

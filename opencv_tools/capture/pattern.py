@@ -118,9 +118,11 @@ def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
 
 
 def _draw_over(background: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
-    """Return a copy of the background with the line and the number of a frame."""
+    """Return a copy of the background with a white vertical line and the number of a frame."""
     image = np.array(background)
-    _draw_line(image, number)
+    width = image.shape[1]
+    left = number % 64 * width // 64  # crosses the image from left to right in 64 frames
+    image[:, left:left + max(1, width // 64)] = 255
     _draw_number(image, number)
     return image
 
@@ -132,14 +134,6 @@ def _draw_background(width: int, height: int) -> NDArray[np.uint8]:
     image[:] = np.array(_BARS, np.uint8)[columns * len(_BARS) // width]
     image[height * 5 // 6:] = (columns * 255 // max(1, width - 1)).astype(np.uint8)[:, None]
     return image
-
-
-def _draw_line(image: NDArray[np.uint8], number: int) -> None:
-    """Draw a white vertical line that crosses the image from left to right in 64 frames."""
-    width = image.shape[1]
-    thickness = max(1, width // 64)
-    left = number % 64 * width // 64
-    image[:, left:left + thickness] = 255
 
 
 def _draw_number(image: NDArray[np.uint8], number: int) -> None:

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Playback of files: every frame in order, each at its due time."""
+"""Playback of files: every frame in order, each at its due time by a clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from threading import Event
+import time
 
-from opencv_tools.capture.clock import Clock, SYSTEM_CLOCK
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import FileSource, Frame
 
@@ -28,6 +28,28 @@ ON_END = ('stop', 'loop', 'hold')
 IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
 
 _PAUSE_POLL_SECONDS = 0.02
+
+
+class Clock:
+    """The monotonic clock of the machine, and waits that time out by this clock."""
+
+    def monotonic(self) -> float:
+        """Return the seconds of CLOCK_MONOTONIC."""
+        return time.monotonic()
+
+    def wait(self, event: Event, seconds: float) -> bool:
+        """
+        Wait until an event is set or the timeout has passed.
+
+        :param event: event that ends the wait.
+        :param seconds: timeout in seconds.
+        :returns: whether the event is set.
+        """
+        return event.wait(seconds)
+
+
+#: The default clock of all classes of this package.
+SYSTEM_CLOCK = Clock()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,11 +193,7 @@ class Player:
             return
 
     def _readable_frames(self) -> Iterator[Frame]:
-        """
-        Yield the readable frames of one pass.
-
-        :raises CaptureError: the source ends before the first frame to play.
-        """
+        """Yield the readable frames of one pass."""
         playback = self._playback()
         for number in range(playback.first):
             if not self._source.skip():

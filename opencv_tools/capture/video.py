@@ -18,16 +18,24 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+import socket
 from typing import Literal
+from urllib.parse import urlsplit
 
 import cv2
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, MAX_RATE
-from opencv_tools.capture.reachability import describe_failure
 from opencv_tools.image.text import MAX_PATH, printable, without_password
 
 # Containers with an index of their frames. For other containers OpenCV estimates the number.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
+
+# URL schemes that FFmpeg opens over TCP, with their default ports.
+_PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
+          'ftp': 21, 'tcp': 0}
+
+# Timeout of the connection to each address of the server.
+_ANSWER_SECONDS = 2.0
 
 
 class VideoSource:
@@ -80,11 +88,7 @@ class VideoSource:
         self._capture.release()
 
     def _check_end(self) -> None:
-        """
-        Check, once, that the video did not end early.
-
-        :raises BrokenFrameError: the file has fewer frames than its index lists.
-        """
+        """Check, once, that the file has the number of frames that its index lists."""
         number, listed = self._number, self._listed
         self._listed = 0
         if number < listed:
@@ -125,3 +129,32 @@ def describe_video(capture: cv2.VideoCapture) -> str:
     width, height = (int(capture.get(prop)) for prop in (
         cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     return f'{width}x{height} at {video_rate(capture):g} Hz'
+
+
+def describe_failure(url: str) -> str:
+    """
+    Return the reason why a stream could not be opened.
+
+    Connects to the server of the stream once, to find out whether the server is reachable.
+
+    :param url: URL of the stream.
+    :returns: a sentence with the host, the port and the reason, as far as they are known; without
+        the password of the URL.
+    """
+    shown = without_password(url)
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
+        if parts.scheme not in _PORTS or not host or not port:
+            return f'{shown} cannot be opened as a video: it is unreachable or sends no video'
+        socket.create_connection((host, port), _ANSWER_SECONDS).close()
+    except ValueError as err:
+        return f'{shown} is not a URL: {printable(err)}'
+    except TimeoutError:
+        reason = f'no answer in {_ANSWER_SECONDS:g} s'
+    except OSError as err:
+        reason = err.strerror or str(err)
+    else:
+        return (f'{shown} cannot be opened as a video: {printable(host)} port {port} is '
+                'reachable, but sends no readable video')
+    return f'{shown} is not reachable: {printable(host)} port {port}: {reason}'

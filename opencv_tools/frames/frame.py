@@ -75,23 +75,23 @@ class Frame:
 
     @property
     def raw(self) -> NDArray[Any]:
-        """The image in the encoding of the message: (h, w) or (h, w, c)."""
+        """Return the image in the encoding of the message, (h, w) or (h, w, c)."""
         return self._raw
 
     @property
     def raw_encoding(self) -> str:
-        """Encoding of ``raw``."""
+        """Return the encoding of ``raw``."""
         return self._encoding
 
     @property
     def encoding(self) -> str:
-        """Encoding of ``image``."""
+        """Return the encoding of ``image``."""
         return self._target
 
     @cached_property
     def gray(self) -> NDArray[Any]:
         """
-        The image as ``mono8``, (h, w) uint8, computed once.
+        Return the image as ``mono8``, (h, w) uint8, computed once.
 
         :raises CvBridgeError: the image cannot be converted.
         """

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
-from opencv_tools.ros.run_node import EXIT_OK, Executable, run
+from opencv_tools.ros.run_node import Executable, EXIT_OK, run
 from rclpy.node import Node
 from rclpy.task import Future
 

@@ -99,7 +99,7 @@ class FrameSubscriber:
 
     @property
     def skipped(self) -> int:
-        """Number of frames that were published but overwritten by newer ones, or lost."""
+        """Return the number of frames that newer ones replaced, or that were lost."""
         return self._overwritten + self._subscription.losses.count
 
     def destroy(self) -> None:

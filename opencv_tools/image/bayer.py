@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.blocks import row_blocks
-from opencv_tools.image.columns import write_columns
+from opencv_tools.image.blocks import row_blocks, write_columns
 
 # Weights of red, green and blue times 2**14, as in OpenCV's demosaicing to gray.
 _GRAY_WEIGHTS = {'r': 4899, 'g': 9617, 'b': 1868}

@@ -36,9 +36,6 @@ from opencv_tools.image.text import printable
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _HEAD_SIZE = len(_LITTLE_ENDIAN)
-_STAMP = struct.Struct('<iI')
-_SIZE = struct.Struct('<I')
-_SIZES = struct.Struct('<II')
 _MAX_TEXT = 40  # characters of a text in a description
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
 
@@ -123,16 +120,16 @@ def image_to_cdr(image: WireImage) -> bytes:
     :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
     data = memoryview(image.data).cast('B')
-    head = _header(image.header) + _pack(_SIZES, image.height, image.width)
+    head = _header(image.header) + _pack('II', image.height, image.width)
     head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
-    return b''.join((head, _pack(_SIZES, image.step, data.nbytes), data))
+    return b''.join((head, _pack('II', image.step, data.nbytes), data))
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     """Convert a compressed image message to CDR, as ``image_to_cdr`` does."""
     data = memoryview(image.data).cast('B')
     head = _padded(_header(image.header) + _string(image.format))
-    return b''.join((head, _pack(_SIZE, data.nbytes), data))
+    return b''.join((head, _pack('I', data.nbytes), data))
 
 
 def cdr_to_image(serialized: Any) -> WireImage:
@@ -179,20 +176,20 @@ def encode_text(text: str) -> bytes:
 
 def _header(header: WireHeader) -> bytes:
     """Return the CDR header and the serialised std_msgs/Header, padded to four bytes."""
-    stamp = _pack(_STAMP, header.sec, header.nanosec)
+    stamp = _pack('iI', header.sec, header.nanosec)
     return _padded(_LITTLE_ENDIAN + stamp + _string(header.frame_id))
 
 
-def _pack(layout: struct.Struct, *numbers: int) -> bytes:
+def _pack(codes: str, *numbers: int) -> bytes:
     try:
-        return layout.pack(*numbers)
+        return struct.pack(f'<{codes}', *numbers)
     except struct.error as err:
         raise CdrError(f'a number is out of the range of its field: {err}') from err
 
 
 def _string(text: str) -> bytes:
     encoded = encode_text(text)
-    return _pack(_SIZE, len(encoded) + 1) + encoded + b'\0'
+    return _pack('I', len(encoded) + 1) + encoded + b'\0'
 
 
 def _padded(head: bytes) -> bytes:
@@ -206,7 +203,7 @@ def _padded(head: bytes) -> bytes:
 
 
 class _Reader:
-    """A reader of the fields of a message in order."""
+    """A reader of the fields of a message in order; its methods raise a CdrError at its end."""
 
     def __init__(self, serialized: Any) -> None:
         self._bytes = memoryview(serialized).cast('B')
@@ -219,48 +216,26 @@ class _Reader:
         self._position = _HEAD_SIZE
 
     def header(self) -> WireHeader:
-        """
-        Read a std_msgs/Header.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a std_msgs/Header."""
         sec, nanosec = self.numbers('iI')
         return WireHeader(sec, nanosec, self.string())
 
     def numbers(self, codes: str) -> tuple[int, ...]:
-        """
-        Read numbers of four bytes.
-
-        :param codes: format characters of ``struct``, such as ``'iI'``.
-        :raises CdrError: the message is too short.
-        """
+        """Read numbers of four bytes by format characters of ``struct``, such as ``'iI'``."""
         self._position += -self._position % 4
         return struct.unpack(self._order + codes, self._take(4 * len(codes)))
 
     def byte(self) -> int:
-        """
-        Read a number of one byte.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a number of one byte."""
         return self._take(1)[0]
 
     def string(self) -> str:
-        """
-        Read a string, replacing bytes that are not valid UTF-8.
-
-        :raises CdrError: the message is too short.
-        """
+        """Read a string, replacing bytes that are not valid UTF-8."""
         text = bytes(self.data())
         return text.removesuffix(b'\0').decode(errors='replace')
 
     def data(self) -> memoryview:
-        """
-        Read a sequence of bytes.
-
-        :returns: a view of the bytes.
-        :raises CdrError: the message is too short.
-        """
+        """Return a view of a sequence of bytes."""
         return self._take(self.numbers('I')[0])
 
     def _take(self, size: int) -> memoryview:

@@ -47,7 +47,9 @@ def convert(
     _check_conversion(source, target)
     native = np.ascontiguousarray(image, np.dtype(source.dtype))
     if not native.size:
-        return _empty(native, source, target)
+        rows = source.height(len(native)) if target.kind == 'color' else len(native)
+        channels = () if target.channels == 1 else (target.channels,)
+        return np.empty((rows, native.shape[1], *channels), target.dtype)
     converted = native
     if target.kind == 'color' and source.order != target.order:
         if source.kind == 'bayer':
@@ -58,13 +60,6 @@ def convert(
             converted = reorder(native, source.order, target.order)
     converted = change_depth(converted, target.dtype)
     return converted.copy() if np.may_share_memory(converted, image) else converted
-
-
-def _empty(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
-    """Return the conversion of an image without pixels."""
-    rows = source.height(len(image)) if target.kind == 'color' else len(image)
-    channels = () if target.channels == 1 else (target.channels,)
-    return np.empty((rows, image.shape[1], *channels), target.dtype)
 
 
 def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[Any]:
@@ -86,11 +81,7 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
 
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:
-    """
-    Check that a conversion is supported.
-
-    :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
-    """
+    """Check that a conversion is supported; the texts of the errors are those of cv_bridge."""
     if not source.is_generic and target.kind == 'color':
         return
     if not source.is_generic and not target.is_generic:

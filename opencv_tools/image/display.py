@@ -103,11 +103,7 @@ def finite_limits(image: NDArray[Any]) -> tuple[float, float]:
 
 
 def _find_target(target_name: str) -> Encoding:
-    """
-    Return the encoding for display.
-
-    :raises ConversionError: the encoding is not 8-bit colour or gray.
-    """
+    """Return the encoding for display, which must be 8-bit colour or gray."""
     target = ENCODINGS.get(target_name or 'bgr8')
     if target is None or target.kind != 'color' or target.dtype != 'uint8':
         raise ConversionError('cv_bridge.cvtColorForDisplay() does not have an output encoding '

@@ -84,11 +84,6 @@ class Encoding:
         return self.row_factor != 1.5 or not (height % 2 or width % 2)
 
 
-_BAYER = tuple(
-    Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, kind='bayer', order=pattern)
-    for bits in (8, 16) for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')
-)
-
 #: All named encodings; ``find_encoding`` also reads generic names (``8UC3``, ``32FC1``).
 ENCODINGS = {encoding.name: encoding for encoding in (
     Encoding('rgb8', 'uint8', 3, kind='color', order='rgb'),
@@ -101,7 +96,8 @@ ENCODINGS = {encoding.name: encoding for encoding in (
     Encoding('bgra16', 'uint16', 4, kind='color', order='bgra'),
     Encoding('mono8', 'uint8', 1, kind='color', order='y'),
     Encoding('mono16', 'uint16', 1, kind='color', order='y'),
-    *_BAYER,
+    *(Encoding(f'bayer_{pattern}{bits}', f'uint{bits}', 1, kind='bayer', order=pattern)
+      for bits in (8, 16) for pattern in ('rggb', 'bggr', 'gbrg', 'grbg')),
     Encoding('yuv422', 'uint8', 2, kind='yuv', order='uyvy'),
     Encoding('uyvy', 'uint8', 2, kind='yuv', order='uyvy'),
     Encoding('yuv422_yuy2', 'uint8', 2, kind='yuv', order='yuyv'),

@@ -100,11 +100,7 @@ def jpeg_components(jpeg: bytes) -> int:
 
 
 def _find_frame(jpeg: bytes) -> _Frame:
-    """
-    Read the frame header of a JPEG, and nothing after it.
-
-    :raises JpegError: the JPEG has no valid frame header.
-    """
+    """Read the frame header of a JPEG, and nothing after it."""
     try:
         for segment in _segments(jpeg):
             if segment.marker in _SOF:
@@ -155,15 +151,11 @@ def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     :param jpeg: content of the file.
     :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
-    following = (_last_restart(jpeg[:scan_end]) + 1) % 8
-    restart = bytes((0xff, 0xd0 + following))
+    # The number of the last restart marker, or 7 if there is none.
+    _, last = max((jpeg.rfind(bytes((0xff, 0xd0 + number)), 0, scan_end), number)
+                  for number in range(8))
+    restart = bytes((0xff, 0xd0 + (last + 1) % 8))
     return b''.join((jpeg[:scan_end], _EXTRA_DATA, restart, _EXTRA_DATA, jpeg[scan_end:]))
-
-
-def _last_restart(scan: bytes) -> int:
-    """Return the number of the last restart marker, 0 to 7; -1 if there is none."""
-    last = max((scan.rfind(bytes((0xff, 0xd0 + number))), number) for number in range(8))
-    return last[1] if last[0] >= 0 else -1
 
 
 def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
@@ -237,11 +229,7 @@ def _read_frame(marker: int, content: bytes) -> _Frame:
 
 
 def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
-    """
-    Read a DHT segment: the fewest bits of a symbol and of the number after it, for each table.
-
-    :raises struct.error: a table is truncated.
-    """
+    """Read the fewest bits of a symbol and of the number after it, for each table of a DHT."""
     position = 0
     while position < len(content):
         table, *counts = struct.unpack_from('17B', content, position)
@@ -256,13 +244,7 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
 
 
 def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
-    """
-    Check the length of a scan, and add the scan to the state.
-
-    :raises JpegError: the scan has fewer bits than its blocks need.
-    :raises struct.error: the scan header is damaged.
-    :raises KeyError: a component of the scan is not in the frame header.
-    """
+    """Check the length of a scan, and add the scan to the state."""
     count, = struct.unpack_from('B', content)
     selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
     first, _, approximation = struct.unpack_from('BBB', content, 1 + 2 * count)

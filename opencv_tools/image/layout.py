@@ -73,11 +73,7 @@ def view_pixels(
 
 
 def _view_bytes(data: Any) -> NDArray[np.uint8]:
-    """
-    Return a buffer as a uint8 array without a copy; a list is copied.
-
-    :raises LayoutError: the data are not bytes.
-    """
+    """Return a buffer as a uint8 array without a copy; a list is copied."""
     try:
         return np.frombuffer(data if not isinstance(data, list) else bytes(data), np.uint8)
     except (BufferError, TypeError, ValueError) as err:

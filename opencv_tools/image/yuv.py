@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.blocks import row_blocks
-from opencv_tools.image.columns import write_columns
+from opencv_tools.image.blocks import row_blocks, write_columns
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import ConversionError
 

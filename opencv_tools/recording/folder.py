@@ -78,14 +78,6 @@ class Folder:
             self.close()
             raise
 
-    def names(self) -> list[str]:
-        """
-        Return the names of all files that are not hidden.
-
-        :raises OSError: the folder cannot be read.
-        """
-        return [path.name for path in self.path.iterdir() if not path.name.startswith('.')]
-
     def write(self, parts: Iterable[Any]) -> Path:
         """
         Write a temporary file; thread-safe.
@@ -210,7 +202,9 @@ class Folder:
             try:
                 if _try_lock(journal):
                     self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
-                    _remove(self.path / other for other in hidden if other.startswith(prefix))
+                    for other in hidden:
+                        if other.startswith(prefix):
+                            (self.path / other).unlink(missing_ok=True)
             finally:
                 os.close(journal)
 
@@ -242,11 +236,7 @@ class Folder:
 
 
 def _move(source: Path, target: Path) -> None:
-    """
-    Rename a file without replacing another one.
-
-    :raises FileExistsError: the target exists.
-    """
+    """Rename a file; raise a FileExistsError if the target exists."""
     try:
         os.link(source, target)
     except OSError as err:
@@ -266,8 +256,3 @@ def _try_lock(file: int) -> bool:
     except OSError:
         return False  # locked by another process, or the file system has no locks
     return True
-
-
-def _remove(paths: Iterable[Path]) -> None:
-    for path in paths:
-        path.unlink(missing_ok=True)

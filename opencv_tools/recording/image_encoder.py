@@ -19,20 +19,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, KW_ONLY
 import io
+import struct
 from typing import Any
+import zlib
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import CodecError
-from opencv_tools.image_codecs import CODEC_TYPES, convert_image, encode_image
+from opencv_tools.image.image_size import PNG_SIGNATURE
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image_codecs import check_complete, CODEC_TYPES, convert_image, encode_image
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
-from opencv_tools.recording.image_header import read_image_header
-
 
 _NPY = '.npy'
 _PART_BYTES = 2**20
+_PNG_ENDS = b'\0\0\0\0IEND\xaeB`\x82'
+_CHUNK_BYTES = 12  # length, type and checksum of a chunk
 
 #: OpenCV types that each format stores without loss (JPEG: apart from its compression).
 IMAGE_FORMATS = {
@@ -167,3 +171,60 @@ def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
 
 def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     return np.ascontiguousarray(image, np.dtype(encoding.dtype))
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """
+    Format and size of a compressed image.
+
+    :param suffixes: file name extensions of the format; empty for an unknown format.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    """
+
+    suffixes: tuple[str, ...]
+    width: int = 0
+    height: int = 0
+
+
+def read_image_header(data: Any) -> ImageHeader:
+    """
+    Read the header of a compressed image and check that the image is complete.
+
+    A PNG is checked by its checksums. A JPEG is checked by its markers, without decoding.
+
+    :param data: buffer with the compressed image.
+    :returns: format and size of a PNG or JPEG.
+    :raises CodecError: the PNG or JPEG is damaged or incomplete.
+    """
+    content = bytes(data)
+    if content.startswith(PNG_SIGNATURE):
+        return ImageHeader(('.png',), *_check_png(content))
+    if content.startswith(JPEG_SOI):
+        check_complete(content)
+        return ImageHeader(('.jpg', '.jpeg'), *jpeg_size(content))
+    return ImageHeader(())
+
+
+def _check_png(png: bytes) -> tuple[int, int]:
+    """Check the chunks of a PNG and return its width and height."""
+    if not png.endswith(_PNG_ENDS):
+        raise CodecError(f'{len(png)} bytes of a PNG picture whose end is missing')
+    view = memoryview(png)
+    position, kinds = len(PNG_SIGNATURE), set()
+    try:
+        while position < len(png):
+            length, kind = struct.unpack_from('>I4s', png, position)
+            ends = position + _CHUNK_BYTES + length
+            if struct.unpack_from('>I', png, ends - 4)[0] != zlib.crc32(
+                    view[position + 4:ends - 4]):
+                raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged')
+            kinds.add(kind)
+            position = ends
+        if not {b'IHDR', b'IDAT', b'IEND'} <= kinds or png[12:16] != b'IHDR':
+            raise struct.error('chunks are missing')
+        width, height = struct.unpack_from('>II', png, 16)
+    except struct.error as err:
+        raise CodecError(f'{len(png)} bytes of a PNG picture that is damaged') from err
+    return width, height

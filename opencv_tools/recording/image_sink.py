@@ -69,7 +69,6 @@ class ImageSink:
         :param numbering: source of the file names.
         :param settings: format and encoder settings of the files.
         :param limits: limits of the recording.
-        :param sync: whether each file is flushed to disk before it gets its final name.
         :raises OSError: the manifest cannot be read.
         """
         self.counts = SinkCounts()
@@ -81,7 +80,7 @@ class ImageSink:
         self._compact()
         earlier = folder.manifest.entries() if limits.ring else []
         self._retention = Retention(limits, [
-            entry for entry in earlier if numbering.matches(entry.name)])
+            entry for entry in earlier if numbering.names.matches(entry.name)])
 
     def prepare(self, frame: ReceivedFrame) -> PreparedImage:
         """
@@ -148,5 +147,5 @@ class ImageSink:
         self._stale_lines = 0
         if self._removes_files:
             self._folder.manifest.compact(
-                lambda entry: not self._numbering.matches(entry.name)
+                lambda entry: not self._numbering.names.matches(entry.name)
                 or (self._folder.path / entry.name).exists(), self._folder.write)

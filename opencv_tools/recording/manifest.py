@@ -196,11 +196,7 @@ class Manifest:
             return []
 
     def _open(self, flags: int) -> int:
-        """
-        Open the manifest.
-
-        :raises RefusedFileError: the manifest is too large, or not a regular file.
-        """
+        """Open the manifest, unless it is too large or not a regular file."""
         file = open_regular(self._path, flags, follow=False)
         if os.fstat(file).st_size > _MAX_BYTES:
             os.close(file)
@@ -214,7 +210,8 @@ class Manifest:
         while True:
             file = self._open(os.O_RDWR | os.O_APPEND | os.O_CREAT)
             try:
-                _lock(file)
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(file, fcntl.LOCK_EX)
                 if is_same_file(file, self._path):
                     yield file
                     return
@@ -247,11 +244,7 @@ def _count(value: Any) -> int:
 
 
 def _file_name(value: Any) -> str:
-    """
-    Check that a value is a file name without a folder.
-
-    :raises ValueError: it is not a file name.
-    """
+    """Check that a value is a file name without a folder, and return it."""
     if not isinstance(value, str) or value in ('', '.', '..') or {'/', '\0'} & set(value):
         raise ValueError(f'{value!r:.80} is not a file name')
     os.fsencode(value)
@@ -275,9 +268,3 @@ def _truncate_partial_line(file: int) -> int:
     if end < size:
         os.ftruncate(file, end)
     return end
-
-
-def _lock(file: int) -> None:
-    """Wait for an exclusive lock; do nothing on a file system without locks."""
-    with suppress(OSError):
-        fcntl.flock(file, fcntl.LOCK_EX)

@@ -85,7 +85,9 @@ class FileNames:
             raise ValueError('give a file name without a folder; output_dir is the folder')
         try:
             self._parts = _template_parts(template)
-            self._pattern = _template_pattern(self._parts)
+            self._pattern = re.compile(''.join(
+                re.escape(text) if field is None else _FIELDS[field][1]
+                for field, text in self._parts))
             sample = self._pattern.fullmatch(self.name(_SAMPLE, _SAMPLE_METADATA))
         except (ValueError, LookupError, TypeError) as err:
             raise ValueError(f'use a template such as {{seq:06d}}.png or {{stamp}}.png; {err}'
@@ -147,12 +149,6 @@ def _template_parts(template: str) -> list[tuple[str | None, str]]:
                              f'{", ".join(f"{{{known}}}" for known in _FIELDS)}')
         parts.append((field, spec or _FIELDS[field][0]))
     return parts
-
-
-def _template_pattern(parts: Iterable[tuple[str | None, str]]) -> re.Pattern[str]:
-    """Return a regular expression for the names of a template, with one group per number."""
-    return re.compile(''.join(
-        re.escape(text) if field is None else _FIELDS[field][1] for field, text in parts))
 
 
 def _sanitize(text: str) -> str:

@@ -46,22 +46,20 @@ class Numbering:
         :param folder: folder of the files.
         :param on_exists: one of ``ON_EXISTS``.
         :raises RecordingError: matching files exist, and ``on_exists`` is ``error``.
+        :raises OSError: the folder cannot be read.
         """
         self.replaces = on_exists == 'overwrite'
-        self._names = names
+        self.names = names
         self._only_free = on_exists == 'error'
         self._copy = ('', 0)
-        existing = [name for name in folder.names() if names.matches(name)]
+        existing = [path.name for path in folder.path.iterdir()
+                    if not path.name.startswith('.') and names.matches(path.name)]
         if existing and self._only_free:
             raise RecordingError(
                 f'output_dir {folder.path} already contains {printable(min(existing))}; '
                 'set output_dir to another folder, or on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(existing), *numbers, 0)
-
-    def matches(self, name: str) -> bool:
-        """Return whether a name may belong to this recording."""
-        return self._names.matches(name)
 
     def claim(self, metadata: FrameMetadata, make: Callable[[int, str], T]) -> T:
         """
@@ -91,14 +89,14 @@ class Numbering:
 
     def _candidates(self, metadata: FrameMetadata) -> Iterator[tuple[int, str]]:
         """Yield numbers and names to try until one is free."""
-        name = self._names.name(self._seq, metadata)
+        name = self.names.name(self._seq, metadata)
         if self._only_free:
             yield self._seq, name
-        elif self._names.is_numbered:
+        elif self.names.is_numbered:
             while True:
                 yield self._seq, name
                 self._seq += 1
-                name = self._names.name(self._seq, metadata)
+                name = self.names.name(self._seq, metadata)
         else:
             first = self._copy[1] if self._copy[0] == name else 0
             for copy in itertools.count(first):

@@ -201,7 +201,10 @@ class Recorder(Generic[P]):
             path = self._commit(job.frame, prepared)
         except LimitReached as err:
             self.counts.skipped += 1
-            self._end(err)
+            if not self.is_full:
+                self.is_full = True
+                self._log.info(f'Recording limit reached: {err}')
+                self._on_full()
             job.done(str(err))
         except Exception as err:  # noqa: B902 - as above
             self.counts.failed += 1
@@ -236,9 +239,3 @@ class Recorder(Generic[P]):
         except Exception:  # noqa: B902 - it is raised again
             prepared.discard()
             raise
-
-    def _end(self, err: LimitReached) -> None:
-        if not self.is_full:
-            self.is_full = True
-            self._log.info(f'Recording limit reached: {err}')
-            self._on_full()

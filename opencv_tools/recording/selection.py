@@ -99,7 +99,7 @@ class Selection:
         return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)
 
     def count(self) -> None:
-        """Count a recorded frame."""
+        """Count a recorded frame, unless it displaced another one."""
         self._counted += 1
 
     def is_late(self) -> bool:
@@ -108,10 +108,6 @@ class Selection:
         if self._began_at is None:
             self._began_at = now
         return 0 < self._limits.max_seconds <= now - self._began_at
-
-    def uncount(self) -> None:
-        """Undo the count of a frame that was dropped."""
-        self._counted -= 1
 
     def _is_due(self, time_ns: int) -> bool:
         """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
@@ -122,13 +118,6 @@ class Selection:
         is_on_grid = -period <= early <= period * _JITTER_TOLERANCE
         self._due_ns = (self._due_ns if is_on_grid else time_ns) + period
         return True
-
-
-@dataclass(frozen=True)
-class _KeptFile:
-    name: str
-    size: int
-    arrival_ns: int
 
 
 class Retention:
@@ -149,15 +138,15 @@ class Retention:
         :param wall: system clock in nanoseconds, for the age of existing files.
         """
         self._limits = limits
-        self._kept: dict[str, _KeptFile] = {}
+        self._kept: dict[str, tuple[int, int]] = {}  # size and arrival time, oldest first
         now, offset = wall(), wall() - monotonic()
         earlier = {entry.name: entry for entry in entries} if limits.ring else {}
         for entry in sorted(earlier.values(), key=lambda entry: (
                 entry.receive_ns <= now, entry.receive_ns)):
             is_past = entry.receive_ns <= now
-            self._kept[entry.name] = _KeptFile(
-                entry.name, entry.size, entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
-        self._bytes = sum(kept.size for kept in self._kept.values())
+            self._kept[entry.name] = (
+                entry.size, entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
+        self._bytes = sum(size for size, _ in self._kept.values())
 
     @property
     def count(self) -> int:
@@ -175,17 +164,17 @@ class Retention:
         """
         limits = self._limits
         replaced = self._kept.get(entry.name)
-        size = self._bytes + entry.size - (replaced.size if replaced else 0)
+        size = self._bytes + entry.size - (replaced[0] if replaced else 0)
         count = len(self._kept) + (not replaced)
         deleted: list[str] = []
-        for other in self._kept.values():
+        for name, (other_size, other_arrival_ns) in self._kept.items():
             too_many = 0 < limits.max_frames < count - len(deleted)
-            too_old = 0 < limits.max_ns < arrival_ns - other.arrival_ns
+            too_old = 0 < limits.max_ns < arrival_ns - other_arrival_ns
             if not (too_many or too_old or self._is_too_large(size)):
                 break
-            if other is not replaced:
-                deleted.append(other.name)
-                size -= other.size
+            if name != entry.name:
+                deleted.append(name)
+                size -= other_size
         if self._is_too_large(size):
             raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
                                'bytes')
@@ -194,11 +183,11 @@ class Retention:
     def add(self, entry: ManifestEntry, deleted: list[str], arrival_ns: int) -> None:
         """Count a new file, and remove the deleted files from the counts."""
         for name in (*deleted, entry.name):
-            other = self._kept.pop(name, None)
-            self._bytes -= other.size if other else 0
+            size, _ = self._kept.pop(name, (0, 0))
+            self._bytes -= size
         self._bytes += entry.size
         if self._limits.ring:
-            self._kept[entry.name] = _KeptFile(entry.name, entry.size, arrival_ns)
+            self._kept[entry.name] = entry.size, arrival_ns
 
     def _is_too_large(self, size: int) -> bool:
         return 0 < self._limits.max_bytes < size

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """Parameters of the command line, and checks of arguments that ROS accepts but misapplies."""
 
 from __future__ import annotations
@@ -33,9 +32,6 @@ _NAME_RULES = ('__node', '__name')
 
 _WITH_VALUE = ('-p', '--param', '-r', '--remap', '--params-file', '--log-level',
                '--log-config-file', '-e', '--enclave')
-
-# Exceptions of ``load_parameters``.
-_LOAD_ERRORS = (OSError, ValueError, RecursionError, yaml.YAMLError)
 
 
 def check_ros_arguments(
@@ -181,7 +177,7 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     """
     try:
         sections = [printable(name) for name, _ in parameter_sections(load_parameters(path))]
-    except _LOAD_ERRORS:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):
         return ''  # rcl reports the error, or reads the file anyway
     node = min(nodes)
     is_own = any(_is_section_of(name, nodes) for name in sections)

@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A writable folder for the log of ROS; rcl does not start without one."""
 
 from __future__ import annotations
@@ -46,12 +45,9 @@ def replace_log_folder() -> str:
 
 def _log_folder() -> Path | None:
     """Return the folder that rcl uses, from ROS_LOG_DIR, ROS_HOME or HOME."""
-    if os.environ.get(_VARIABLE):
-        return Path(os.environ[_VARIABLE])
-    if os.environ.get('ROS_HOME'):
-        return Path(os.environ['ROS_HOME'], 'log')
-    if os.environ.get('HOME'):
-        return Path(os.environ['HOME'], '.ros', 'log')
+    for variable, below in ((_VARIABLE, ''), ('ROS_HOME', 'log'), ('HOME', '.ros/log')):
+        if os.environ.get(variable):
+            return Path(os.environ[variable], below)
     return None
 
 

@@ -40,9 +40,8 @@ class Progress:
         self.count = 0
         self._write_line = write_line
         self._phrase = phrase
-        self._first_at = self._logged_at = 0.0
+        self._first_at = self._last_at = self._logged_at = 0.0
         self._logged_count = 0
-        self._last_at = 0.0
 
     def tick(self, description: str, dropped: int, missed: int = 0) -> None:
         """

@@ -69,10 +69,9 @@ def qos_mismatch(offer: QoSProfile, request: QoSProfile) -> str:
 
 def describe_qos(qos: QoSProfile) -> str:
     """Return the policies of a subscription that depend on its publishers, in a few words."""
-    words = ['best effort' if qos.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable']
-    if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        words.append('transient local')
-    return ', '.join(words)
+    is_latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return (('best effort' if qos.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable')
+            + (', transient local' if is_latched else ''))
 
 
 def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publisher:

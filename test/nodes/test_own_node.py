@@ -126,7 +126,7 @@ def test_brightness_of_every_frame(start: Start, tmp_path: Path) -> None:
         f'{cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).mean():.3f}' for frame in decode_clip()]
 
 
-MODULE = '''
+MODULE = """
 import numpy as np
 
 def broken(image):
@@ -140,7 +140,7 @@ def text(image):
 
 def both(image, factor=1):
     return factor, np.full_like(image, factor)
-'''
+"""
 
 
 @pytest.mark.parametrize(('function', 'text'), [

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from threading import Event
 
-from opencv_tools.capture.clock import Clock
+from opencv_tools.capture.player import Clock
 
 # Not 0.0, and exact in binary, like all times that the tests add.
 BEGAN = 64.0

@@ -169,11 +169,7 @@ class CameraSource:
                 self.warnings.append(str(err))
 
     def _dequeue_newest(self) -> None:
-        """
-        Dequeue the newest filled buffer and requeue the older ones.
-
-        :raises OSError: the device is disconnected.
-        """
+        """Dequeue the newest filled buffer and requeue the older ones."""
         self._requeue()
         filled = 0
         while (buffer := self._device.dequeue()) is not None:
@@ -191,11 +187,7 @@ class CameraSource:
             self.missed += 1
 
     def _to_frame(self, buffer: DequeuedBuffer) -> Frame:
-        """
-        Return a copy of the frame in a buffer.
-
-        :raises BrokenFrameError: the driver reports the frame as damaged, or it is incomplete.
-        """
+        """Return a copy of the frame in a buffer."""
         if buffer.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
         stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
@@ -206,11 +198,7 @@ class CameraSource:
         return Frame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
-        """
-        Requeue the held buffer.
-
-        :raises OSError: the device is disconnected.
-        """
+        """Requeue the held buffer."""
         if self._held:
             held, self._held = self._held, None
             self._device.requeue(held.index)

@@ -20,9 +20,10 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 import enum
+from fcntl import ioctl
 
 from opencv_tools.capture.v4l2 import videodev2
-from opencv_tools.capture.v4l2.videodev2 import ioctl, try_ioctl
+from opencv_tools.capture.v4l2.videodev2 import try_ioctl
 from opencv_tools.image.text import printable
 
 _UNUSABLE = (videodev2.V4L2_CTRL_FLAG_DISABLED | videodev2.V4L2_CTRL_FLAG_READ_ONLY
@@ -86,7 +87,10 @@ def list_controls(fd: int) -> Iterator[Control]:
     query = videodev2.v4l2_query_ext_ctrl(id=videodev2.V4L2_CTRL_FLAG_NEXT_CTRL)
     while try_ioctl(fd, videodev2.VIDIOC_QUERY_EXT_CTRL, query):
         if _is_usable(query):
-            _subscribe(fd, query.id)
+            with suppress(OSError):  # the driver may not support events
+                ioctl(fd, videodev2.VIDIOC_SUBSCRIBE_EVENT, videodev2.v4l2_event_subscription(
+                    videodev2.V4L2_EVENT_CTRL, query.id,
+                    videodev2.V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK))
             yield _describe_control(fd, query)
         query.id |= videodev2.V4L2_CTRL_FLAG_NEXT_CTRL
 
@@ -114,13 +118,6 @@ def changed_controls(fd: int) -> Iterator[Control]:
 
 def _is_usable(query: videodev2.v4l2_query_ext_ctrl) -> bool:
     return query.type in list(ControlType) and not query.flags & _UNUSABLE
-
-
-def _subscribe(fd: int, number: int) -> None:
-    """Subscribe to the changes of a control, if the driver supports events."""
-    with suppress(OSError):
-        ioctl(fd, videodev2.VIDIOC_SUBSCRIBE_EVENT, videodev2.v4l2_event_subscription(
-            videodev2.V4L2_EVENT_CTRL, number, videodev2.V4L2_EVENT_SUB_FL_ALLOW_FEEDBACK))
 
 
 def _describe_control(fd: int, query: videodev2.v4l2_query_ext_ctrl) -> Control:

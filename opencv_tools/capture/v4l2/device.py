@@ -21,6 +21,7 @@ from contextlib import contextmanager
 import ctypes
 from dataclasses import dataclass
 import errno
+from fcntl import ioctl
 import mmap
 import os
 from pathlib import Path
@@ -29,10 +30,9 @@ from threading import RLock
 
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.controls import changed_controls, Control, list_controls
-from opencv_tools.capture.v4l2.enumeration import list_modes, list_rates, per_second
-from opencv_tools.capture.v4l2.modes import Mode
+from opencv_tools.capture.v4l2.modes import list_modes, list_rates, Mode, per_second
 from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, unpack_fourcc
-from opencv_tools.capture.v4l2.videodev2 import ioctl, try_ioctl
+from opencv_tools.capture.v4l2.videodev2 import try_ioctl
 from opencv_tools.image.text import printable
 
 # Enough for the driver to capture while one buffer is read and another one waits to be read.

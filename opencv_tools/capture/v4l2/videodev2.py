@@ -19,7 +19,7 @@ from __future__ import annotations
 import ctypes
 from ctypes import c_char, c_int32, c_int64, c_long, c_uint32, c_uint64, c_uint8, c_ulong, c_void_p
 import errno
-import fcntl
+from fcntl import ioctl
 from typing import Any
 
 VIDEO_MAJOR = 81
@@ -205,13 +205,7 @@ _WRITE, _READ = 1, 2
 
 def _ioc(number: int, argument: type[ctypes.Structure] | type[ctypes._SimpleCData[int]],
          direction: int = _WRITE | _READ) -> int:
-    """
-    Return the number of an ioctl request, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does.
-
-    :param number: number of the request within V4L2.
-    :param argument: type of the argument.
-    :param direction: ``_WRITE``, ``_READ`` or both.
-    """
+    """Return the number of a request of V4L2, as ``_IOC`` of ``<asm-generic/ioctl.h>`` does."""
     return direction << 30 | ctypes.sizeof(argument) << 16 | ord('V') << 8 | number
 
 
@@ -233,18 +227,6 @@ VIDIOC_ENUM_FRAMEINTERVALS = _ioc(75, v4l2_frmivalenum)
 VIDIOC_DQEVENT = _ioc(89, v4l2_event, _READ)
 VIDIOC_SUBSCRIBE_EVENT = _ioc(90, v4l2_event_subscription, _WRITE)
 VIDIOC_QUERY_EXT_CTRL = _ioc(103, v4l2_query_ext_ctrl)
-
-
-def ioctl(fd: int, request: int, argument: ctypes.Structure | ctypes._SimpleCData[int]) -> None:
-    """
-    Send a request to a device.
-
-    :param fd: descriptor of the device.
-    :param request: number of the request.
-    :param argument: argument of the request; the kernel writes the answer to it.
-    :raises OSError: the device rejects the request.
-    """
-    fcntl.ioctl(fd, request, argument)
 
 
 def try_ioctl(fd: int, request: int, argument: ctypes.Structure) -> bool:

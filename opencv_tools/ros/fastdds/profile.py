@@ -24,9 +24,8 @@ import math
 import os
 from tempfile import NamedTemporaryFile
 
-from opencv_tools.ros.fastdds.other_users import find_other_user
 from opencv_tools.ros.fastdds.shared_memory import (
-    free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY)
+    find_other_user, free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY)
 
 #: Text of ``--help`` about the environment.
 ENVIRONMENT_HELP = (

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Shared memory of this machine: free space, and segments of killed processes."""
+"""Shared memory of this machine: free space, segments of killed processes, other users."""
 
 from __future__ import annotations
 
@@ -20,14 +20,18 @@ from contextlib import suppress
 import fcntl
 import os
 from pathlib import Path
+import pwd
 import re
 
 from opencv_tools.regular_files import open_regular
 
 SHARED_MEMORY = Path('/dev/shm')
 
-# Each participant of Fast DDS has a segment, and a lock file that it holds while it runs.
+# Each participant of Fast DDS has a segment and a port. It holds their lock files while it runs.
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
+_PORT_LOCK = re.compile(r'fastrtps_port([0-9]{1,5})_el')
+_FIRST_PORT = 7400
+_PORTS_OF_A_DOMAIN = 250
 
 
 def is_writable() -> bool:
@@ -74,3 +78,33 @@ def _remove_if_dead(lock: Path) -> bool:
         lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
         lock.unlink()
         return True
+
+
+def find_other_user() -> str:
+    """Return the name of another user who runs a node in this ROS domain; '' if there is none."""
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    for path in sorted(SHARED_MEMORY.glob('fastrtps_port*_el') if domain.isdecimal() else ()):
+        match = _PORT_LOCK.fullmatch(path.name)
+        if match and (int(match[1]) - _FIRST_PORT) // _PORTS_OF_A_DOMAIN == int(domain):
+            with suppress(OSError):
+                owner = _find_owner(path)
+                if owner not in (None, os.geteuid()):
+                    return _user_name(owner)
+    return ''
+
+
+def _find_owner(path: Path) -> int | None:
+    """Return the owner of a lock file, None if no process holds the lock."""
+    with os.fdopen(open_regular(path, follow=False), 'rb') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return os.fstat(file.fileno()).st_uid
+    return None
+
+
+def _user_name(number: int) -> str:
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:  # the user of a container or of another machine
+        return str(number)

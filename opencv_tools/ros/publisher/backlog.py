@@ -18,11 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 import time
-from typing import Protocol
 
 from opencv_tools.logs import Log
 from rclpy.duration import Duration
-from rclpy.qos import QoSProfile
+from rclpy.publisher import Publisher
 
 # rclpy blocks the interpreter while it waits for confirmations. It is polled without a wait.
 _POLL_SECONDS = 0.002
@@ -30,15 +29,6 @@ _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
 # killed subscriber stays in the graph for 20 s, and the other subscribers wait meanwhile.
 _TIMEOUT_SECONDS = 10.0
-
-
-class ConfirmedPublisher(Protocol):
-    """The members of an rclpy publisher that are used here."""
-
-    qos_profile: QoSProfile
-
-    def wait_for_all_acked(self, timeout: Duration) -> bool:
-        """Return whether reliable subscribers have confirmed every message."""
 
 
 class Backlog:
@@ -51,7 +41,7 @@ class Backlog:
     """
 
     def __init__(
-        self, publishers: Iterable[ConfirmedPublisher], log: Log,
+        self, publishers: Iterable[Publisher], log: Log,
         clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         """
@@ -68,7 +58,7 @@ class Backlog:
         self._sleep = sleep
         self._may_wait = True
 
-    def add(self, publisher: ConfirmedPublisher) -> None:
+    def add(self, publisher: Publisher) -> None:
         """Count a published message."""
         self._unconfirmed[publisher] += 1
 

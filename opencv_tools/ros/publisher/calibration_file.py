@@ -125,11 +125,7 @@ def write_camera_info(
 
 
 def _check_replaceable(path: Path) -> None:
-    """
-    Check that an existing file is a calibration.
-
-    :raises CameraInfoError: it is another file, which must not be replaced.
-    """
+    """Check that an existing file is a calibration; other files must not be replaced."""
     try:
         _parse(read_regular(path, _FILE_BYTES, follow=False), path)
     except (CameraInfoError, RefusedFileError) as err:

@@ -170,9 +170,8 @@ class CameraControls:
         if control.kind == ControlType.BOOLEAN:
             return Parameter(name, bool(value), description, changeable=True)
         if control.choices:
-            return Parameter(name, value, description,
-                             choices=tuple(number for number, _ in control.choices),
-                             changeable=True)
+            return Parameter(
+                name, value, description, choices=tuple(dict(control.choices)), changeable=True)
         # Some drivers report values outside their own range, or a step of 0.
         step = max(1, control.step)
         even = (value - control.minimum) % step == 0

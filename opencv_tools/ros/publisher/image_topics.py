@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from opencv_tools.capture.output_image import OutputImage
@@ -79,7 +78,8 @@ class ImageTopics:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            if _count(self.images) + _count(self._compressed) < self.awaited:
+            publishers = self.images, self._compressed
+            if sum(publisher.get_subscription_count() for publisher in publishers) < self.awaited:
                 self._settled_at = 0.0
             else:
                 self._settled_at = self._settled_at or now + _SETTLE_SECONDS
@@ -89,7 +89,7 @@ class ImageTopics:
 
     def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
-        return any(_count(publisher) for publisher in self._publishers())
+        return any(publisher.get_subscription_count() for publisher in self._publishers())
 
     def publish(self, output: OutputImage, stamp: Time, frame_id: str) -> bool:
         """
@@ -105,7 +105,7 @@ class ImageTopics:
         wire_header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
         to_images, to_compressed, to_infos = (
-            _count(publisher) > 0 for publisher in self._publishers())
+            publisher.get_subscription_count() > 0 for publisher in self._publishers())
         try:
             if to_images:
                 self._check_room(output.image.nbytes)
@@ -121,7 +121,9 @@ class ImageTopics:
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
         if to_compressed:
-            self._compressed.publish(_compressed_cdr(output, wire_header))
+            data, format_text = output.jpeg
+            self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
+                header=wire_header, format=format_text, data=data.data)))
             self.backlog.add(self._compressed)
         if failure:
             raise failure
@@ -137,13 +139,3 @@ class ImageTopics:
 
     def _publishers(self) -> tuple[Publisher, ...]:
         return self.images, self._compressed, self._infos
-
-
-def _count(publisher: Publisher) -> Any:
-    return publisher.get_subscription_count()
-
-
-def _compressed_cdr(output: OutputImage, header: WireHeader) -> bytes:
-    data, format_text = output.jpeg
-    return compressed_image_to_cdr(WireCompressedImage(
-        header=header, format=format_text, data=data.data))

@@ -105,7 +105,9 @@ class PublishLoop:
                 if self.settings.max_frames == self._progress.count > 0:
                     break
             if not self._grabber.stopped:
-                self._finish()
+                if not self._progress.count:
+                    raise CaptureError(f'{self._source_name()}: no frame could be published')
+                self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
         except CaptureError as err:
             self._log.error(str(err))
             self._controls.report_unused()
@@ -209,16 +211,6 @@ class PublishLoop:
     def _count_unseen(self) -> None:
         self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
         self._diagnostics.count()
-
-    def _finish(self) -> None:
-        """
-        Wait until subscribers have received the published frames.
-
-        :raises CaptureError: no frame was published.
-        """
-        if not self._progress.count:
-            raise CaptureError(f'{self._source_name()}: no frame could be published')
-        self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
 
     def _open_source(self) -> Source:
         settings = self.settings

@@ -12,34 +12,38 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters of ``img_publisher``, and the capture settings that follow from them."""
+"""Parameters of ``img_publisher``, and the capture settings and frame size that they imply."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.grabber import ReconnectPolicy
 from opencv_tools.capture.output_image import OutputSettings
 from opencv_tools.capture.player import ON_END, PlaybackSettings
-from opencv_tools.capture.source import check_source
+from opencv_tools.capture.source import check_source, expected_size
 from opencv_tools.capture.v4l2.modes import CameraRequest
 from opencv_tools.capture.v4l2.pixel_formats import check_fourcc
-from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.errors import ImageError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
+from opencv_tools.ros.command_line import given_parameters
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
 from opencv_tools.ros.publisher.calibration_file import check_camera_name
 from opencv_tools.ros.publisher.stamps import STAMPS
+import yaml
+
+_UNKNOWN_SIZE = (1920, 1080)
+_COLOUR = 'bgr8'
 
 
 def _parse_reconnect(text: str) -> float:
-    """
-    Read the maximum time to wait for a disconnected camera, in seconds.
-
-    :param text: ``forever``, ``never`` or a number of seconds.
-    :raises ValueError: the text is none of these.
-    """
+    """Read the seconds to wait for a disconnected camera: forever, never or a number."""
     named = {'forever': math.inf, 'never': 0.0}
     try:
         seconds = named[text] if text in named else float(text)
@@ -160,3 +164,32 @@ class PublisherSettings:
 
 #: Parameters of ``img_publisher``.
 PARAMETERS = parameter_table(PublisherSettings)
+
+
+def expected_frame_bytes(args: Sequence[str]) -> int:
+    """
+    Estimate the size of the frames that ``img_publisher`` will publish.
+
+    The profile of Fast DDS depends on the frame size, and is read before the node exists.
+    Patterns and cameras report their size. A file is opened to read its first frame. The size of
+    streams, and of arguments that the node will refuse, is assumed to be 1920x1080 in colour.
+
+    :param args: command line.
+    :returns: bytes per frame, at least 1.
+    """
+    try:
+        given = given_parameters(args, 'image_publisher')
+        values: dict[str, Any] = {
+            parameter.name: parameter.accept(given[parameter.name])
+            for parameter in PARAMETERS if parameter.name in given}
+        settings = PublisherSettings(**values)
+        size = expected_size(settings.source, settings.camera_request())
+        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
+    except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
+        return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
+
+
+def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
+    width, height = size
+    found = find_encoding(encoding)
+    return int(found.rows(height) * width * found.pixel_bytes)

@@ -76,11 +76,7 @@ def turn_camera_info(info: CameraInfo, axes: NDArray[np.float64]) -> CameraInfo:
 def _turn_distortion(
     model: str, coefficients: Sequence[float], axes: NDArray[np.float64],
 ) -> list[float]:
-    """
-    Turn the coefficients of a distortion model.
-
-    :raises CameraInfoError: the model is not supported.
-    """
+    """Turn the coefficients of a distortion model, if the model is supported."""
     turned = np.array(coefficients, np.float64)
     if not turned.any() or model in _SYMMETRIC:
         return turned.tolist()

@@ -27,8 +27,6 @@ from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
 
-MODES = ('continuous', 'on_request')
-
 # Smallest and largest queue of the middleware for a busy subscriber, in frames.
 _LEAST_DEPTH = 10
 _LARGEST_DEPTH = 1000
@@ -62,7 +60,7 @@ class RecorderSettings:
         'decoded', bounds=(1, 2**31))
     mode: str = parameter(
         'continuous', 'Recording mode; continuous writes every frame, on_request one frame for '
-        'each call of ~/save', choices=MODES)
+        'each call of ~/save', choices=('continuous', 'on_request'))
     convert: str = parameter(
         'auto', 'Conversion of Bayer and YUV frames to colour in images and videos',
         choices=('auto', 'never'))

@@ -28,7 +28,7 @@ from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.recording.selection import Limits, Selection
+from opencv_tools.recording.selection import Selection
 from opencv_tools.ros.subscriber.parameters import RecorderSettings
 from opencv_tools.ros.subscriber.save_service import SaveRequests
 from opencv_tools.ros.timers import create_steady_timer
@@ -63,7 +63,14 @@ class RecordingSession:
         self._queue_size = settings.queue_size
         self._selection = Selection(settings.every_n, settings.max_rate, limits)
         self.folder = _absolute_path(settings.output_dir)
-        self.recorder = _open_recorder(self.folder, settings, limits, log, self._end)
+        names = FileNames(settings.file_name)
+        encoder = EncoderSettings(
+            names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
+            png_compression=settings.png_compression, crf=settings.crf)
+        sink = open_sink(self.folder, names, encoder, settings.on_exists, limits, settings.sync)
+        self.recorder = Recorder(
+            sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block',
+            self._end)
         self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
 
     def record(self, frame: ReceivedFrame) -> None:
@@ -79,11 +86,10 @@ class RecordingSession:
         if not (requests if self.requests else selection.selects(frame)):
             self.skipped += 1
             return
-        selection.count()
         self._put_count += 1
         on_done = partial(self.requests.complete, requests) if self.requests else None
-        if not self.recorder.put(frame, on_done):
-            selection.uncount()
+        if self.recorder.put(frame, on_done):
+            selection.count()
         if selection.is_over:
             self._end()
 
@@ -114,32 +120,10 @@ class RecordingSession:
 
 
 def _absolute_path(text: str) -> Path:
-    """
-    Return the path of the output folder.
-
-    :raises RecordingError: the path is relative to a folder that was removed.
-    """
+    """Return the path of the output folder, unless it is relative to a removed folder."""
     try:
         return Path(text).expanduser().absolute()
     except FileNotFoundError as err:
         raise RecordingError(
             f'output_dir {text} cannot be used: the working directory was removed; set output_dir '
             'to an absolute path') from err
-
-
-def _open_recorder(
-    folder: Path, settings: RecorderSettings, limits: Limits, log: Log,
-    on_full: Callable[[], object],
-) -> Recorder:
-    """
-    Open the output folder and start the threads that write.
-
-    :raises RecordingError: the output folder cannot be used.
-    """
-    names = FileNames(settings.file_name)
-    encoder = EncoderSettings(
-        names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
-        png_compression=settings.png_compression, crf=settings.crf)
-    sink = open_sink(folder, names, encoder, settings.on_exists, limits, settings.sync)
-    return Recorder(
-        sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block', on_full)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import re
 
 from opencv_tools.image.text import printable
-from opencv_tools.ros.fastdds.other_users import find_other_user
+from opencv_tools.ros.fastdds.shared_memory import find_other_user
 from opencv_tools.ros.qos import qos_mismatch
 from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
 from rclpy.node import Node
@@ -117,21 +117,18 @@ class TopicDiscovery:
                         f'{published.type_name} on {name} ({_describe_node(info)})'
         return f'{publisher}; set transport:={transport} or transport:=auto'
 
-    def _image_topics(self) -> dict[str, set[str]]:
-        """Return the topics on which images are published, sorted, with their types."""
+    def _describe_images(self) -> str:
+        """Describe the topics that have images, and how to subscribe to one."""
         topics = {}
+        own = self._node.get_name(), self._node.get_namespace()  # a filter publishes as well
         for name, types in sorted(self._node.get_topic_names_and_types()):
             # Topics that are not of ROS have other names. Subscriptions have types as well.
             if _NAME.fullmatch(name) and not MESSAGE_TYPES.keys().isdisjoint(types):
                 published = {
-                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)}
+                    info.topic_type for info in self._node.get_publishers_info_by_topic(name)
+                    if (info.node_name, info.node_namespace) != own}
                 if published & MESSAGE_TYPES.keys():
                     topics[name] = published
-        return topics
-
-    def _describe_images(self) -> str:
-        """Describe the topics that have images, and how to subscribe to one."""
-        topics = self._image_topics()
         domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
         if not topics:
             return f'no images are published in {domain}; ' \

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
+import time
 from typing import Any
 
 from conftest import CLIP, CLIP_FRAMES
@@ -27,7 +28,7 @@ import numpy as np
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.pattern import draw_pattern, PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, PlaybackSettings, Player
+from opencv_tools.capture.player import Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 from opencv_tools.capture.source import open_source
 from playback import numbers, play
 import pytest
@@ -183,3 +184,11 @@ def test_start_frame_after_the_end_of_a_folder_is_refused(numbered: Source, firs
 def test_start_frame_after_the_end_of_a_video_is_refused() -> None:
     with pytest.raises(CaptureError, match=f'has only {CLIP_FRAMES} frames, numbered from 0$'):
         list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())
+
+
+def test_system_clock_waits_for_an_event_or_a_timeout() -> None:
+    assert time.monotonic() <= SYSTEM_CLOCK.monotonic() <= time.monotonic()
+    event = Event()
+    assert not SYSTEM_CLOCK.wait(event, 0.01)
+    event.set()
+    assert SYSTEM_CLOCK.wait(event, 3600.0)

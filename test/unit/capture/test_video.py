@@ -12,14 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Video files as a source."""
+"""Video files as a source, and the diagnosis of a stream that cannot be opened."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+import socket
+from threading import Thread
+
 from conftest import CLIP, decode_clip
 import numpy as np
+from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.source import open_source
+from opencv_tools.capture.video import describe_failure
 from playback import frames_of
+import pytest
 
 
 def test_video_yields_every_frame_and_its_rate() -> None:
@@ -31,3 +39,83 @@ def test_video_yields_every_frame_and_its_rate() -> None:
     source.rewind()
     assert np.array_equal(source.read().image, decode_clip(1)[0])
     source.close()
+
+
+@pytest.fixture
+def bound() -> Iterator[socket.socket]:
+    """Bind a port of this machine without listening on it."""
+    with socket.socket() as held:
+        held.bind(('127.0.0.1', 0))
+        yield held
+
+
+@pytest.fixture
+def server() -> Iterator[str]:
+    """Start a web server that answers every request with an error."""
+    class Handler(BaseHTTPRequestHandler):
+
+        def do_GET(self) -> None:
+            self.send_error(404)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with HTTPServer(('127.0.0.1', 0), Handler) as running:
+        Thread(target=running.serve_forever, args=(0.01,), daemon=True).start()
+        yield f'http://127.0.0.1:{running.server_port}/x'
+        running.shutdown()
+
+
+@pytest.mark.parametrize('scheme', ['rtsp', 'http', 'https', 'rtmp', 'tcp'])
+def test_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
+    port = bound.getsockname()[1]
+    url = f'{scheme}://user@127.0.0.1:{port}/x'
+    expected = f'{url} is not reachable: 127.0.0.1 port {port}: Connection refused'
+    assert describe_failure(url) == expected
+    bound.listen()
+    assert describe_failure(url) == (
+        f'{url} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
+        'but sends no readable video')
+
+
+@pytest.mark.parametrize(('err', 'reason'), [
+    (TimeoutError('timed out'), 'no answer in 2 s'),
+    (socket.gaierror(socket.EAI_NONAME, 'Name or service not known'), 'Name or service not known'),
+    (OSError('of another kind'), 'of another kind')])
+@pytest.mark.parametrize(('scheme', 'port'), [('rtsp', 554), ('http', 80), ('https', 443)])
+def test_unreachable_server_is_named_with_its_default_port(
+        monkeypatch: pytest.MonkeyPatch, err: OSError, reason: str, scheme: str,
+        port: int) -> None:
+    def refuse(address: tuple[str, int], seconds: float) -> socket.socket:
+        assert (address, seconds) == (('camera.example', port), 2.0)
+        raise err
+
+    monkeypatch.setattr(socket, 'create_connection', refuse)
+    url = f'{scheme}://camera.example/x'
+    assert describe_failure(url) == f'{url} is not reachable: camera.example port {port}: {reason}'
+
+
+@pytest.mark.parametrize('url', [
+    'udp://239.0.0.1:5000', 'rtp://127.0.0.1:5000', 'http:///x', 'tcp://127.0.0.1'])
+def test_urls_without_a_tcp_server_are_not_contacted(
+        monkeypatch: pytest.MonkeyPatch, url: str) -> None:
+    monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
+    assert describe_failure(url) == (
+        f'{url} cannot be opened as a video: it is unreachable or sends no video')
+
+
+@pytest.mark.parametrize('url', [
+    'rtsp://127.0.0.1:99999/x', 'rtsp://[::1/x', f'http://{"a" * 70}.example/x'])
+def test_invalid_url_is_reported_as_such(url: str) -> None:
+    assert describe_failure(url).startswith(f'{url} is not a URL: ')
+
+
+def test_closed_port_is_a_temporary_failure(bound: socket.socket) -> None:
+    url = f'rtsp://127.0.0.1:{bound.getsockname()[1]}/x'
+    with pytest.raises(UnavailableError, match=r'is not reachable: .*: Connection refused'):
+        open_source(url)
+
+
+def test_server_without_a_video_differs_from_a_closed_port(server: str) -> None:
+    with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
+        open_source(server)

@@ -72,6 +72,14 @@ def test_explanation_with_a_remedy(
         discovery.allowed[0], RELIABLE)
 
 
+def test_own_topics_are_not_suggested(node: Node) -> None:
+    node.create_publisher(Image, '/filtered', RELIABLE)
+    discovery = TopicDiscovery(node, 'video_frames', 'raw')
+    spin_until(node, lambda: node.count_publishers('/filtered') == 1)
+    assert 'no images are published' in discovery.explain_no_frames(
+        discovery.allowed[0], RELIABLE)
+
+
 def test_explanation_of_incompatible_qos(node: Node, camera: Node) -> None:
     discovery = TopicDiscovery(node, 'video_frames', 'auto')
     camera.create_publisher(Image, TOPIC, BEST_EFFORT)

@@ -22,7 +22,7 @@ from pathlib import Path
 from conftest import CLIP
 import cv2
 import numpy as np
-from opencv_tools.ros.publisher.frame_size import expected_frame_bytes
+from opencv_tools.ros.publisher.parameters import expected_frame_bytes
 import pytest
 
 VGA = 640 * 480 * 3

@@ -267,4 +267,3 @@ def test_node_closes_its_frames(node: Node, domain: int) -> None:
     assert not list(frame_node.subscriptions)
     assert 'result' not in {publisher.topic_name for publisher in frame_node.publishers}
     frame_node.destroy_node()
-
