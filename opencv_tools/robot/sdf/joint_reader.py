@@ -153,7 +153,9 @@ def _rotation(axis: TrackedElement, joint: Joint, context: ReadContext, kinemati
         context.report.warn('axis', joint.name, line_of(old), 'use_parent_model_frame is ignored '
                             'since SDF 1.7; use expressed_in=')
     elif version < FRAMES:
-        in_model = version < JOINT_AXES and not context.scope.is_inline
+        # An axis of a model inside another model, not in its own file, is in the joint frame.
+        is_inline = context.scope.parent is not None and not context.scope.file.includes
+        in_model = version < JOINT_AXES and not is_inline
         if in_model if old is None else flag(old.text, old):
             name = MODEL_FRAME
     if not name:

@@ -81,7 +81,12 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     pose_in_world = _pose_in_world(robot, top, registry)
     robot = _with_world(robot, pose_in_world)
     # Axes may be expressed in any frame, so all poses are final here.
-    robot = _with_axes(robot, contexts)
+    elements = ((element, context) for context in contexts
+                for element in context.scope.element.take_all(*JOINTS))
+    kinematics = Kinematics(robot)
+    robot = replace(robot, joints=tuple(
+        with_axes(joint, element, context, kinematics)
+        for joint, (element, context) in zip(robot.joints, elements)))
     # Mimics are parts of axes.
     check_mimic_cycles(robot)
     # Loops do not change poses or axes; only trees of the robot depend on them.
@@ -194,15 +199,6 @@ def _with_world(robot: Robot, pose_in_world: Pose) -> Robot:
         return robot
     placement = Placement(pose_in_world.transform().inverse().pose(), MODEL)
     return replace(robot, links=(*links, replace(last, placement=placement)))
-
-
-def _with_axes(robot: Robot, contexts: Sequence[ReadContext]) -> Robot:
-    elements = ((element, context) for context in contexts
-                for element in context.scope.element.take_all(*JOINTS))
-    kinematics = Kinematics(robot)
-    return replace(robot, joints=tuple(
-        with_axes(joint, element, context, kinematics)
-        for joint, (element, context) in zip(robot.joints, elements)))
 
 
 def _model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:

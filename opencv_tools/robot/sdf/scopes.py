@@ -59,11 +59,6 @@ class Scope:
         """Whether its links belong to the enclosing model."""
         return self.parent is not None and self.prefix == self.parent.prefix
 
-    @property
-    def is_inline(self) -> bool:
-        """Whether it is written inside another model, not in its own file."""
-        return self.parent is not None and not self.file.includes
-
     def qualified(self, name: str) -> str:
         """Return the robot-wide name of an object of this model."""
         return self.prefix + name
