@@ -192,14 +192,7 @@ class _View:
 
     def lay_out(self, height: float, low: Sequence[float], size: Sequence[float], scale: float
                 ) -> float:
-        """
-        Draw the panel and return its width in inches.
-
-        :param height: height of the drawing in inches.
-        :param low: smallest coordinates of the drawing.
-        :param size: extent of the drawing.
-        :param scale: inches for each metre.
-        """
+        """Draw the panel with a height in inches and inches for each metre; return its width."""
         left, right = self._columns
         drawn = scale * size[0]
         begin = left.width + _GAP if left.width else 0.0

@@ -50,19 +50,13 @@ _DEFAULT_NAME = 'robot'
 
 @dataclass(frozen=True, kw_only=True)
 class _ReadContext:
-    """
-    Facts of the whole file that its elements are read with.
-
-    :param gazebo: elements of SDF from ``<gazebo>``, by their owner.
-    :param offsets: poses of parent joints in their child links, by name of the link; only those
-        that are not the identity.
-    """
+    """Facts of the whole file that its elements are read with."""
 
     report: Report
     tree: LinkTree
     materials: MaterialTable
-    gazebo: Mapping[FrameId, list[Element]]
-    offsets: Mapping[str, Pose]
+    gazebo: Mapping[FrameId, list[Element]]  # elements of SDF from <gazebo>, by their owner
+    offsets: Mapping[str, Pose]  # by link: its parent joint's pose in it, if not the identity
 
     def link_frame(self, link: str) -> FrameId:
         """Return the frame of a link in URDF, which is that of its parent joint."""
