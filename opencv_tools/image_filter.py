@@ -29,22 +29,20 @@ from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.node import FRAME_SIZE, FrameNode
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.text import printable
 from opencv_tools.logs import Throttle
 from opencv_tools.ros.parameters import (
     declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
     unknown_parameters)
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
 import yaml
 
 
 def _check_encoding(text: str) -> None:
     if text:
-        try:
-            find_encoding(text)
-        except EncodingError as err:
-            raise ValueError(str(err)) from err
+        find_encoding(text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +61,7 @@ class FilterSettings:
         False, 'Whether to filter every frame; false to skip frames while the function runs')
     transport: str = parameter(
         'auto', 'Type of the received images; auto prefers raw images',
-        choices=('auto', 'raw', 'compressed'))
+        choices=tuple(TRANSPORTS))
 
 
 #: Parameters of ``img_filter``.
@@ -109,8 +107,8 @@ class ImageFilter(FrameNode):
         except Exception as err:  # noqa: B902 (the function may raise anything)
             self._failed += 1
             if self._throttle.passes():
-                self.get_logger().error(
-                    f'frame not filtered: {type(err).__name__}: {" ".join(str(err).split())}')
+                reason = printable(' '.join(str(err).split()))
+                self.get_logger().error(f'frame not filtered: {type(err).__name__}: {reason}')
         self._progress.tick(frame.description, self._dropped())
 
     def close(self) -> int:

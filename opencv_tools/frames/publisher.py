@@ -90,12 +90,11 @@ class FramePublisher:
         if header is None:
             header = Header(stamp=self._node.get_clock().now().to_msg())
         declared = _encoding_of(image, encoding)
-        wire = array_to_wire(image, declared, WireHeader(
-            header.stamp.sec, header.stamp.nanosec, header.frame_id))
         if self._images.get_subscription_count():
-            publish_image(self._images.handle, wire)
+            publish_image(self._images.handle, array_to_wire(image, declared, WireHeader(
+                header.stamp.sec, header.stamp.nanosec, header.frame_id)))
         if self._compressed.get_subscription_count():
-            self._publish_compressed(image, wire.encoding, header)
+            self._publish_compressed(image, declared.name, header)
 
     def _publish_compressed(
         self, image: NDArray[np.generic], encoding: str, header: Header,

@@ -24,6 +24,7 @@ from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import Frame
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import printable
 from opencv_tools.logs import Throttle
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from rclpy.node import Node
@@ -180,7 +181,7 @@ class FrameSubscriber:
         """Count and log a message that cannot be read or converted."""
         self.failed += 1
         if self._throttle.passes():
-            self._log.warning(f'frame of {self.topic_name} skipped: {err}')
+            self._log.warning(f'frame of {self.topic_name} skipped: {printable(err)}')
 
 
 def _stamp(message: WireMessage) -> int:

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 import hashlib
+from itertools import chain
 from pathlib import Path
 
 from opencv_tools.recording.folder import Folder
@@ -92,16 +93,18 @@ class ImageSink:
         :raises OSError: the file cannot be written.
         """
         content = encode_frame(frame, self._settings)
-        digest, size = hashlib.sha256(), 0
+        parts = content.parts()
+        first = next(parts)
+        digest, size = hashlib.sha256(first), first.nbytes  # while the data are in the cache
 
         def hashed() -> Iterator[memoryview]:
             nonlocal size
-            for part in content.parts():
+            for part in parts:
                 digest.update(part)
                 size += part.nbytes
                 yield part
 
-        temporary = self._folder.write(hashed())
+        temporary = self._folder.write(chain((first,), hashed()))
         return PreparedImage(
             temporary, replace(content, data=b'', array=None), size, digest.hexdigest())
 

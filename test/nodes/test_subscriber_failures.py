@@ -25,7 +25,6 @@ import random
 import re
 import shutil
 import signal
-import subprocess
 import time
 
 from conftest import (
@@ -47,9 +46,6 @@ AT_ONCE = 4
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
                      r'(\d+) failed, (\d+) lost in transit')
-# Prefix of a command in its own mount namespace, as root or not.
-NAMESPACE = ('unshare', '--mount') if os.getuid() == 0 else (
-    'unshare', '--mount', '--user', '--map-root-user')
 
 
 def summary(process: NodeProcess) -> dict[str, int]:
@@ -142,16 +138,12 @@ def test_video_of_a_killed_recorder(
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> tuple[Path, list[str]]:
+def small_disk(tmp_path: Path, mount_namespace: tuple[str, ...]) -> tuple[Path, list[str]]:
     """Return a folder, and the prefix of a command for which it is a disk of 1 MB."""
     folder = tmp_path / 'disk'
     folder.mkdir()
-    command = [*NAMESPACE, 'sh', '-c',
-               f'mount -t tmpfs -o size=1m none {folder} && exec "$@"', 'sh']
-    probe = subprocess.run([*command, 'true'], capture_output=True, text=True, check=False)
-    if probe.returncode:
-        pytest.skip(f'no mount namespace here: {probe.stderr}')
-    return folder, command
+    return folder, [*mount_namespace, 'sh', '-c',
+                    f'mount -t tmpfs -o size=1m none {folder} && exec "$@"', 'sh']
 
 
 def test_full_disk_that_gets_room_again(

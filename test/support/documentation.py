@@ -62,10 +62,10 @@ class Block:
         return f'{self.page}:{self.line}'
 
     @property
-    def seconds(self) -> float:
-        """Seconds after which the block is interrupted; 0 if it ends by itself."""
-        times = [re.fullmatch(r'for (\d+) s', mark) for mark in self.marks]
-        return next((float(time[1]) for time in times if time), 0.0)
+    def until(self) -> str:
+        """Text in the output after which the block is interrupted; '' if it ends by itself."""
+        return next((mark.removeprefix('until ') for mark in self.marks
+                     if mark.startswith('until ')), '')
 
     @property
     def is_run(self) -> bool:
@@ -75,7 +75,7 @@ class Block:
 
     def marks_are_known(self) -> bool:
         """Return whether every mark has a meaning."""
-        known = re.compile(r'for [1-9]\d* s|needs (camera|root|ros)|not run: \S.*')
+        known = re.compile(r'until \S.*|needs (camera|root|ros)|not run: \S.*')
         return all(known.fullmatch(mark) for mark in self.marks)
 
 

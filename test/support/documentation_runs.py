@@ -33,8 +33,6 @@ from documented_commands import PARAMETERS, ROBOT_COMMANDS
 
 #: Parts of the project that the commands of the pages use.
 USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
-#: Line of a node that has published or received a frame.
-FRAME = re.compile(r'video frame \d')
 
 # PyPI has no ros2 command, and a container often has no sudo.
 _ROS2 = """#!/bin/bash
@@ -80,13 +78,13 @@ def environment(root: Path) -> dict[str, str]:
             'ROS_DISTRO': 'jazzy'}  # so make installs nothing
 
 
-def run(command: Sequence[str], root: Path, seconds: float = 0) -> tuple[int, str]:
+def run(command: Sequence[str], root: Path, until: str = '') -> tuple[int, str]:
     """
     Run a command in a copy of the project, and end everything that it has started.
 
     :param command: the command and its arguments.
     :param root: the copy, which is its working directory.
-    :param seconds: longest time until Ctrl-C, which follows the first frame; 0 for no Ctrl-C.
+    :param until: text in the output after which Ctrl-C follows; '' for no Ctrl-C.
     :returns: exit status, and the output of the command and of what it started.
     """
     log = root.parent / 'output.log'
@@ -95,24 +93,23 @@ def run(command: Sequence[str], root: Path, seconds: float = 0) -> tuple[int, st
             command, cwd=root, env=environment(root), stdin=subprocess.DEVNULL, stdout=console,
             stderr=subprocess.STDOUT, start_new_session=True)
     try:
-        _wait(process, log, seconds)
+        _wait(process, log, until)
     finally:
         _end_session(process)
     return process.returncode, log.read_text()
 
 
-def _wait(process: subprocess.Popen[bytes], log: Path, seconds: float) -> None:
-    """Wait for the end of a process, and interrupt its group when that is due."""
-    begin = interrupted = time.monotonic()
+def _wait(process: subprocess.Popen[bytes], log: Path, until: str) -> None:
+    """Wait for the end of a process, and interrupt its group after each line with a text."""
+    begin = time.monotonic()
     seen = 0
     while process.poll() is None:
-        now = time.monotonic()
-        if now > begin + DEADLINE:
+        if time.monotonic() > begin + DEADLINE:
             raise AssertionError(f'did not end:\n{log.read_text()}')
         output = log.read_text()
-        if seconds and (now > interrupted + seconds or FRAME.search(output, seen)):
+        if until and until in output[seen:]:
             os.killpg(process.pid, signal.SIGINT)
-            interrupted, seen = now, len(output)
+            seen = len(output)
         time.sleep(0.02)
 
 
