@@ -51,7 +51,7 @@ class ImagePublisher(Node):
         self.done = Future()
         settings = PublisherSettings(**declare_parameters(self, PARAMETERS))
         calibration = open_calibration(self, settings)
-        topics = ImageTopics(
+        self._topics = topics = ImageTopics(
             self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers)
         self.publisher_ = topics.images
         controls = CameraControls(self, PARAMETERS, lambda: self._loop.camera)
@@ -75,6 +75,7 @@ class ImagePublisher(Node):
         """
         self._loop.stop()
         self._thread.join(_STOP_SECONDS)
+        self._topics.close()
         self.get_logger().info(self._loop.summary())
         return self.done.result() if self.done.done() else EXIT_OK
 

@@ -38,6 +38,8 @@ from rclpy.task import Future
 
 # Maximum time to record received frames at the end.
 _END_SECONDS = 60.0
+# Frames that stay in shared memory while they wait to be written; more are copied.
+_MAX_VIEWS = 2
 
 
 class ImageSubscriber(Node):
@@ -62,7 +64,7 @@ class ImageSubscriber(Node):
         self._session = RecordingSession(self, settings, self._log, lambda: self._end(EXIT_OK))
         self.subscription = FrameSubscription(
             self, 'video_frames', settings.transport, settings.depth, self._log,
-            self.listener_callback, self._count_unreadable)
+            self.listener_callback, self._count_unreadable, max_views=_MAX_VIEWS)
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None

@@ -24,6 +24,7 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import declared_encoding, Encoding, generic_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.ros.qos import create_frame_publisher
+from opencv_tools.ros.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.ros.zero_copy import publish_image
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
@@ -56,6 +57,7 @@ class FramePublisher:
         self._quality = quality
         self._bridge = CvBridge()
         self._images = create_frame_publisher(node, Image, topic)
+        self._shared = SharedFramePublisher(node, self._images)
         self._compressed = create_frame_publisher(
             node, CompressedImage, f'{node.resolve_topic_name(topic)}/compressed')
 
@@ -67,7 +69,7 @@ class FramePublisher:
     @property
     def has_subscribers(self) -> bool:
         """Whether a raw or compressed image would be received."""
-        return bool(self._images.get_subscription_count()
+        return bool(self._shared.has_subscribers or self._images.get_subscription_count()
                     or self._compressed.get_subscription_count())
 
     def publish(
@@ -90,9 +92,13 @@ class FramePublisher:
         if header is None:
             header = Header(stamp=self._node.get_clock().now().to_msg())
         declared = _encoding_of(image, encoding)
-        if self._images.get_subscription_count():
-            publish_image(self._images.handle, array_to_wire(image, declared, WireHeader(
-                header.stamp.sec, header.stamp.nanosec, header.frame_id)))
+        to_images = self._images.get_subscription_count() > 0
+        if to_images or self._shared.has_subscribers:
+            wire = array_to_wire(image, declared, WireHeader(
+                header.stamp.sec, header.stamp.nanosec, header.frame_id))
+            self._shared.publish(wire, to_images)
+            if to_images:
+                publish_image(self._images.handle, wire)
         if self._compressed.get_subscription_count():
             self._publish_compressed(image, declared.name, header)
 
@@ -107,6 +113,7 @@ class FramePublisher:
 
     def destroy(self) -> None:
         """Remove the publishers."""
+        self._shared.destroy()
         self._node.destroy_publisher(self._images)
         self._node.destroy_publisher(self._compressed)
 

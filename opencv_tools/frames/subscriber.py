@@ -64,7 +64,7 @@ class FrameSubscriber:
             services and parameters of the node are not delayed by it.
         :param camera_info: whether to wait for the calibration with the same stamp, from the topic
             ``camera_info`` beside the image topic.
-        :param transport: ``auto``, ``raw`` or ``compressed``.
+        :param transport: ``auto``, ``raw``, ``compressed`` or ``shm``.
         :raises KeyError: the transport is unknown.
         """
         self._node = node
@@ -91,7 +91,8 @@ class FrameSubscriber:
             self._info_subscription = node.create_subscription(
                 CameraInfo, f'{base}/camera_info', self._add_info, qos_profile_sensor_data)
         self._subscription = FrameSubscription(
-            node, topic, transport, self._capacity, self._log, self._receive, self._count_failed)
+            node, topic, transport, self._capacity, self._log, self._receive, self._count_failed,
+            in_thread=threaded)
 
     @property
     def topic_name(self) -> str:

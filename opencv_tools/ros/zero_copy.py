@@ -44,7 +44,8 @@ _RMW_GID_STORAGE_SIZE = 16
 
 # Functions that are called, by library.
 _FUNCTIONS: dict[str, Sequence[str]] = {
-    'librcl.so': ('rcl_publish', 'rcl_take_serialized_message'),
+    'librcl.so': ('rcl_publish', 'rcl_publisher_get_rmw_handle', 'rcl_take_serialized_message',
+                  'rmw_get_gid_for_publisher'),
     'librcutils.so': ('rcutils_get_default_allocator', 'rcutils_get_error_string',
                       'rcutils_reset_error', 'rcutils_uint8_array_init',
                       'rcutils_uint8_array_fini')}
@@ -116,6 +117,11 @@ class MessageInfo(ctypes.Structure):
 SerializedMessage = tuple[NDArray[np.uint8], MessageInfo]
 
 
+class _Gid(ctypes.Structure):
+    _fields_ = (('implementation', ctypes.c_char_p),
+                ('data', ctypes.c_uint8 * _RMW_GID_STORAGE_SIZE))
+
+
 class _ErrorText(ctypes.Structure):
     _fields_ = (('text', ctypes.c_char * 1024),)
 
@@ -153,6 +159,9 @@ def use_rcl() -> str:
         return str(err)
     rcl.rcl_publish.argtypes = [ctypes.c_void_p] * 3
     rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
+    rcl.rcl_publisher_get_rmw_handle.argtypes = [ctypes.c_void_p]
+    rcl.rcl_publisher_get_rmw_handle.restype = ctypes.c_void_p
+    rcl.rmw_get_gid_for_publisher.argtypes = [ctypes.c_void_p] * 2
     rcutils.rcutils_get_default_allocator.restype = _Allocator
     rcutils.rcutils_get_error_string.restype = _ErrorText
     if not _array_layout_matches(rcutils):
@@ -233,6 +242,22 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
         _Bytes(data.ctypes.data, data.nbytes, data.nbytes))
     with publisher:
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
+
+
+def publisher_id(publisher: rclpy_implementation.Publisher) -> bytes:
+    """
+    Return the identifier of a publisher, as in the ``publisher`` of a `MessageInfo`.
+
+    :param publisher: handle of the publisher.
+    :returns: 16 bytes, or none if rclpy is used.
+    """
+    if _rcl is None:
+        return b''
+    gid = _Gid()
+    with publisher:
+        _check(_rcl.rmw_get_gid_for_publisher(
+            _rcl.rcl_publisher_get_rmw_handle(publisher.pointer), ctypes.byref(gid)))
+    return bytes(gid.data)
 
 
 def take_serialized(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:

@@ -28,6 +28,7 @@ from opencv_tools.ros.fastdds.profile import FastDdsSetup
 from opencv_tools.ros.publisher.backlog import Backlog
 from opencv_tools.ros.publisher.camera_info import Calibration
 from opencv_tools.ros.qos import create_frame_publisher
+from opencv_tools.ros.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.ros.zero_copy import publish_image
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -68,6 +69,7 @@ class ImageTopics:
         self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
         self._infos = create_frame_publisher(
             node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
+        self._shared = SharedFramePublisher(node, self.images)
         #: Messages that reliable subscribers have not confirmed.
         self.backlog = Backlog(self._publishers(), self._log)
         #: Number of subscribers to wait for before the first frame; 0 after the wait.
@@ -89,15 +91,20 @@ class ImageTopics:
 
     def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
-        return any(publisher.get_subscription_count() for publisher in self._publishers())
+        return self._shared.has_subscribers or any(
+            publisher.get_subscription_count() for publisher in self._publishers())
 
-    def publish(self, output: OutputImage, stamp: Time, frame_id: str) -> bool:
+    def publish(
+        self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
+    ) -> bool:
         """
         Publish a frame on each topic with subscribers, raw pixels first because they are fast.
 
         :param output: frame to publish.
         :param stamp: stamp of the messages.
         :param frame_id: coordinate frame of the camera.
+        :param is_live: whether the frame may be shared; a subscriber that is late loses shared
+            frames, while the publisher of a file waits for it.
         :returns: whether any topic has a subscriber.
         :raises ImageError: the frame cannot be decoded or converted.
         """
@@ -106,12 +113,16 @@ class ImageTopics:
         failure: ImageError | None = None
         to_images, to_compressed, to_infos = (
             publisher.get_subscription_count() > 0 for publisher in self._publishers())
+        to_shared = is_live and self._shared.has_subscribers
         try:
+            if to_images or to_shared:
+                encoding = declared_encoding(output.image, output.encoding)
+                image = array_to_wire(output.image, encoding, wire_header)
+                if is_live:
+                    self._shared.publish(image, to_images)
             if to_images:
                 self._check_room(output.image.nbytes)
-                encoding = declared_encoding(output.image, output.encoding)
-                publish_image(
-                    self.images.handle, array_to_wire(output.image, encoding, wire_header))
+                publish_image(self.images.handle, image)
                 self.backlog.add(self.images)
             if to_infos:
                 settings = output.settings
@@ -127,7 +138,11 @@ class ImageTopics:
             self.backlog.add(self._compressed)
         if failure:
             raise failure
-        return to_images or to_compressed or to_infos
+        return to_images or to_shared or to_compressed or to_infos
+
+    def close(self) -> None:
+        """Stop sharing frames."""
+        self._shared.destroy()
 
     def _check_room(self, frame_bytes: int) -> None:
         """Log a warning when frames become too large for the shared memory."""

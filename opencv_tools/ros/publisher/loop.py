@@ -195,7 +195,8 @@ class PublishLoop:
         output = OutputImage(frame, settings.output())
         stamp = self._stamper.stamp(frame.stamp_ns, settings.stamp, settings.stamp_offset)
         try:
-            if not self._topics.publish(output, stamp, settings.frame_id):
+            if not self._topics.publish(
+                    output, stamp, settings.frame_id, is_live=self._is_live()):
                 self._count_unseen()
                 return
             width, height = output.size

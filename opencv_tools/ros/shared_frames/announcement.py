@@ -27,13 +27,13 @@ import os
 from pathlib import Path
 import re
 
-from opencv_tools.ros.shared_frames.engine import SHARED_MEMORY
+from opencv_tools.ros.shared_frames.memory import SHARED_MEMORY
 
 #: Suffix of the topic.
 SUFFIX = '/shm'
 _VERSION = 1
 _MAX_BYTES = 4096
-_SERVICE = re.compile(r'[0-9a-f]{32}')
+_IDENTIFIER = re.compile(r'[0-9a-f]{32}')
 _PLACE = re.compile(r'[0-9a-f-]{1,64}')
 
 
@@ -50,27 +50,29 @@ class Announcement:
     :param boot: identifier of the running kernel.
     :param memory: device number of /dev/shm, which differs between containers.
     :param user: user identifier of the publisher.
+    :param publisher: identifier of the publisher of the image topic, 32 hexadecimal digits.
     """
 
     service: str
     boot: str
     memory: int
     user: int
+    publisher: str
 
     @property
     def is_reachable(self) -> bool:
         """Whether this process can open the service."""
-        return bool(self.service) and self == here(self.service)
+        return bool(self.service) and self == announce(self.service, self.publisher)
 
     def to_text(self) -> str:
         """Return the announcement as JSON."""
         return json.dumps({'version': _VERSION, **asdict(self)})
 
 
-def here(service: str) -> Announcement:
+def announce(service: str, publisher: str) -> Announcement:
     """Return the announcement of a service of this process."""
     boot = Path('/proc/sys/kernel/random/boot_id').read_text().strip()
-    return Announcement(service, boot, SHARED_MEMORY.stat().st_dev, os.getuid())
+    return Announcement(service, boot, SHARED_MEMORY.stat().st_dev, os.getuid(), publisher)
 
 
 def read_announcement(text: str) -> Announcement:
@@ -91,10 +93,13 @@ def read_announcement(text: str) -> Announcement:
     service, boot = fields.get('service'), fields.get('boot')
     memory, user = fields.get('memory'), fields.get('user')
     if not isinstance(service, str) or (
-            service and not _SERVICE.fullmatch(service)):
+            service and not _IDENTIFIER.fullmatch(service)):
         raise AnnouncementError('the announcement has an invalid service')
+    publisher = fields.get('publisher')
+    if not isinstance(publisher, str) or not _IDENTIFIER.fullmatch(publisher):
+        raise AnnouncementError('the announcement has an invalid publisher')
     if not isinstance(boot, str) or not _PLACE.fullmatch(boot):
         raise AnnouncementError('the announcement has an invalid boot identifier')
     if type(memory) is not int or type(user) is not int:
         raise AnnouncementError('the announcement has an invalid memory or user')
-    return Announcement(service, boot, memory, user)
+    return Announcement(service, boot, memory, user, publisher)

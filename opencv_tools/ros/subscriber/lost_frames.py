@@ -76,6 +76,10 @@ class LostFrames:
         for publisher in publishers:
             self._discovered.setdefault(publisher, now)
 
+    def resume(self, publisher: bytes, number: int) -> None:
+        """Count from the message after a number; those before it arrived in another way."""
+        self._last[publisher] = number
+
     def add(self, info: MessageInfo) -> None:
         """Count the messages that were lost between this message and its predecessor."""
         number = info.number

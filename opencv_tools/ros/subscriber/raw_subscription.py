@@ -63,21 +63,39 @@ class RawSubscription(Waitable):
         self.qos = qos
         self._node = node
         self._on_message = on_message
-        message_class, _ = MESSAGE_TYPES[image_topic.type_name]
-        self._subscription = node.create_subscription(
-            message_class, image_topic.name, lambda _: None, qos, raw=True,
-            callback_group=_EventsOnlyGroup(),
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=on_publishers, matched=on_publishers,
-                use_default_callbacks=False))
-        self.topic_name: str = self._subscription.topic_name
-        self._handle = self._subscription.handle
+        self._on_publishers = on_publishers
+        self._subscription: Subscription | None = None
         self._index = 0
-        node.add_waitable(self)
+        self.start()
+        self.topic_name = node.resolve_topic_name(image_topic.name)
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether ``stop`` was called."""
+        return self._subscription is None
 
     def publisher_count(self) -> int:
         """Return the number of matched publishers."""
-        return self._subscription.get_publisher_count()
+        return self._subscription.get_publisher_count() if self._subscription else 0
+
+    def start(self) -> None:
+        """Subscribe, unless this was done."""
+        if self._subscription is None:
+            message_class, _ = MESSAGE_TYPES[self.image_topic.type_name]
+            self._subscription = self._node.create_subscription(
+                message_class, self.image_topic.name, lambda _: None, self.qos, raw=True,
+                callback_group=_EventsOnlyGroup(),
+                event_callbacks=SubscriptionEventCallbacks(
+                    incompatible_qos=self._on_publishers, matched=self._on_publishers,
+                    use_default_callbacks=False))
+            self._handle = self._subscription.handle
+            self._node.add_waitable(self)
+
+    def stop(self) -> None:
+        """Pass on the received messages and unsubscribe, until ``start`` is called."""
+        if self._subscription is not None:
+            self.drain()
+            self.destroy()
 
     def drain(self) -> None:
         """Pass on all messages that were received until now."""
@@ -97,7 +115,7 @@ class RawSubscription(Waitable):
         for _ in range(_MAX_MESSAGES):
             if received_ns >= until or not may_continue():
                 return
-            taken = self.take_data()
+            taken = None if self._subscription is None else self.take_data()
             if taken is None:
                 return
             received_ns = taken[1].received_timestamp
@@ -105,8 +123,10 @@ class RawSubscription(Waitable):
 
     def destroy(self) -> None:
         """Unsubscribe."""
-        if self._node.destroy_subscription(self._subscription):
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
             self._node.remove_waitable(self)
+            self._subscription = None
 
     # Methods of Waitable that the executor calls
 

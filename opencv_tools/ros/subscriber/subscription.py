@@ -25,10 +25,13 @@ from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
+from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
+from opencv_tools.ros.shared_frames.publisher import can_share, NOT_SHARED
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
-from opencv_tools.ros.subscriber.messages import read_message
+from opencv_tools.ros.subscriber.messages import IMAGE, read_message
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
+from opencv_tools.ros.subscriber.shared_frames import SharedFrameSubscriber
 from opencv_tools.ros.subscriber.topic_discovery import ImageTopic, TopicDiscovery
 from opencv_tools.ros.timers import create_steady_timer
 from opencv_tools.ros.zero_copy import MessageInfo
@@ -39,6 +42,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 # The executor has events only for publishers of the same type. The graph is polled for all others.
 # Each poll wakes the executor, which is its cost.
 _GRAPH_POLL_SECONDS = 0.5
+# Without a subscription to the image topic there are no events for its publishers.
+_SHARED_POLL_SECONDS = 0.1
 # Time in which every publisher discovers a new subscription, also over a slow network.
 _OVERLAP_SECONDS = 1.0
 # Maximum number of messages that Fast DDS keeps for a subscription.
@@ -63,7 +68,8 @@ class FrameSubscription:
 
     def __init__(
         self, node: Node, topic: str, transport: str, depth: int | None, log: Log,
-        on_frame: Callable[[WireMessage, int], None], on_broken: Callable[[CdrError], None],
+        on_frame: Callable[[WireMessage, int], None], on_broken: Callable[[CdrError], None], *,
+        in_thread: bool = False, max_views: int = MAX_VIEWS,
     ) -> None:
         """
         Subscribe.
@@ -77,6 +83,9 @@ class FrameSubscription:
         :param on_frame: called with a message and its time of reception in nanoseconds of the
             system clock.
         :param on_broken: called with the error of a message that cannot be read.
+        :param in_thread: whether frames in shared memory are passed on in another thread; one
+            thread at a time calls the callbacks.
+        :param max_views: number of frames that may stay in the shared memory; more are copied.
         """
         self._node = node
         self._log = log
@@ -94,6 +103,12 @@ class FrameSubscription:
         self._older_ids: set[tuple[int, int]] = set()
         self._previous: RawSubscription | None = None
         self._retire_at = 0.0
+        self._has_image_topic = transport != 'shm'
+        self._shared = SharedFrameSubscriber(
+            node, topic, depth=depth, in_thread=in_thread, max_views=max_views, log=log,
+            losses=self.losses, on_frame=self._pass_on, on_broken=on_broken,
+            on_change=self._update_sharing,
+        ) if transport in ('auto', 'shm') and can_share() else None
         image_topic = self._discovery.best() or self._discovery.allowed[0]
         self._subscription = self._subscribe(
             image_topic, self._best_qos(self._discovery.publishers(image_topic)))
@@ -107,6 +122,8 @@ class FrameSubscription:
 
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
+        if not self._has_image_topic and self._shared is None:
+            return NOT_SHARED
         return self._discovery.explain_no_frames(
             self._subscription.image_topic, self._subscription.qos)
 
@@ -139,6 +156,8 @@ class FrameSubscription:
                 if not self._is_repeated((info.source_timestamp, info.number)):
                     self.losses.add(info)
                     unprocessed += 1
+        if self._shared:
+            unprocessed += self._shared.close(continues)
         self.destroy()
         return unprocessed
 
@@ -148,6 +167,9 @@ class FrameSubscription:
         for subscription in self._subscriptions():
             subscription.destroy()
         self._previous = None
+        if self._shared:
+            self._shared.destroy()
+            self._shared = None
 
     def _subscriptions(self) -> list[RawSubscription]:
         """Return the subscriptions, oldest first."""
@@ -200,7 +222,26 @@ class FrameSubscription:
         self._update_publishers(offers)
         if offers and qos != subscription.qos and (are_new or any(
                 qos_mismatch(info.qos_profile, subscription.qos) for info in offers)):
-            self._subscribe_again(subscription.image_topic, qos)
+            if subscription.is_stopped:
+                subscription.qos = qos
+            else:
+                self._subscribe_again(subscription.image_topic, qos)
+        self._update_sharing()
+
+    def _update_sharing(self) -> None:
+        """Unsubscribe from the image topic while all its publishers share their frames."""
+        if self._shared is None:
+            return
+        is_raw = self._subscription.image_topic.type_name == IMAGE
+        are_shared = self._shared.update(self._publishers if is_raw else frozenset())
+        if are_shared or not self._has_image_topic:
+            self._retire_previous()
+            self._subscription.stop()
+        else:
+            self._subscription.start()
+        seconds = _SHARED_POLL_SECONDS if self._subscription.is_stopped else _GRAPH_POLL_SECONDS
+        if self._timer.timer_period_ns != int(seconds * 1e9):
+            self._timer.timer_period_ns = int(seconds * 1e9)
 
     def _update_publishers(self, offers: Iterable[TopicEndpointInfo]) -> None:
         """Reset the wait for a frame if the publishers have changed."""
@@ -242,14 +283,28 @@ class FrameSubscription:
             self._previous.drain()  # keep the order of reception
         if self._is_repeated((info.source_timestamp, info.number)):
             return
+        if self._shared:
+            self._shared.receive(info, lambda: self._read(subscription, data, info))
+        else:
+            self._read(subscription, data, info)
+
+    def _read(
+        self, subscription: RawSubscription, data: NDArray[np.uint8], info: MessageInfo,
+    ) -> None:
+        """Read a message and pass it on."""
         self._has_frames = True
         self.losses.add(info)
         try:
             message = read_message(data, subscription.image_topic.type_name)
         except CdrError as err:
             self._on_broken(err)
+            self._no_frames_warning.frame_received(self.topic_name)
         else:
-            self._on_frame(message, info.received_timestamp or time.time_ns())
+            self._pass_on(message, info.received_timestamp or time.time_ns())
+
+    def _pass_on(self, message: WireMessage, receive_ns: int) -> None:
+        self._has_frames = True
+        self._on_frame(message, receive_ns)
         self._no_frames_warning.frame_received(self.topic_name)
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:

@@ -30,7 +30,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 #: Types of the messages that each transport uses.
 TRANSPORTS = {
-    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,)}
+    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,),
+    'shm': (IMAGE,)}
 
 _NAMED_TOPICS = 5
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')

@@ -1,0 +1,356 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Subscription to frames in shared memory, which takes over from the image topic and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from enum import auto, Enum
+from threading import RLock, Thread
+import time
+
+from opencv_tools.image.cdr import WireHeader, WireImage
+from opencv_tools.image.errors import CdrError
+from opencv_tools.logs import Log
+from opencv_tools.ros.shared_frames.announcement import (
+    AnnouncementError, read_announcement, SUFFIX)
+from opencv_tools.ros.shared_frames.header import SharedFrame
+from opencv_tools.ros.shared_frames.memory import MAX_DEPTH, process_memory
+from opencv_tools.ros.shared_frames.pages import SharedMemoryError
+from opencv_tools.ros.shared_frames.reader import FrameReader
+from opencv_tools.ros.subscriber.lost_frames import LostFrames
+from opencv_tools.ros.zero_copy import MessageInfo
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+# Longest wait for messages of the image topic that precede the first shared frame.
+_JOIN_SECONDS = 0.3
+# Threads notice their end after this time.
+_WAIT_SECONDS = 0.05
+_MAX_PUBLISHERS = 64
+
+
+class _State(Enum):
+    """How the frames of a publisher are received."""
+
+    JOINING = auto()  # by the image topic, until the next shared frame continues its messages
+    SHARING = auto()  # by shared memory; messages of the image topic are ignored
+    LEAVING = auto()  # by shared memory, until the next message of the image topic
+
+
+class _Link:
+    """The shared frames of one publisher."""
+
+    def __init__(self, publisher: bytes, service: str, reader: FrameReader) -> None:
+        self.publisher = publisher
+        self.service = service
+        self.reader = reader
+        self.state = _State.JOINING
+        self.held: SharedFrame | None = None  # waits for messages of the image topic
+        self.held_until = 0.0
+        self.number = 0  # of the last frame
+        self.thread: Thread | None = None
+        self.is_closed = False
+
+
+class SharedFrameSubscriber:
+    """
+    Receive the frames that publishers on this machine share.
+
+    Frames are shared while all publishers of the topic do so. The sequence numbers of the messages
+    on the image topic, which are also in the header of each shared frame, tell which frame
+    follows which. So no frame is lost or doubled when a subscription changes from one to the
+    other.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, *, depth: int | None, in_thread: bool, max_views: int,
+        log: Log, losses: LostFrames, on_frame: Callable[[WireImage, int], None],
+        on_broken: Callable[[CdrError], None], on_change: Callable[[], None],
+    ) -> None:
+        """
+        Subscribe to the announcements.
+
+        :param node: node that receives the frames.
+        :param topic: name of the image topic before remapping.
+        :param depth: number of frames that may wait; None for as many as possible.
+        :param in_thread: whether to pass on shared frames in a thread of this object, not in the
+            executor.
+        :param max_views: number of frames that may stay in the shared memory; more are copied.
+        :param log: log for the reasons why frames are not shared.
+        :param losses: counter of frames that did not arrive.
+        :param on_frame: called with a frame and its time of reception in nanoseconds of the system
+            clock, with ``lock`` held.
+        :param on_broken: called with the error of a frame that cannot be read.
+        :param on_change: called in the executor when ``update`` should be called.
+        """
+        #: Held while a frame is passed on.
+        self.lock = RLock()
+        self._node = node
+        self._depth = MAX_DEPTH if depth is None else depth
+        self._in_thread = in_thread
+        self._max_views = max_views
+        self._log = log
+        self._losses = losses
+        self._on_frame = on_frame
+        self._on_broken = on_broken
+        self._on_change = on_change
+        self._links: dict[bytes, _Link] = {}
+        self._services: dict[bytes, str] = {}  # that can be reached, by publisher
+        self._broken: set[str] = set()
+        self._passed: dict[bytes, int] = {}  # number of the last message, by publisher
+        self._has_changed = False
+        self._guard = node.create_guard_condition(self._wake)
+        self._subscription = node.create_subscription(
+            String, f'{node.resolve_topic_name(topic)}{SUFFIX}', self._read_announcement,
+            QoSProfile(depth=_MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+
+    def update(self, publishers: frozenset[bytes]) -> bool:
+        """
+        Open the shared frames of all publishers, or leave them if not all share.
+
+        :param publishers: identifiers of the publishers of the image topic.
+        :returns: whether all frames come from shared memory.
+        """
+        with self.lock:
+            for publisher in self._links.keys() - publishers:
+                self._drain(self._links[publisher])
+                self._close(publisher)
+            are_shared = bool(publishers) and publishers <= self._services.keys()
+            for publisher in publishers:
+                link = self._links.get(publisher)
+                if link is None and are_shared:
+                    are_shared = self._open(publisher)
+                elif link is not None and (
+                        not are_shared or link.service != self._services[publisher]):
+                    self._leave(link)
+            return are_shared and all(
+                link.state == _State.SHARING for link in self._links.values())
+
+    def receive(self, info: MessageInfo, deliver: Callable[[], None]) -> None:
+        """
+        Pass on a message of the image topic, unless its frame is shared.
+
+        :param info: metadata of the message.
+        :param deliver: passes the message on.
+        """
+        with self.lock:
+            publisher, number = bytes(info.publisher), info.number
+            link = self._links.get(publisher)
+            if link is not None and link.state == _State.SHARING:
+                return
+            if number and number <= self._passed.get(publisher, 0):
+                return
+            if link is not None and link.state == _State.LEAVING:
+                self._drain(link, number)
+                self._close(publisher)
+                self._losses.resume(publisher, self._passed[publisher])
+                self._report_change()
+            deliver()
+            self._passed[publisher] = number
+            while len(self._passed) > _MAX_PUBLISHERS:
+                del self._passed[next(iter(self._passed))]
+            if link is not None and link.state == _State.JOINING:
+                self._process(link)
+
+    def close(self, may_continue: Callable[[], bool]) -> int:
+        """
+        Pass on the frames that wait.
+
+        :param may_continue: returns whether to pass on another frame.
+        :returns: number of frames that were not passed on.
+        """
+        unprocessed = 0
+        with self.lock:
+            for link in self._links.values():
+                for frame in self._frames(link):
+                    if self._is_new(link, frame):
+                        if unprocessed or not may_continue():
+                            unprocessed += 1
+                        else:
+                            self._pass_on(link, frame)
+        return unprocessed
+
+    def destroy(self) -> None:
+        """Unsubscribe, and end the threads."""
+        self._node.destroy_subscription(self._subscription)
+        with self.lock:
+            threads = [link.thread for link in self._links.values()]
+            for publisher in [*self._links]:
+                self._close(publisher)
+        for thread in threads:
+            if thread is not None:
+                thread.join()
+        self._node.destroy_guard_condition(self._guard)
+
+    # Announcements
+
+    def _read_announcement(self, message: String) -> None:
+        try:
+            announcement = read_announcement(message.data)
+        except AnnouncementError as err:
+            self._log.debug(str(err))
+            return
+        publisher = bytes.fromhex(announcement.publisher)
+        self._services.pop(publisher, None)
+        if announcement.is_reachable and announcement.service not in self._broken:
+            self._services[publisher] = announcement.service
+        while len(self._services) > _MAX_PUBLISHERS:
+            del self._services[next(iter(self._services))]
+        self._on_change()
+
+    def _open(self, publisher: bytes) -> bool:
+        """Open the frames of a publisher and return whether that was possible."""
+        service = self._services[publisher]
+        try:
+            reader = process_memory().open_reader(service, self._depth, self._max_views)
+        except SharedMemoryError as err:
+            self._give_up(publisher, service, err)
+            return False
+        link = self._links[publisher] = _Link(publisher, service, reader)
+        link.thread = Thread(
+            target=self._wait, args=(link,), name='shared frames', daemon=True)
+        link.thread.start()
+        return True
+
+    def _give_up(self, publisher: bytes, service: str, err: SharedMemoryError) -> None:
+        """Return to the image topic until the publisher announces another service."""
+        self._log.debug(f'frames are not shared: {err}')
+        if self._services.get(publisher) == service:
+            del self._services[publisher]
+        if len(self._broken) >= _MAX_PUBLISHERS:
+            self._broken.clear()
+        self._broken.add(service)
+
+    def _leave(self, link: _Link) -> None:
+        if link.state == _State.JOINING:
+            self._close(link.publisher)
+        link.state = _State.LEAVING
+
+    def _close(self, publisher: bytes) -> None:
+        link = self._links.pop(publisher)
+        link.is_closed = True
+        link.held = None
+
+    # Frames
+
+    def _wait(self, link: _Link) -> None:
+        """Wait for the frames of a link, in its thread."""
+        while not link.is_closed:
+            try:
+                if not link.reader.wait(_WAIT_SECONDS) and link.held is None:
+                    continue
+            except SharedMemoryError as err:
+                with self.lock:
+                    self._fail(link, err)
+                return
+            if self._in_thread:
+                with self.lock:
+                    self._process(link)
+            else:
+                self._guard.trigger()
+
+    def _wake(self) -> None:
+        """Pass on frames and report changes, in the executor."""
+        with self.lock:
+            if not self._in_thread:
+                for link in [*self._links.values()]:
+                    self._process(link)
+            has_changed, self._has_changed = self._has_changed, False
+        if has_changed:
+            self._on_change()
+
+    def _process(self, link: _Link) -> None:
+        """Pass on the frames of a link, unless messages of the image topic come before them."""
+        if link.is_closed:
+            return
+        for frame in self._frames(link):
+            if not self._is_new(link, frame):
+                continue
+            if link.state == _State.JOINING and not self._may_join(link, frame):
+                link.held = frame
+                return
+            self._pass_on(link, frame)
+
+    def _frames(self, link: _Link) -> Iterator[SharedFrame]:
+        """Yield the frames that wait, and count those that are missing or cannot be read."""
+        while not link.is_closed:
+            frame, link.held = link.held, None
+            try:
+                frame = frame or link.reader.receive()
+            except CdrError as err:
+                self._on_broken(err)
+                continue
+            except SharedMemoryError as err:
+                self._fail(link, err)
+                return
+            if frame is None:
+                return
+            yield frame
+
+    def _fail(self, link: _Link, err: SharedMemoryError) -> None:
+        self._give_up(link.publisher, link.service, err)
+        if not link.is_closed:
+            self._close(link.publisher)
+        self._report_change()
+
+    def _report_change(self) -> None:
+        """Have ``on_change`` called in the executor."""
+        self._has_changed = True
+        self._guard.trigger()
+
+    def _is_new(self, link: _Link, frame: SharedFrame) -> bool:
+        """Return whether the frame was not passed on as a message of the image topic."""
+        is_new = not frame.header.is_message or (
+            frame.header.message > self._passed.get(link.publisher, 0))
+        if not is_new:
+            link.number = frame.header.number
+        return is_new
+
+    def _may_join(self, link: _Link, frame: SharedFrame) -> bool:
+        """Return whether no message of the image topic is missing before a frame."""
+        now = time.monotonic()
+        link.held_until = link.held_until or now + _JOIN_SECONDS
+        header = frame.header
+        before = header.message - header.is_message
+        passed = self._passed.get(link.publisher)
+        if not header.is_message or before == 0 or (passed is not None and before <= passed):
+            return True
+        if now < link.held_until:
+            return False
+        if passed is not None:
+            self._losses.count += before - passed
+        return True
+
+    def _pass_on(self, link: _Link, frame: SharedFrame) -> None:
+        header = frame.header
+        if link.state == _State.JOINING:
+            link.state = _State.SHARING
+            self._report_change()
+        elif header.number > link.number + 1:
+            self._losses.count += header.number - link.number - 1
+        link.number = header.number
+        self._passed[link.publisher] = header.message
+        self._on_frame(WireImage(
+            header=WireHeader(header.sec, header.nanosec, frame.frame_id), height=header.height,
+            width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
+            step=header.step, data=frame.data), time.time_ns())
+
+    def _drain(self, link: _Link, until: int = 0) -> None:
+        """Pass on the waiting frames, or those before a message of the image topic."""
+        for frame in self._frames(link):
+            if self._is_new(link, frame) and (not until or frame.header.message < until):
+                self._pass_on(link, frame)
