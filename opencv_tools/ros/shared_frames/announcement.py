@@ -95,11 +95,11 @@ def read_announcement(text: str) -> Announcement:
     if not isinstance(service, str) or (
             service and not _IDENTIFIER.fullmatch(service)):
         raise AnnouncementError('the announcement has an invalid service')
-    publisher = fields.get('publisher')
-    if not isinstance(publisher, str) or not _IDENTIFIER.fullmatch(publisher):
-        raise AnnouncementError('the announcement has an invalid publisher')
     if not isinstance(boot, str) or not _PLACE.fullmatch(boot):
         raise AnnouncementError('the announcement has an invalid boot identifier')
     if type(memory) is not int or type(user) is not int:
         raise AnnouncementError('the announcement has an invalid memory or user')
+    publisher = fields.get('publisher')
+    if not isinstance(publisher, str) or not _IDENTIFIER.fullmatch(publisher):
+        raise AnnouncementError('the announcement has an invalid publisher')
     return Announcement(service, boot, memory, user, publisher)
