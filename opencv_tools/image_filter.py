@@ -60,7 +60,7 @@ class FilterSettings:
     every: bool = parameter(
         False, 'Whether to filter every frame; false to skip frames while the function runs')
     transport: str = parameter(
-        'auto', 'Type of the received images; auto prefers raw images',
+        'auto', 'Type of the received images; auto prefers shm to raw, and raw to compressed',
         choices=tuple(TRANSPORTS))
 
 

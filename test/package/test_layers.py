@@ -55,6 +55,7 @@ ALLOWED = {
         'opencv_tools.regular_files', 'opencv_tools.standard_streams', 'ament_index_python',
         'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
         'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
+    'opencv_tools.ros.shared_frames.memory': {'opencv_tools.ros.shared_frames', 'iceoryx2'},
     'opencv_tools.standard_streams': set(),
     'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
                            'opencv_tools.regular_files', 'opencv_tools.standard_streams',
@@ -66,6 +67,9 @@ ALLOWED = {
 FORBIDDEN = {
     'opencv_tools.frames': ('opencv_tools.ros.publisher',),
     'opencv_tools.ros': ('opencv_tools.ros.publisher', 'opencv_tools.ros.subscriber'),
+    'opencv_tools.ros.shared_frames': (
+        'opencv_tools.ros.publisher', 'opencv_tools.ros.subscriber', 'opencv_tools.capture',
+        'opencv_tools.recording'),
     'opencv_tools.ros.publisher': ('opencv_tools.ros.subscriber', 'opencv_tools.recording'),
     'opencv_tools.ros.subscriber': ('opencv_tools.ros.publisher', 'opencv_tools.capture'),
 }

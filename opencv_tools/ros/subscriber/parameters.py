@@ -53,8 +53,8 @@ class RecorderSettings:
         '{frame_id}, {encoding} or {topic}; the extension selects the format, and .mp4, .mkv and '
         '.avi record a video', check=_check_file_name)
     transport: str = parameter(
-        'auto', 'Image transport to subscribe to; auto uses compressed if no raw images are '
-        'published', choices=tuple(TRANSPORTS))
+        'auto', 'Image transport to subscribe to; auto uses shm if all publishers share frames, '
+        'and compressed if no raw images are published', choices=tuple(TRANSPORTS))
     max_pixels: int = parameter(
         MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is refused before it is '
         'decoded', bounds=(1, 2**31))
