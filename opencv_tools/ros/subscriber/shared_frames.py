@@ -111,7 +111,9 @@ class SharedFrameSubscriber:
         self._links: dict[bytes, _Link] = {}
         self._services: dict[bytes, str] = {}  # that can be reached, by publisher
         self._broken: set[str] = set()
-        self._passed: dict[bytes, int] = {}  # number of the last message, by publisher
+        # Numbers of the last message and of the last shared one, by publisher.
+        self._passed: dict[bytes, int] = {}
+        self._shared: dict[bytes, int] = {}
         self._has_changed = False
         self._guard = node.create_guard_condition(self._wake)
         self._subscription = node.create_subscription(
@@ -129,6 +131,10 @@ class SharedFrameSubscriber:
             for publisher in self._links.keys() - publishers:
                 self._drain(self._links[publisher])
                 self._close(publisher)
+            for numbers in (self._passed, self._shared):
+                if len(numbers) > _MAX_PUBLISHERS:
+                    for publisher in numbers.keys() - publishers:
+                        del numbers[publisher]
             are_shared = bool(publishers) and publishers <= self._services.keys()
             for publisher in publishers:
                 link = self._links.get(publisher)
@@ -152,17 +158,15 @@ class SharedFrameSubscriber:
             link = self._links.get(publisher)
             if link is not None and link.state == _State.SHARING:
                 return
-            if number and number <= self._passed.get(publisher, 0):
-                return
             if link is not None and link.state == _State.LEAVING:
                 self._drain(link, number)
                 self._close(publisher)
                 self._losses.resume(publisher, self._passed[publisher])
                 self._report_change()
+            if number and number <= self._shared.get(publisher, 0):
+                return
             deliver()
-            self._passed[publisher] = number
-            while len(self._passed) > _MAX_PUBLISHERS:
-                del self._passed[next(iter(self._passed))]
+            self._passed[publisher] = max(number, self._passed.get(publisher, 0))
             if link is not None and link.state == _State.JOINING:
                 self._process(link)
 
@@ -279,6 +283,9 @@ class SharedFrameSubscriber:
             return
         for frame in self._frames(link):
             if not self._is_new(link, frame):
+                # The next frame follows the last message.
+                if frame.header.message == self._passed.get(link.publisher):
+                    self._join(link)
                 continue
             if link.state == _State.JOINING and not self._may_join(link, frame):
                 link.held = frame
@@ -335,15 +342,19 @@ class SharedFrameSubscriber:
             self._losses.count += before - passed
         return True
 
-    def _pass_on(self, link: _Link, frame: SharedFrame) -> None:
-        header = frame.header
+    def _join(self, link: _Link) -> None:
         if link.state == _State.JOINING:
             link.state = _State.SHARING
             self._report_change()
+
+    def _pass_on(self, link: _Link, frame: SharedFrame) -> None:
+        header = frame.header
+        if link.state == _State.JOINING:
+            self._join(link)
         elif header.number > link.number + 1:
             self._losses.count += header.number - link.number - 1
         link.number = header.number
-        self._passed[link.publisher] = header.message
+        self._passed[link.publisher] = self._shared[link.publisher] = header.message
         self._on_frame(WireImage(
             header=WireHeader(header.sec, header.nanosec, frame.frame_id), height=header.height,
             width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
