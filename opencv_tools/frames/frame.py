@@ -22,7 +22,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireMessage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import declared_encoding
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
@@ -127,6 +127,11 @@ class Frame:
     def frame_id(self) -> str:
         """Coordinate frame of the camera."""
         return self._message.header.frame_id
+
+    @property
+    def wire_header(self) -> WireHeader:
+        """Stamp and coordinate frame as plain values."""
+        return self._message.header
 
     @property
     def header(self) -> Header:

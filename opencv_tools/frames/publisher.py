@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
@@ -31,6 +32,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 _ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
+_NANO = 10**9
 # Encodings that JPEG stores; all others become PNG.
 _FOR_JPEG = ('mono8', 'bgr8', 'rgb8')
 
@@ -88,27 +90,34 @@ class FramePublisher:
         :raises EncodingError: the encoding is unknown or does not fit the array.
         :raises TypeError: ``image`` is not an array.
         """
-        header = source.header if isinstance(source, Frame) else source
-        if header is None:
-            header = Header(stamp=self._node.get_clock().now().to_msg())
+        header = self._header_of(source)
         declared = _encoding_of(image, encoding)
         to_images = self._images.get_subscription_count() > 0
         if to_images or self._shared.has_subscribers:
-            wire = array_to_wire(image, declared, WireHeader(
-                header.stamp.sec, header.stamp.nanosec, header.frame_id))
+            wire = array_to_wire(image, declared, header)
             self._shared.publish(wire, to_images)
             if to_images:
                 publish_image(self._images.handle, wire)
         if self._compressed.get_subscription_count():
             self._publish_compressed(image, declared.name, header)
 
+    def _header_of(self, source: Frame | Header | None) -> WireHeader:
+        """Return the header of a frame, or one with the time of the node."""
+        if isinstance(source, Frame):
+            return source.wire_header
+        if source is None:
+            return WireHeader(*divmod(self._node.get_clock().now().nanoseconds, _NANO), '')
+        return WireHeader(source.stamp.sec, source.stamp.nanosec, source.frame_id)
+
     def _publish_compressed(
-        self, image: NDArray[np.generic], encoding: str, header: Header,
+        self, image: NDArray[np.generic], encoding: str, header: WireHeader,
     ) -> None:
         codec = 'jpeg' if encoding in _FOR_JPEG else 'png'
         stored = 'bgr8' if encoding == 'rgb8' else encoding
         self._compressed.publish(self._bridge.cv2_to_compressed_imgmsg(
-            image, f'{encoding}; {codec} compressed {stored}', header=header,
+            image, f'{encoding}; {codec} compressed {stored}',
+            header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
+                          frame_id=header.frame_id),
             quality=self._quality if codec == 'jpeg' else None))
 
     def destroy(self) -> None:

@@ -20,6 +20,7 @@ import importlib.util
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.ros import zero_copy
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
@@ -34,6 +35,7 @@ from std_msgs.msg import String
 
 # Frames for which /dev/shm must have room; with less, subscribers return to the image topic.
 _SPARE_FRAMES = 2
+_CHECK_SECONDS = 1.0
 _RETRY_SECONDS = 5.0
 #: Why a process cannot receive shared frames.
 NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is not installed or '
@@ -65,7 +67,7 @@ class SharedFramePublisher:
         self._log = node.get_logger()
         self._writer: FrameWriter | None = None
         self._is_announced = False
-        self._retry_at = 0.0
+        self._next_check = 0.0
         self._messages = 0  # published on the image topic
         self._publisher = zero_copy.publisher_id(images.handle).hex()
         self._announcements = node.create_publisher(
@@ -78,7 +80,8 @@ class SharedFramePublisher:
         """Whether a frame would be received, or could be after an announcement."""
         if self._writer is not None and self._writer.readers:
             return True
-        return (self._announcements is not None and time.monotonic() >= self._retry_at
+        return (self._announcements is not None
+                and (self._is_announced or time.monotonic() >= self._next_check)
                 and self._announcements.get_subscription_count() > 0)
 
     def publish(self, image: WireImage, is_message: bool) -> None:
@@ -92,14 +95,13 @@ class SharedFramePublisher:
         self._messages += is_message
         if not self.has_subscribers:
             return
+        data = np.frombuffer(image.data, np.uint8)
         try:
-            self._write(image, is_message)
+            self._check_room(data.nbytes)
+            if self._writer is not None and self._writer.readers:
+                self._write(self._writer, image, data, is_message)
         except SharedMemoryError as err:
-            self._log.debug(f'frames are not shared: {err}')
-            self._retry_at = time.monotonic() + _RETRY_SECONDS
-            self._stop()
-            if self._writer is not None:
-                self._writer.skip()
+            self._withdraw(err)
 
     def destroy(self) -> None:
         """Stop sharing and remove the publisher."""
@@ -108,54 +110,59 @@ class SharedFramePublisher:
             self._node.destroy_publisher(self._announcements)
             self._announcements = None
 
-    def _write(self, image: WireImage, is_message: bool) -> None:
+    def _check_room(self, frame_bytes: int) -> None:
+        """
+        Announce the service, or withdraw the announcement if there is no room for more frames.
+
+        :raises SharedMemoryError: the service cannot be created.
+        """
+        now = time.monotonic()
+        if now < self._next_check:
+            return
+        self._next_check = now + _CHECK_SECONDS
+        memory = process_memory()
+        try:
+            memory.check_room(_SPARE_FRAMES * frame_bytes)
+        except SharedMemoryError as err:
+            self._withdraw(err)
+            return
+        if self._writer is None:
+            self._writer = memory.create_writer(frame_bytes)
+        if not self._is_announced:
+            self._announce(self._writer.service)
+
+    def _write(
+        self, writer: FrameWriter, image: WireImage, data: NDArray[np.uint8], is_message: bool,
+    ) -> None:
         """
         Write a frame.
 
         :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
         """
-        data = np.frombuffer(image.data, np.uint8)
-        self._prepare(data.nbytes)
-        if self._writer is None or not self._writer.readers:
-            return
-        slot = self._writer.lend(data.nbytes)
-        np.copyto(slot.data, data)
         header = image.header
-        slot.publish(FrameHeader(
-            message=self._messages, sec=header.sec, nanosec=header.nanosec, height=image.height,
-            width=image.width, step=image.step, is_bigendian=image.is_bigendian,
-            is_message=is_message), header.frame_id, image.encoding)
-
-    def _prepare(self, frame_bytes: int) -> None:
-        """
-        Announce the service if there is room for frames, otherwise withdraw the announcement.
-
-        :raises SharedMemoryError: the service cannot be created.
-        """
-        memory = process_memory()
         try:
-            memory.check_room(_SPARE_FRAMES * frame_bytes)
+            slot = writer.lend(data.nbytes)
+            np.copyto(slot.data, data)
+            slot.publish(FrameHeader(
+                message=self._messages, sec=header.sec, nanosec=header.nanosec,
+                height=image.height, width=image.width, step=image.step,
+                is_bigendian=image.is_bigendian, is_message=is_message),
+                header.frame_id, image.encoding)
         except SharedMemoryError:
-            if self._writer is None:
-                raise
-            self._retry_at = time.monotonic() + _RETRY_SECONDS
-            self._stop()
-            return
-        if self._writer is None:
-            self._writer = memory.create_writer(frame_bytes)
-        if not self._is_announced and time.monotonic() >= self._retry_at:
-            self._announce(self._writer.service)
-            self._is_announced = True
+            writer.skip()
+            raise
 
-    def _stop(self) -> None:
-        """Withdraw the announcement; the service remains while it has readers."""
+    def _withdraw(self, err: SharedMemoryError) -> None:
+        """Have subscribers return to the image topic; the service remains while it has readers."""
+        self._log.debug(f'frames are not shared: {err}')
+        self._next_check = time.monotonic() + _RETRY_SECONDS
         if self._is_announced:
-            self._is_announced = False
             self._announce('')
         if self._writer is not None and not self._writer.readers:
             self._writer = None
 
     def _announce(self, service: str) -> None:
         if self._announcements is not None:
+            self._is_announced = bool(service)
             text = announce(service, self._publisher).to_text()
             self._announcements.publish(String(data=text))

@@ -99,7 +99,6 @@ class FrameWriter:
             self._memory.check_room(needed)
             self._largest = needed
             self._allocated.clear()
-        self._memory.check_room(0)
         with shared_memory_errors():
             sample = self._publisher.loan_slice_uninit(needed)
             if self._allocated.get(sample.payload_ptr, 0) < needed:
@@ -118,4 +117,5 @@ class FrameWriter:
 
 
 def _as_array(address: int, size: int) -> Pixels:
-    return np.ctypeslib.as_array((ctypes.c_uint8 * size).from_address(address))
+    memory: Any = (ctypes.c_uint8 * size).from_address(address)
+    return np.frombuffer(memory, np.uint8)

@@ -104,16 +104,19 @@ class FrameSubscription:
         self._previous: RawSubscription | None = None
         self._retire_at = 0.0
         self._has_image_topic = transport != 'shm'
-        self._shared = SharedFrameSubscriber(
-            node, topic, depth=depth, in_thread=in_thread, max_views=max_views, log=log,
-            losses=self.losses, on_frame=self._pass_on, on_broken=on_broken,
-            on_change=self._update_sharing,
-        ) if transport in ('auto', 'shm') and can_share() else None
+        self._shared: SharedFrameSubscriber | None = None
         image_topic = self._discovery.best() or self._discovery.allowed[0]
         self._subscription = self._subscribe(
             image_topic, self._best_qos(self._discovery.publishers(image_topic)))
         self._polled_at = time.monotonic()
         self._timer = create_steady_timer(node, _GRAPH_POLL_SECONDS, self._poll_graph)
+        if transport in ('auto', 'shm') and can_share():
+            self._shared = SharedFrameSubscriber(
+                node, topic, depth=depth, in_thread=in_thread, max_views=max_views, log=log,
+                losses=self.losses, on_frame=self._pass_on, on_broken=on_broken,
+                on_change=self._update_sharing)
+        if not self._has_image_topic:
+            self._subscription.stop()
 
     @property
     def topic_name(self) -> str:
