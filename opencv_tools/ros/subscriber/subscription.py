@@ -19,14 +19,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import time
 
-import numpy as np
-from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
-from opencv_tools.ros.subscriber.messages import read_message
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 from opencv_tools.ros.subscriber.topic_discovery import ImageTopic, TopicDiscovery
@@ -128,17 +125,15 @@ class FrameSubscription:
 
         try:
             for subscription in self._subscriptions():
-                for data, info in subscription.received_messages(now, continues):
+                for message, info in subscription.received_messages(now, continues):
                     unprocessed = 1
-                    self._receive(subscription, data, info)
+                    self._receive(subscription, message, info)
                     unprocessed = 0
         except KeyboardInterrupt:
             is_interrupted = True
         for subscription in self._subscriptions() if is_interrupted else ():
             for _, info in subscription.received_messages(now):
-                if not self._is_repeated((info.source_timestamp, info.number)):
-                    self.losses.add(info)
-                    unprocessed += 1
+                unprocessed += self._is_new(info)
         self.destroy()
         return unprocessed
 
@@ -223,6 +218,8 @@ class FrameSubscription:
             # The old publishers are gone, or the type differs: a process has one type per topic.
             self._retire_previous()
         self._subscription = self._subscribe(image_topic, qos)
+        for subscription in self._subscriptions():
+            subscription.is_alone = self._previous is None
         self._log.info(
             f'Receiving {self.topic_name} ({image_topic.type_name}, {describe_qos(qos)}), '
             'as its publishers offer')
@@ -233,24 +230,34 @@ class FrameSubscription:
             self._previous.drain()
             self._previous.destroy()
             self._previous = None
+            self._subscription.is_alone = True
 
     def _receive(
-        self, subscription: RawSubscription, data: NDArray[np.uint8], info: MessageInfo,
+        self, subscription: RawSubscription, message: WireMessage | CdrError,
+        info: MessageInfo | None,
     ) -> None:
         """Pass a message on, unless the other subscription already has."""
         if self._previous and subscription is not self._previous:
             self._previous.drain()  # keep the order of reception
-        if self._is_repeated((info.source_timestamp, info.number)):
+        if not self._is_new(info):
             return
         self._has_frames = True
-        self.losses.add(info)
-        try:
-            message = read_message(data, subscription.image_topic.type_name)
-        except CdrError as err:
-            self._on_broken(err)
+        if isinstance(message, CdrError):
+            self._on_broken(message)
         else:
-            self._on_frame(message, info.received_timestamp or time.time_ns())
+            received_ns = info.received_timestamp if info else 0
+            self._on_frame(message, received_ns or time.time_ns())
         self._no_frames_warning.frame_received(self.topic_name)
+
+    def _is_new(self, info: MessageInfo | None) -> bool:
+        """Return whether a message was not passed on already, and count losses before it."""
+        if info is None:
+            self.losses.add_unnumbered()
+            return True
+        if self._is_repeated((info.source_timestamp, info.number)):
+            return False
+        self.losses.add(info)
+        return True
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:
         """Return whether a message was passed on already, and remember it."""
