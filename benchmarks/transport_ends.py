@@ -46,7 +46,8 @@ from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import NANO
 from opencv_tools.ros.publisher import loop, parameters as publisher_parameters
 from opencv_tools.ros.run_node import Executable, run
-from opencv_tools.ros.subscriber import parameters as subscriber_parameters, raw_subscription
+from opencv_tools.ros.subscriber import parameters as subscriber_parameters
+from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
@@ -187,19 +188,19 @@ class Stages:
         """Watch how messages are taken."""
         self.times: list[list[int]] = []
         self._taken: tuple[int, ...] = ()
-        self._take = raw_subscription.take_serialized
-        raw_subscription.take_serialized = self._watch
+        self._take = RawSubscription.take_data
+        RawSubscription.take_data = lambda subscription: self._watch(subscription)
 
     def note(self, stamp_ns: int) -> None:
         """Record the age of the last received frame."""
         moments = (stamp_ns, *self._taken, time.time_ns())
         self.times.append([later - earlier for earlier, later in pairwise(moments)])
 
-    def _watch(self, handle: Any) -> Any:
+    def _watch(self, subscription: RawSubscription) -> Any:
         begin = time.time_ns()
-        taken = self._take(handle)
+        taken = self._take(subscription)
         if taken:
-            info = taken[1]
+            info = taken[-1][1]
             self._taken = (info.source_timestamp, info.received_timestamp, begin, time.time_ns())
         return taken
 
