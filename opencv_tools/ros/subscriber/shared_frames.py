@@ -159,9 +159,10 @@ class SharedFrameSubscriber:
             if link is not None and link.state == _State.SHARING:
                 return
             if link is not None and link.state == _State.LEAVING:
-                self._drain(link, number)
+                is_followed = self._drain(link, number)
                 self._close(publisher)
-                self._losses.resume(publisher, self._passed[publisher])
+                self._losses.resume(
+                    publisher, number - 1 if is_followed else self._passed[publisher])
                 self._report_change()
             if number and number <= self._shared.get(publisher, 0):
                 return
@@ -360,8 +361,20 @@ class SharedFrameSubscriber:
             width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
             step=header.step, data=frame.data), time.time_ns())
 
-    def _drain(self, link: _Link, until: int = 0) -> None:
-        """Pass on the waiting frames, or those before a message of the image topic."""
+    def _drain(self, link: _Link, until: int = 0) -> bool:
+        """
+        Pass on the waiting frames, or those before a message of the image topic.
+
+        :returns: whether a waiting frame follows, so that all frames before it are counted.
+        """
         for frame in self._frames(link):
-            if self._is_new(link, frame) and (not until or frame.header.message < until):
-                self._pass_on(link, frame)
+            if not self._is_new(link, frame):
+                continue
+            header = frame.header
+            if until and header.message >= until:
+                # Frames from that message on arrive by the image topic.
+                self._losses.count += max(
+                    0, header.number - link.number - 1 - (header.message - until))
+                return True
+            self._pass_on(link, frame)
+        return False

@@ -17,115 +17,58 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 import gc
+import json
+from threading import Event
 from typing import Any
 
-from conftest import spin_until
-import numpy as np
-from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
-from opencv_tools.image.cdr import WireMessage
+from conftest import DEADLINE, spin_until
+from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
-from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
+from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import Image
-from std_msgs.msg import Header, String
+from sharing import Camera, is_picture, TOPIC, Viewer
+from std_msgs.msg import String
 
-TOPIC = '/video_frames'
 WINDOW = 5  # frames on their way; fewer than any queue holds
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def header_of(number: int, name: str) -> Header:
-    header = Header(frame_id=name)
-    header.stamp.sec = number
-    return header
-
-
-class Camera:
-    """A publisher of numbered frames, which shares them or not."""
-
-    def __init__(self, node: Node, name: str = 'ours', is_plain: bool = False) -> None:
-        self.name = name
-        self.sent = 0
-        self._node = node
-        self._plain: Publisher | None = node.create_publisher(Image, TOPIC, 10) \
-            if is_plain else None
-        self._frames = None if is_plain else FramePublisher(node, TOPIC)
-
-    @property
-    def subscribers(self) -> int:
-        """Number of subscriptions of the image topic."""
-        publisher = self._plain or self._frames._images
-        return int(publisher.get_subscription_count())
-
-    def send(self) -> None:
-        self.sent += 1
-        pixels = np.full((3, 5), self.sent, np.uint16)
-        header = header_of(self.sent, self.name)
-        if self._plain:
-            self._plain.publish(CvBridge().cv2_to_imgmsg(pixels, '16UC1', header=header))
-        else:
-            self._frames.publish(pixels, header)
-
-    def destroy(self) -> None:
-        if self._plain:
-            self._node.destroy_publisher(self._plain)
-        else:
-            self._frames.destroy()
-
-
-class Viewer:
-    """A subscription that checks the pixels and collects the numbers of its frames."""
-
-    def __init__(self, node: Node, transport: str = 'auto', in_thread: bool = False,
-                 depth: int | None = None) -> None:
-        self.node = node
-        self.numbers: dict[str, list[int]] = {}
-        self.shared = 0  # consecutive newest frames from shared memory
-        self.subscription = FrameSubscription(
-            node, TOPIC, transport, depth, node.get_logger(), self._take, self._fail,
-            in_thread=in_thread)
-
-    @property
-    def is_sharing(self) -> bool:
-        """Whether all frames come from shared memory."""
-        return self.subscription._subscription.is_stopped
-
-    def _take(self, message: WireMessage, _: int) -> None:
-        frame = Frame(message)
-        assert (frame.raw == frame.stamp.sec).all()
-        assert frame.raw.shape == (3, 5)
-        self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
-        self.shared = self.shared + 1 if isinstance(message.data, np.ndarray) else 0
-
-    def _fail(self, err: Exception) -> None:
-        raise err
-
-    def watch(self, condition: Callable[[], bool], *cameras: Camera) -> None:
-        """Publish, at most a few frames ahead of the reception, until a condition holds."""
-        def step() -> bool:
-            for camera in cameras:
-                if camera.sent - len(self.numbers.get(camera.name, ())) < WINDOW:
-                    camera.send()
-            return condition()
-
-        spin_until(self.node, step)
-
-    def assert_complete(self, *cameras: Camera) -> None:
-        """Check that every frame arrived once and in order."""
-        spin_until(self.node, lambda: all(
-            len(self.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
+def watch(viewer: Viewer, condition: Callable[[], bool], *cameras: Camera,
+          window: int = WINDOW) -> None:
+    """Publish, at most a few frames ahead of the reception, until a condition holds."""
+    def step() -> bool:
         for camera in cameras:
-            assert self.numbers[camera.name] == [*range(1, camera.sent + 1)]
-        assert self.subscription.losses.count == 0
-        assert self.subscription.losses.is_complete
+            if camera.sent - len(viewer.numbers.get(camera.name, ())) < window:
+                camera.send()
+        return condition()
+
+    spin_until(viewer.node, step)
+
+
+def watch_sharing(viewer: Viewer, *cameras: Camera) -> None:
+    watch(viewer, lambda: viewer.is_sharing and viewer.shared > 20, *cameras)
+
+
+def match(viewer: Viewer, camera: Camera) -> None:
+    """Wait until both ends of the image topic have discovered each other."""
+    spin_until(viewer.node, lambda: camera.subscribers > 0 and
+               viewer.subscription._subscription.publisher_count() > 0)
+
+
+def assert_complete(viewer: Viewer, *cameras: Camera) -> None:
+    """Check that every frame arrived once and in order."""
+    spin_until(viewer.node, lambda: all(
+        len(viewer.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
+    for camera in cameras:
+        assert viewer.numbers[camera.name] == [*range(1, camera.sent + 1)]
+    assert viewer.subscription.losses.count == 0
+    assert viewer.subscription.losses.is_complete
+    assert viewer.errors == []
 
 
 @pytest.fixture
@@ -147,53 +90,218 @@ def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewe
     return view(in_thread=request.param)
 
 
-def match(viewer: Viewer, camera: Camera) -> None:
-    """Wait until both ends of the image topic have discovered each other."""
-    spin_until(viewer.node, lambda: camera.subscribers > 0 and
-               viewer.subscription._subscription.publisher_count() > 0)
-
-
 def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     match(viewer, ours)
-    viewer.watch(lambda: viewer.is_sharing and viewer.shared > 20, ours)
+    watch_sharing(viewer, ours)
     assert not viewer.node.count_subscribers(TOPIC)
-    viewer.assert_complete(ours)
+    assert_complete(viewer, ours)
 
 
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     match(viewer, ours)
     for turn in range(3):
-        viewer.watch(lambda: viewer.is_sharing and viewer.shared > 20, ours)
+        watch_sharing(viewer, ours)
         plain = Camera(camera, f'plain{turn}', is_plain=True)
-        viewer.watch(lambda: not viewer.is_sharing, ours)
-        match(viewer, plain)  # noqa: B023
-        viewer.watch(lambda: not viewer.shared and plain.sent > 20, ours, plain)  # noqa: B023
-        viewer.watch(lambda: not viewer.subscription._shared._links, ours, plain)
-        viewer.assert_complete(ours, plain)
+        watch(viewer, lambda: not viewer.is_sharing, ours)
+        match(viewer, plain)
+        watch(viewer, lambda: not viewer.shared and plain.sent > 20, ours, plain)  # noqa: B023
+        watch(viewer, lambda: not viewer.subscription._shared._links, ours, plain)
+        assert_complete(viewer, ours, plain)
         plain.destroy()
-    viewer.watch(lambda: viewer.is_sharing and viewer.shared > 20, ours)
-    viewer.assert_complete(ours)
+    watch_sharing(viewer, ours)
+    assert_complete(viewer, ours)
 
 
 def test_two_sharing_publishers(viewer: Viewer, camera: Node, node: Node) -> None:
     first = Camera(camera, 'first')
     match(viewer, first)
-    viewer.watch(lambda: viewer.is_sharing, first)
+    watch(viewer, lambda: viewer.is_sharing, first)
     second = Camera(camera, 'second')
-    viewer.watch(lambda: not viewer.is_sharing, first)
+    watch(viewer, lambda: not viewer.is_sharing, first)
     spin_until(node, lambda: second.subscribers > 0)
     spin_until(node, lambda: viewer.subscription._subscription.publisher_count() == 2)
-    viewer.watch(lambda: viewer.is_sharing and viewer.shared > 20, first, second)
-    viewer.assert_complete(first, second)
+    watch_sharing(viewer, first, second)
+    assert_complete(viewer, first, second)
     second.destroy()
-    viewer.watch(lambda: first.sent > 100, first)
-    viewer.assert_complete(first)
+    watch(viewer, lambda: first.sent > 100, first)
+    assert_complete(viewer, first)
 
 
 def test_publisher_and_subscriber_of_one_node(viewer: Viewer) -> None:
     ours = Camera(viewer.node)
     match(viewer, ours)
-    viewer.watch(lambda: viewer.is_sharing and viewer.shared > 20, ours)
-    viewer.assert_complete(ours)
+    watch_sharing(viewer, ours)
+    assert_complete(viewer, ours)
+
+
+def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch_sharing(viewer, ours)
+    for encoding, height, width in (
+            ('mono8', 1, 1), ('bgr8', 481, 641), ('32FC1', 7, 3), ('bayer_rggb8', 1080, 1920),
+            ('nv21', 4, 6), ('16UC3', 1081, 1921), ('yuv422_yuy2', 5, 4), ('mono8', 2, 1)):
+        for _ in range(4):
+            ours.send(encoding, height, width)
+            spin_until(viewer.node, lambda: viewer.count == ours.sent)
+    assert viewer.shared > 50
+    assert_complete(viewer, ours)
+
+
+def test_publisher_that_starts_again(viewer: Viewer, camera: Node) -> None:
+    for turn in range(20):
+        ours = Camera(camera, f'turn{turn}')
+        spin_until(viewer.node, lambda: ours.subscribers > 0)  # noqa: B023
+        match(viewer, ours)
+        watch_sharing(viewer, ours)
+        assert_complete(viewer, ours)
+        ours.destroy()
+
+
+@pytest.mark.parametrize('depth', [1, 3, None])
+def test_overwritten_frames_are_counted(
+        view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
+    viewer = view(depth=depth)
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch(viewer, lambda: viewer.is_sharing, ours, window=1)
+    spin_until(viewer.node, lambda: viewer.count == ours.sent)
+    before = ours.sent
+    for _ in range(100):
+        ours.send()
+    spin_until(viewer.node, lambda: viewer.numbers['ours'][-1] == ours.sent)
+    kept = depth or MAX_DEPTH
+    assert viewer.numbers['ours'] == [
+        *range(1, before + 1), *range(101 + before - kept, ours.sent + 1)]
+    assert viewer.subscription.losses.count == 100 - kept
+
+
+@pytest.mark.parametrize('depth', [1, None])
+def test_overwritten_frames_before_the_image_topic_are_counted(
+        view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
+    viewer = view(depth=depth)
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch(viewer, lambda: viewer.is_sharing, ours, window=1)
+    plain = Camera(camera, 'plain', is_plain=True)
+    watch(viewer, lambda: not viewer.is_sharing, ours, window=1)
+    for _ in range(100):  # some before the camera discovers the subscription, and some after
+        ours.send()
+    spin_until(viewer.node, lambda: ours.subscribers > 0)
+    for _ in range(100):
+        ours.send()
+    spin_until(viewer.node, lambda: viewer.numbers['ours'][-1] == ours.sent)
+    assert viewer.numbers['ours'] == sorted(set(viewer.numbers['ours']))
+    assert viewer.count + viewer.subscription.losses.count == ours.sent + plain.sent
+
+
+@pytest.mark.parametrize('every', [False, True])
+def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool) -> None:
+    ours = Camera(camera)
+    numbers: list[int] = []
+    may_return = Event()
+
+    def slow(frame: Frame) -> None:
+        assert is_picture(frame)
+        numbers.append(frame.stamp.sec)
+        assert may_return.wait(DEADLINE)
+
+    subscriber = FrameSubscriber(node, TOPIC, slow, encoding='', every=every, threaded=True)
+    try:
+        subscription = subscriber._subscription
+        spin_until(node, lambda: ours.subscribers > 0
+                   and subscription._subscription.publisher_count() > 0)
+
+        def send_until_shared() -> bool:
+            ours.send()
+            return subscription._subscription.is_stopped
+
+        spin_until(node, send_until_shared)
+        for _ in range(100):
+            ours.send()
+        may_return.set()
+        spin_until(node, lambda: numbers[-1] == ours.sent)
+    finally:
+        may_return.set()
+        subscriber.destroy()
+    assert numbers == sorted(set(numbers))
+    assert len(numbers) + subscriber.skipped == ours.sent
+
+
+@pytest.mark.parametrize('in_thread', [False, True])
+def test_every_frame_is_kept(view: Callable[..., Viewer], camera: Node, in_thread: bool) -> None:
+    held: list[Frame] = []
+    viewer = view(in_thread=in_thread, hold=held.append)
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch(viewer, lambda: viewer.shared > 100, ours)
+    assert_complete(viewer, ours)
+    assert all(map(is_picture, held))
+
+
+def test_view_outlives_subscription_and_node(domain: int, camera: Node) -> None:
+    held: list[Frame] = []
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node('leaves', context=context)
+    viewer = Viewer(node, hold=held.append)
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch_sharing(viewer, ours)
+    frames = [frame for frame in held if frame.raw.base is not None][-MAX_VIEWS:]
+    with pytest.raises(ValueError, match='read-only'):
+        frames[0].raw[0] = 0
+    with pytest.raises(ValueError, match='WRITEABLE'):
+        frames[0].raw.flags.writeable = True
+    del held[:]
+    viewer.subscription.destroy()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    del viewer, node, context
+    gc.collect()
+    for _ in range(100):
+        ours.send()
+    assert all(map(is_picture, frames))
+    ours.destroy()
+    del ours
+    gc.collect()
+    assert all(map(is_picture, frames))
+
+
+@pytest.mark.parametrize('changed', [
+    {}, {'service': '0' * 32}, {'service': ''}, {'boot': '0' * 36}, {'version': 7}],
+    ids=['repeated', 'of nobody', 'withdrawn', 'of another host', 'of another version'])
+def test_hostile_announcement(
+        viewer: Viewer, camera: Node, changed: dict[str, object]) -> None:
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    announced: list[str] = []
+    viewer.node.create_subscription(
+        String, TOPIC + SUFFIX, lambda message: announced.append(message.data), latched)
+    hostile = camera.create_publisher(String, TOPIC + SUFFIX, latched)
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch_sharing(viewer, ours)
+    text = json.dumps({**json.loads(announced[0]), **changed})
+    hostile.publish(String(data=text))
+    watch(viewer, lambda: announced[-1] == text, ours)
+    until = ours.sent + 200
+    watch(viewer, lambda: ours.sent > until, ours)
+    assert_complete(viewer, ours)
+    is_harmless = not changed or 'version' in changed
+    assert viewer.is_sharing == is_harmless
+
+
+def test_announcements_of_many_strangers(viewer: Viewer, camera: Node) -> None:
+    ours = Camera(camera)
+    match(viewer, ours)
+    watch_sharing(viewer, ours)
+    hostile = camera.create_publisher(String, TOPIC + SUFFIX, QoSProfile(
+        depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    spin_until(viewer.node, lambda: hostile.get_subscription_count() > 0)
+    for number in range(500):
+        hostile.publish(String(data=announce(f'{number:032x}', f'{number:032x}').to_text()))
+    until = ours.sent + 200
+    watch(viewer, lambda: ours.sent > until, ours)
+    assert_complete(viewer, ours)

@@ -795,12 +795,16 @@ def test_no_warning_while_the_executor_is_busy(
 
 def test_destroy_leaves_no_entity(
         node: Node, subscribe: Callable[..., FrameSubscription]) -> None:
-    timers = len(list(node.timers))
+    def entities() -> tuple[list[str], int, int]:
+        return (sorted(subscription.topic_name for subscription in node.subscriptions),
+                len(list(node.timers)), len(list(node.guards)))
+
+    names, timers, guards = entities()
     subscription = subscribe()
     subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
-    assert (len(list(node.subscriptions)), len(list(node.timers))) == (1, timers + 1)
+    assert entities() == ([TOPIC, f'{TOPIC}/shm'], timers + 1, guards + 1)
     subscription.destroy()
-    assert (len(list(node.subscriptions)), len(list(node.timers))) == (0, timers)
+    assert entities() == (names, timers, guards)
 
 
 @pytest.mark.process

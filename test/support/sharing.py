@@ -1,0 +1,204 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Cameras and viewers of numbered frames, in this process or as processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.frames import Frame, FramePublisher
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.ros.fastdds.profile import configured_fastdds
+from opencv_tools.ros.subscriber.subscription import FrameSubscription
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+TOPIC = '/video_frames'
+
+
+def picture(number: int, encoding: str = '16UC1', height: int = 3, width: int = 5) -> np.ndarray:
+    """Return the random pixels of a numbered frame."""
+    found = find_encoding(encoding)
+    rows = found.rows(height)
+    shape = (rows, width) if found.channels == 1 else (rows, width, found.channels)
+    data = np.random.default_rng(number).bytes(rows * width * found.pixel_bytes)
+    return np.frombuffer(data, found.dtype).reshape(shape)
+
+
+def is_picture(frame: Frame) -> bool:
+    """Return whether a frame has the pixels of its number, which is its stamp."""
+    height, width = (int(size) for size in frame.description.split()[0].split('x')[::-1])
+    expected = picture(frame.stamp.sec, frame.raw_encoding, height, width)
+    return frame.raw.shape == expected.shape and frame.raw.tobytes() == expected.tobytes()
+
+
+class Camera:
+    """A publisher of numbered frames, which shares them or is a plain publisher of rclpy."""
+
+    def __init__(self, node: Node, name: str = 'ours', is_plain: bool = False) -> None:
+        self.name = name
+        self.sent = 0
+        self._node = node
+        self._plain = node.create_publisher(Image, TOPIC, 10) if is_plain else None
+        self._frames = None if is_plain else FramePublisher(node, TOPIC)
+
+    @property
+    def subscribers(self) -> int:
+        """Number of subscriptions of the image topic."""
+        publisher = self._plain or self._frames._images
+        return int(publisher.get_subscription_count())
+
+    def send(self, encoding: str = '16UC1', height: int = 3, width: int = 5) -> None:
+        """Publish the next frame."""
+        self.sent += 1
+        pixels = picture(self.sent, encoding, height, width)
+        header = Header(frame_id=self.name)
+        header.stamp.sec = self.sent
+        if self._plain:
+            self._plain.publish(CvBridge().cv2_to_imgmsg(pixels, encoding, header=header))
+        else:
+            self._frames.publish(pixels, header, encoding=encoding)
+
+    def destroy(self) -> None:
+        """Remove the publisher."""
+        if self._plain:
+            self._node.destroy_publisher(self._plain)
+        else:
+            self._frames.destroy()
+
+
+class RemoteCamera:
+    """A camera in a process of its own."""
+
+    def __init__(self, name: str = 'ours', is_plain: bool = False,
+                 within: Sequence[str] = (), **environment: str) -> None:
+        self.name = name
+        self.sent = 0
+        self._process = subprocess.Popen(
+            [*within, sys.executable, __file__, 'camera', name, str(int(is_plain))],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env={**os.environ, **environment})
+        self.pid = self._process.pid
+
+    @property
+    def subscribers(self) -> int:
+        """Number of subscriptions of the image topic."""
+        return int(self._ask(['subscribers']))
+
+    def send(self, *arguments: object) -> None:
+        """Publish the next frame, as `Camera.send` does."""
+        self.sent += 1
+        self._ask(['send', *arguments])
+
+    def destroy(self) -> None:
+        """End the process."""
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+        assert self._process.wait() == 0
+
+    def kill(self) -> None:
+        """End the process by SIGKILL."""
+        self._process.kill()
+        self._process.wait()
+
+    def _ask(self, command: list[object]) -> str:
+        self._process.stdin.write(json.dumps(command) + '\n')
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        assert answer, f'the camera ended with status {self._process.wait()}'
+        return answer
+
+
+class Viewer:
+    """A subscription that checks the pixels and collects the numbers of its frames."""
+
+    def __init__(self, node: Node, transport: str = 'auto', in_thread: bool = False,
+                 depth: int | None = None, hold: Callable[[Frame], object] = bool) -> None:
+        self.node = node
+        self.numbers: dict[str, list[int]] = {}
+        self.errors: list[Exception] = []
+        self.shared = 0  # number of newest frames that came from shared memory
+        self._hold = hold
+        self.subscription = FrameSubscription(
+            node, TOPIC, transport, depth, node.get_logger(), self._take, self.errors.append,
+            in_thread=in_thread)
+
+    @property
+    def is_sharing(self) -> bool:
+        """Whether all frames come from shared memory."""
+        return self.subscription._subscription.is_stopped
+
+    @property
+    def count(self) -> int:
+        """Number of received frames."""
+        return sum(map(len, self.numbers.values()))
+
+    def _take(self, message: WireMessage, _: int) -> None:
+        frame = Frame(message)
+        assert is_picture(frame)
+        self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
+        self.shared = self.shared + 1 if isinstance(message.data, np.ndarray) else 0
+        self._hold(frame)
+
+
+def _context() -> Context:
+    context = Context()
+    rclpy.init(context=context)
+    return context
+
+
+def _run_camera(name: str, is_plain: str) -> None:
+    camera = Camera(Node('remote_camera', context=_context()), name, is_plain == '1')
+    for line in sys.stdin:
+        command, *arguments = json.loads(line)
+        if command == 'send':
+            camera.send(*arguments)
+        print(camera.subscribers, flush=True)
+
+
+def _run_viewer(transport: str, held: str) -> None:
+    """Print what arrived, after each frame; ``held`` is a number of newest frames."""
+    frames: list[Frame] = []
+
+    def report(frame: Frame) -> None:
+        frames.append(frame)
+        del frames[:max(0, len(frames) - int(held))]
+        assert all(map(is_picture, frames))
+        print(json.dumps([frame.frame_id, frame.stamp.sec, viewer.shared,
+                          viewer.subscription.losses.count]), flush=True)
+
+    node = Node('remote_viewer', context=_context())
+    viewer = Viewer(node, transport, hold=report)
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    with suppress(ExternalShutdownException, KeyboardInterrupt):
+        executor.spin()
+
+
+if __name__ == '__main__':
+    with configured_fastdds(0):
+        {'camera': _run_camera, 'viewer': _run_viewer}[sys.argv[1]](*sys.argv[2:])
