@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,9 @@ class FrameNode(Node):
 
         :returns: the exit status: the result of ``done``, 0 without one.
         """
-        while self._closables:
-            self._closables.pop(0).destroy()
+        with ExitStack() as stack:  # all are closed, even if one raises an exception
+            while self._closables:
+                stack.callback(self._closables.pop().destroy)
         return int(self.done.result()) if self.done.done() else EXIT_OK
 
 

@@ -239,9 +239,11 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
         while not (signals.received or node.done.done()):
             executor.spin_once(timeout_sec=_SIGNAL_SECONDS)
     finally:
-        status = node.close()
-        signals.end()
-        node.destroy_node()
+        try:
+            status = node.close()
+        finally:
+            signals.end()
+            node.destroy_node()
     return status
 
 
