@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
+from opencv_tools.ros.fastdds.profile import FastDdsSetup
+from opencv_tools.ros.priority import use_priority
 from opencv_tools.ros.run_node import Executable, EXIT_OK, run
 from rclpy.node import Node
 from rclpy.task import Future
@@ -93,7 +95,7 @@ class FrameNode(Node):
 
 def main(
     create_node: Callable[[], FrameNode], args: Sequence[str] | None = None, *,
-    frame_size: tuple[int, int] = FRAME_SIZE,
+    frame_size: tuple[int, int] = FRAME_SIZE, priority: int = 0,
 ) -> int:
     """
     Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
@@ -103,14 +105,22 @@ def main(
     :param args: command line, program name first; None for that of the process.
     :param frame_size: width and height in pixels of the largest published frame, for which shared
         memory is reserved.
+    :param priority: real-time priority of the executor and of the threads that receive, from 1 to
+        99; 0 for normal scheduling. Without the permission a warning has the remedy.
     :returns: the exit status: 0, or the result of ``done``; 2 for invalid ROS arguments.
     """
     name = getattr(create_node, '__name__', 'node')
     width, height = frame_size
     executable = Executable(
         name=name, node=name, description=create_node.__doc__ or '', parameters=None, example='',
-        frame_bytes=lambda _: width * height * _CHANNELS)
-    return run(executable, lambda _: create_node(), args, failures=())
+        frame_bytes=lambda _: width * height * _CHANNELS, priority=lambda _: priority)
+
+    def create(_: FastDdsSetup) -> FrameNode:
+        node = create_node()
+        use_priority(priority)
+        return node
+
+    return run(executable, create, args, failures=())
 
 
 def run_filter(
