@@ -32,8 +32,8 @@ import numpy as np
 
 BENCHMARKS = (
     'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'transport',
-    'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
-    'transport --size 3840x2160 --runs 3')
+    'transport --qos best_effort --runs 3',
+    'transport --sizes 1920x1080@60 3840x2160@30 --runs 3', 'transport --subscribers 1 4 --runs 3')
 
 
 def cpu_model() -> str:
