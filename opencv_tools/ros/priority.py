@@ -64,6 +64,11 @@ def explain_refusal(priority: int) -> str:
     return ''
 
 
+def current_priority() -> int:
+    """Return the real-time priority of the calling thread, 0 for normal scheduling."""
+    return os.sched_getparam(0).sched_priority
+
+
 def use_priority(priority: int) -> None:
     """
     Change the scheduling of the calling thread to SCHED_RR, if that is permitted.
