@@ -101,33 +101,35 @@ class ImageTopics:
         :returns: whether any topic has a subscriber.
         :raises ImageError: the frame cannot be decoded or converted.
         """
-        header = Header(stamp=stamp, frame_id=frame_id)
-        wire_header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
+        header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
-        to_images, to_compressed, to_infos = (
-            publisher.get_subscription_count() > 0 for publisher in self._publishers())
+        is_published = False
         try:
-            if to_images:
+            # All other work is done after the pixels are on their way.
+            if self.images.get_subscription_count():
                 self._check_room(output.image.nbytes)
                 encoding = declared_encoding(output.image, output.encoding)
-                publish_image(
-                    self.images.handle, array_to_wire(output.image, encoding, wire_header))
+                publish_image(self.images.handle, array_to_wire(output.image, encoding, header))
                 self.backlog.add(self.images)
-            if to_infos:
+                is_published = True
+            if self._infos.get_subscription_count():
                 settings = output.settings
                 self._infos.publish(self.calibration.message(
-                    header, *output.size, settings.flip, settings.rotate))
+                    Header(stamp=stamp, frame_id=frame_id), *output.size, settings.flip,
+                    settings.rotate))
                 self.backlog.add(self._infos)
+                is_published = True
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
-        if to_compressed:
+        if self._compressed.get_subscription_count():
             data, format_text = output.jpeg
             self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
-                header=wire_header, format=format_text, data=data.data)))
+                header=header, format=format_text, data=data.data)))
             self.backlog.add(self._compressed)
+            is_published = True
         if failure:
             raise failure
-        return to_images or to_compressed or to_infos
+        return is_published
 
     def _check_room(self, frame_bytes: int) -> None:
         """Log a warning when frames become too large for the shared memory."""
