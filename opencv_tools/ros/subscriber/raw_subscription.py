@@ -77,7 +77,6 @@ class RawSubscription(Waitable):
         self._index = 0
         self._sender = b''
         self._number = 0
-        self._in_sequence = 0
         self.start()
         self.topic_name = node.resolve_topic_name(image_topic.name)
 
@@ -101,6 +100,7 @@ class RawSubscription(Waitable):
                     incompatible_qos=self._on_publishers, matched=self._on_publishers,
                     use_default_callbacks=False))
             self._handle = self._subscription.handle
+            self._in_sequence = 0
             self._node.add_waitable(self)
 
     def stop(self) -> None:
