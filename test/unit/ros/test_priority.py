@@ -122,8 +122,8 @@ def test_normal_scheduling_without_permission(start: Start, tmp_path: Path, name
     assert real_time_threads(process.pid) == []
     process.interrupt()
     assert process.finish() == 0, process.output
-    (line,) = (line for line in process.output.splitlines() if '[WARN]' in line)
-    assert REFUSAL in line
+    (line,) = (line for line in process.output.splitlines() if REFUSAL in line)
+    assert '[WARN]' in line
     assert f"'* - rtprio {PRIORITY}'" in line
     assert 'rror]' not in process.output  # of Fast DDS
 
