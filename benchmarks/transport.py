@@ -110,7 +110,8 @@ def measure(
             try:
                 result = run_once(way, load, subscribers)
             except ProcessError as err:
-                print(f'{name} skipped: {str(err).rpartition("]: ")[2]}', flush=True)
+                reason = str(err).splitlines()[-1].rpartition(']: ')[2]
+                print(f'{name} skipped: {reason}', flush=True)
                 del results[name]
             else:
                 results[name].append(result)

@@ -39,6 +39,7 @@ _GOALS = {
     ('thread shm', f'{_LIGHT} x1'): {
         'age p50 to memcpy': 2.5, 'age p99 - p50': 2.0, 'CPU': 1.6,
         "age p50, tutorial's to it": 20.0},
+    ('thread shm', f'{_FAST} x8'): {'age p99': 5.0},
     ('thread shm', f'{_LARGE} x1'): {'age p50 to memcpy': 1.5, 'CPU': 3.0},
     ('own node shm', f'{_LIGHT} x1'): {
         "age p50, plain node's to it": 8.0, "CPU of the node, plain node's to it": 3.0}}
