@@ -23,6 +23,7 @@ import os
 import subprocess
 import sys
 
+from conftest import DEADLINE
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import Frame, FramePublisher
@@ -51,7 +52,8 @@ def picture(number: int, encoding: str = '16UC1', height: int = 3, width: int = 
 
 def is_picture(frame: Frame) -> bool:
     """Return whether a frame has the pixels of its number, which is its stamp."""
-    height, width = (int(size) for size in frame.description.split()[0].split('x')[::-1])
+    rows, width = frame.raw.shape[:2]
+    height = find_encoding(frame.raw_encoding).height(rows)
     expected = picture(frame.stamp.sec, frame.raw_encoding, height, width)
     return frame.raw.shape == expected.shape and frame.raw.tobytes() == expected.tobytes()
 
@@ -101,7 +103,7 @@ class RemoteCamera:
         self._process = subprocess.Popen(
             [*within, sys.executable, __file__, 'camera', name, str(int(is_plain))],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            env={**os.environ, **environment})
+            env=_environment(environment))
         self.pid = self._process.pid
 
     @property
@@ -163,6 +165,51 @@ class Viewer:
         self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
         self.shared = self.shared + 1 if isinstance(message.data, np.ndarray) else 0
         self._hold(frame)
+
+
+class RemoteViewer:
+    """A viewer in a process of its own, which keeps its newest frames."""
+
+    def __init__(self, log: Path, transport: str = 'auto', held: int = 0,
+                 within: Sequence[str] = (), **environment: str) -> None:
+        self._log = log
+        with log.open('w') as console:
+            self._process = subprocess.Popen(
+                [*within, sys.executable, __file__, 'viewer', transport, str(held)],
+                stdout=console, env=_environment(environment))
+        self.pid = self._process.pid
+
+    @property
+    def frames(self) -> list[tuple[str, int, int, int]]:
+        """Name and number, shared frames and lost frames until then, of each received frame."""
+        text = self._log.read_text()
+        return [tuple(json.loads(line)) for line in text[:text.rfind('\n') + 1].splitlines()]
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Wait for a condition of the received frames."""
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert self._process.poll() is None, f'ended with status {self._process.poll()}'
+            assert time.monotonic() < end, f'did not come: {self.frames[-3:]}'
+            time.sleep(0.02)
+
+    def is_running(self) -> bool:
+        """Return whether the process is running."""
+        return self._process.poll() is None
+
+    def signal(self, number: int) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
+    def kill(self) -> None:
+        """End the process by SIGKILL."""
+        self._process.kill()
+        self._process.wait()
+
+
+def _environment(changed: dict[str, str]) -> dict[str, str]:
+    folders = (*changed.pop('PYTHONPATH', '').split(':'), *sys.path)
+    return {**os.environ, **changed, 'PYTHONPATH': ':'.join(filter(None, folders))}
 
 
 def _context() -> Context:

@@ -22,7 +22,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from opencv_tools.image.errors import CdrError
 from opencv_tools.ros.shared_frames.header import FrameHeader, SharedFrame
-from opencv_tools.ros.shared_frames.pages import shared_memory_errors
+from opencv_tools.ros.shared_frames.pages import shared_memory_errors, SharedMemoryError
 
 if TYPE_CHECKING:
     from opencv_tools.ros.shared_frames.memory import FrameMemory
@@ -53,10 +53,15 @@ class FrameReader:
 
     def wait(self, seconds: float) -> bool:
         """Wait for frames and return whether there may be one. Other threads run meanwhile."""
-        with shared_memory_errors():
-            if seconds < 0.001:  # a shorter wait of iceoryx2 has no end
-                return bool(self._listener.try_wait())
-            return bool(self._listener.timed_wait(self._memory.duration(seconds)))
+        try:
+            with shared_memory_errors():
+                if seconds < 0.001:  # a shorter wait of iceoryx2 has no end
+                    return bool(self._listener.try_wait())
+                return bool(self._listener.timed_wait(self._memory.duration(seconds)))
+        except SharedMemoryError as err:
+            if 'InterruptSignal' in str(err):  # by any signal, such as SIGCONT
+                return True
+            raise
 
     def receive(self) -> SharedFrame | None:
         """

@@ -315,7 +315,7 @@ class SharedFrameSubscriber:
     def _fail(self, link: _Link, err: SharedMemoryError) -> None:
         self._give_up(link.publisher, link.service, err)
         if not link.is_closed:
-            self._close(link.publisher)
+            self._leave(link)
         self._report_change()
 
     def _report_change(self) -> None:
