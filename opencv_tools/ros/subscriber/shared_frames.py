@@ -159,10 +159,11 @@ class SharedFrameSubscriber:
             if link is not None and link.state == _State.SHARING:
                 return
             if link is not None and link.state == _State.LEAVING:
-                is_followed = self._drain(link, number)
+                following = max(number, self._passed[publisher] + 1)
+                is_followed = self._drain(link, following)
                 self._close(publisher)
                 self._losses.resume(
-                    publisher, number - 1 if is_followed else self._passed[publisher])
+                    publisher, following - 1 if is_followed else self._passed[publisher])
                 self._report_change()
             if number and number <= self._shared.get(publisher, 0):
                 return
