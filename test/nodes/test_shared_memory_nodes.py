@@ -16,17 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+import os
 from pathlib import Path
+import signal
+import subprocess
 from typing import Any
 
 from conftest import spin_until
+from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
-from sharing import is_picture, RemoteCamera, RemoteViewer, TOPIC, Viewer
+from sharing import RemoteCamera, RemoteViewer, Viewer, WINDOW
 
 pytestmark = pytest.mark.process
-WINDOW = 5  # frames on their way; fewer than any queue holds
 
 
 @pytest.fixture
@@ -76,35 +79,57 @@ def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewe
     return view(in_thread=request.param)
 
 
-def watch(viewer: Viewer, condition: Callable[[], bool], *cameras: RemoteCamera) -> None:
-    """Publish, at most a few frames ahead of the reception, until a condition holds."""
+class Memory:
+    """A mount namespace with a /dev/shm of its own."""
+
+    def __init__(self, command: Sequence[str], megabytes: float) -> None:
+        mounted = f'mount -t tmpfs -o size={int(megabytes * 2**20)} none /dev/shm && echo && cat'
+        self._keeper = subprocess.Popen(
+            [*command, 'sh', '-c', mounted], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._keeper.stdout.readline() == b'\n'
+        users = () if os.getuid() == 0 else ('--user', '--preserve-credentials')
+        #: Prefix of a command that runs in the namespace.
+        self.within = ('nsenter', '--mount', *users, f'--target={self._keeper.pid}')
+        #: Path of the folder on this machine.
+        self.path = Path(f'/proc/{self._keeper.pid}/root/dev/shm')
+
+    def files(self) -> list[str]:
+        """Return the names of the files of shared frames."""
+        return sorted(str(path.relative_to(self.path))
+                      for path in self.path.rglob('*') if 'opencv_tools' in str(path))
+
+    def free(self) -> int:
+        """Return the number of free bytes."""
+        found = os.statvfs(self.path)
+        return found.f_bavail * found.f_frsize
+
+    def close(self) -> None:
+        self._keeper.communicate()
+
+
+@pytest.fixture
+def memory(mount_namespace: Sequence[str]) -> Iterator[Callable[[float], Memory]]:
+    """Return a function that creates a /dev/shm of a number of megabytes."""
+    memories: list[Memory] = []
+
+    def _create(megabytes: float) -> Memory:
+        memories.append(Memory(mount_namespace, megabytes))
+        return memories[-1]
+
+    yield _create
+    for created in memories:
+        created.close()
+
+
+def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[], bool]) -> None:
+    """Publish, at most a few frames ahead of a viewer, until a condition holds."""
     def step() -> bool:
-        for camera in cameras:
-            if camera.sent - len(viewer.numbers.get(camera.name, ())) < WINDOW:
-                camera.send()
+        numbers = [number for name, number, _, _ in viewer.frames if name == camera.name]
+        if not numbers or camera.sent - numbers[-1] < WINDOW:
+            camera.send()
         return condition()
 
-    spin_until(viewer.node, step)
-
-
-def watch_sharing(viewer: Viewer, *cameras: RemoteCamera) -> None:
-    watch(viewer, lambda: viewer.is_sharing and viewer.shared > 20, *cameras)
-
-
-def match(viewer: Viewer, *cameras: RemoteCamera) -> None:
-    """Wait until the image topic connects the viewer and only these cameras."""
-    spin_until(viewer.node, lambda: all(camera.subscribers for camera in cameras)
-               and viewer.subscription._subscription.publisher_count() == len(cameras))
-
-
-def assert_complete(viewer: Viewer, *cameras: RemoteCamera) -> None:
-    """Check that every frame arrived once and in order."""
-    spin_until(viewer.node, lambda: all(
-        len(viewer.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
-    for camera in cameras:
-        assert viewer.numbers[camera.name] == [*range(1, camera.sent + 1)]
-    assert viewer.subscription.losses.count == 0
-    assert viewer.errors == []
+    viewer.wait_until(step)
 
 
 # Pixels
@@ -149,32 +174,109 @@ def test_pixels_of_png(
 def test_plain_publisher_beside_shared_frames(
         viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
     ours = remote_camera()
-    match(viewer, ours)
+    viewer.match(ours)
     for turn in range(3):
-        watch_sharing(viewer, ours)
+        viewer.watch_sharing(ours)
         plain = remote_camera(f'plain{turn}', is_plain=True)
-        watch(viewer, lambda: not viewer.is_sharing, ours)
-        match(viewer, ours, plain)
-        watch(viewer, lambda: not viewer.shared and plain.sent > 50,  # noqa: B023
+        viewer.watch(lambda: not viewer.is_sharing, ours)
+        viewer.match(ours, plain)
+        viewer.watch(lambda: not viewer.shared and plain.sent > 50,  # noqa: B023
               ours, plain)
-        assert_complete(viewer, ours, plain)
+        viewer.assert_complete(ours, plain)
         plain.destroy()
-    watch_sharing(viewer, ours)
-    assert_complete(viewer, ours)
+    viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
 
 
 def test_second_sharing_publisher(
         viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
     first = remote_camera('first')
-    match(viewer, first)
-    watch_sharing(viewer, first)
+    viewer.match(first)
+    viewer.watch_sharing(first)
     second = remote_camera('second')
-    watch(viewer, lambda: not viewer.is_sharing, first)
-    match(viewer, first, second)
-    watch_sharing(viewer, first, second)
-    assert_complete(viewer, first, second)
+    viewer.watch(lambda: not viewer.is_sharing, first)
+    viewer.match(first, second)
+    viewer.watch_sharing(first, second)
+    viewer.assert_complete(first, second)
     second.destroy()
     until = first.sent + 100
-    watch(viewer, lambda: first.sent > until, first)
-    assert_complete(viewer, first)
+    viewer.watch(lambda: first.sent > until, first)
+    viewer.assert_complete(first)
     assert viewer.is_sharing
+
+
+# Killed and stopped processes
+
+def test_killed_readers(viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
+                        remote_viewer: Callable[..., RemoteViewer]) -> None:
+    ours = remote_camera()
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
+    for _ in range(4):  # together more than a service may have
+        readers = [remote_viewer(held=3) for _ in range(5)]
+        viewer.watch(lambda: all(reader.has_shared(5) for reader in readers), ours)  # noqa: B023
+        for reader in readers:
+            reader.kill()
+        viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
+
+
+def test_killed_publishers(memory: Callable[[float], Memory],
+                           remote_camera: Callable[..., RemoteCamera],
+                           remote_viewer: Callable[..., RemoteViewer]) -> None:
+    folder = memory(256)
+    viewer = remote_viewer(within=folder.within, held=3)
+    for turn in range(20):
+        camera = remote_camera(f'turn{turn}', within=folder.within)
+        viewer.wait_until(lambda: camera.subscribers > 0)  # noqa: B023
+        send_until(camera, viewer, lambda: viewer.has_shared(5, camera.name))  # noqa: B023
+        camera.kill()
+    for turn in range(20):
+        numbers = [number for name, number, _, _ in viewer.frames if name == f'turn{turn}']
+        assert numbers == [*range(numbers[0], numbers[0] + len(numbers))]
+    viewer.kill()
+    counts = []
+    for _ in range(2):  # a new process removes what killed ones left behind
+        camera, viewer = remote_camera(within=folder.within), remote_viewer(within=folder.within)
+        send_until(camera, viewer, lambda: viewer.has_shared(5))  # noqa: B023
+        counts.append(len(folder.files()))
+        camera.kill()
+        viewer.kill()
+    assert max(counts) < 60, folder.files()
+
+
+def test_reader_that_keeps_every_frame(
+        viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
+        remote_viewer: Callable[..., RemoteViewer]) -> None:
+    ours = remote_camera()
+    viewer.match(ours)
+    keeper = remote_viewer(held=10**6)
+    viewer.watch(lambda: keeper.has_shared(100), ours)
+    viewer.assert_complete(ours)
+    keeper.wait_until(lambda: keeper.frames[-1][1] == ours.sent)
+    numbers = [number for _, number, _, _ in keeper.frames]
+    assert numbers == [*range(numbers[0], ours.sent + 1)]
+    assert keeper.frames[-1][3] == 0
+
+
+def test_losses_of_a_stopped_reader(
+        viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
+        remote_viewer: Callable[..., RemoteViewer]) -> None:
+    ours = remote_camera()
+    viewer.match(ours)
+    stopped = remote_viewer()
+    viewer.watch(lambda: stopped.has_shared(5), ours)
+    first = next(index for index, frame in enumerate(stopped.frames) if frame[2])
+    _, first_number, _, lost_before = stopped.frames[first]
+    for turn in range(1, 4):
+        stopped.signal(signal.SIGSTOP)
+        until = ours.sent + 200
+        viewer.watch(lambda: ours.sent > until, ours)  # noqa: B023
+        stopped.signal(signal.SIGCONT)
+        stopped.wait_until(lambda: stopped.frames[-1][1] == ours.sent)
+        numbers = [number for _, number, _, _ in stopped.frames[first:]]
+        lost = stopped.frames[-1][3] - lost_before
+        assert numbers == sorted(set(numbers))
+        assert len(numbers) + lost == ours.sent - first_number + 1
+        assert lost >= turn * (200 - MAX_DEPTH)
+    viewer.assert_complete(ours)
