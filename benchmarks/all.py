@@ -21,6 +21,7 @@ from datetime import date
 import os
 from pathlib import Path
 import platform
+import shlex
 import signal
 import subprocess
 import sys
@@ -32,8 +33,11 @@ import numpy as np
 
 BENCHMARKS = (
     'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'transport',
-    'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
-    'transport --size 3840x2160 --runs 3')
+    'transport --qos best_effort --runs 3 --ways "ours raw" "plain subscriber" tutorial',
+    'transport --sizes 1920x1080@60 3840x2160@30 --runs 3 '
+    '--ways "ours raw" "ours shm" "thread shm" tutorial',
+    'transport --subscribers 1 2 4 --runs 3 --ways "ours raw" "ours shm" "thread shm" tutorial',
+    'transport --subscribers 8 --sizes 1920x1080@60 --runs 3 --ways "ours shm" "thread shm"')
 
 
 def cpu_model() -> str:
@@ -55,7 +59,7 @@ def heading() -> str:
 
 def run(benchmark: str, figures: Path) -> int:
     """Run a benchmark, which writes its figures to a file; its exit status."""
-    name, *options = benchmark.split()
+    name, *options = shlex.split(benchmark)
     script = Path(__file__).resolve().with_name(f'{name}.py')
     # In a session of its own it is ended by one signal, not by that of the terminal as well.
     process = subprocess.Popen([sys.executable, str(script), *options, '--json', str(figures)],

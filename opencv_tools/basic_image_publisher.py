@@ -23,6 +23,7 @@ from threading import Thread
 from opencv_tools.capture.source import is_camera
 from opencv_tools.ros.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
 from opencv_tools.ros.parameters import declare_parameters, watch_parameters
+from opencv_tools.ros.priority import given_priority, use_priority
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.camera_info import create_camera_info_service, open_calibration
 from opencv_tools.ros.publisher.image_topics import ImageTopics
@@ -81,6 +82,7 @@ class ImagePublisher(Node):
 
     def _publish(self) -> None:
         status = EXIT_FAILURE
+        use_priority(self._loop.settings.priority)
         try:
             status = self._loop.run()
         finally:
@@ -97,7 +99,8 @@ def main(args: Sequence[str] | None = None) -> int:
     executable = Executable(
         name='img_publisher', node='image_publisher', parameters=PARAMETERS,
         description='Publish frames as sensor_msgs/Image on video_frames.',
-        example='-p source:=clip.mp4 -p publish_rate:=0', frame_bytes=expected_frame_bytes)
+        example='-p source:=clip.mp4 -p publish_rate:=0', frame_bytes=expected_frame_bytes,
+        priority=lambda args: given_priority(args, 'image_publisher'))
     status = run(executable, ImagePublisher, args, failures=())
     keep_exit_status()
     return status

@@ -26,6 +26,7 @@ from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
+from opencv_tools.ros.priority import given_priority, use_priority
 from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.conversion import FrameConverter
@@ -72,6 +73,7 @@ class ImageSubscriber(Node):
             self._log.warning(describe_unknown(name, PARAMETERS))
         self._log.info(
             f'Waiting for {self.subscription.topic_name}, writing to {self._session.folder}')
+        use_priority(settings.priority)
 
     def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
@@ -155,7 +157,8 @@ def main(args: Sequence[str] | None = None) -> int:
     executable = Executable(
         name='img_subscriber', node='image_subscriber', parameters=PARAMETERS,
         description='Record the images on video_frames as files.',
-        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
+        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg',
+        priority=lambda args: given_priority(args, 'image_subscriber'))
     status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
     keep_exit_status()
     return status

@@ -34,6 +34,7 @@ from opencv_tools.logs import Throttle
 from opencv_tools.ros.parameters import (
     declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
     unknown_parameters)
+from opencv_tools.ros.priority import given_priority, priority_parameter, use_priority
 from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
@@ -62,6 +63,7 @@ class FilterSettings:
     transport: str = parameter(
         'auto', 'Type of the received images; auto prefers shm to raw, and raw to compressed',
         choices=tuple(TRANSPORTS))
+    priority: int = priority_parameter()
 
 
 #: Parameters of ``img_filter``.
@@ -93,6 +95,7 @@ class ImageFilter(FrameNode):
         self.get_logger().info(
             f'Waiting for {self._subscriber.topic_name}, publishing to '
             f'{self._publisher.topic_name}')
+        use_priority(settings.priority)
 
     def listener_callback(self, frame: Frame) -> None:
         """Filter a frame and publish the result, if it has subscribers."""
@@ -205,7 +208,8 @@ def main(args: Sequence[str] | None = None) -> int:
         name='img_filter', node='image_filter', parameters=PARAMETERS,
         description='Apply a function to the images on video_frames; publish filtered_frames.',
         example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8",
-        frame_bytes=lambda _: width * height * 3)
+        frame_bytes=lambda _: width * height * 3,
+        priority=lambda args: given_priority(args, 'image_filter'))
     status = run(executable, lambda _: ImageFilter(), args, failures=())
     keep_exit_status()
     return status

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
+from opencv_tools.ros.fastdds.profile import FastDdsSetup
+from opencv_tools.ros.priority import use_priority
 from opencv_tools.ros.run_node import Executable, EXIT_OK, run
 from rclpy.node import Node
 from rclpy.task import Future
@@ -84,14 +87,15 @@ class FrameNode(Node):
 
         :returns: the exit status: the result of ``done``, 0 without one.
         """
-        while self._closables:
-            self._closables.pop(0).destroy()
+        with ExitStack() as stack:  # all are closed, even if one raises an exception
+            while self._closables:
+                stack.callback(self._closables.pop().destroy)
         return int(self.done.result()) if self.done.done() else EXIT_OK
 
 
 def main(
     create_node: Callable[[], FrameNode], args: Sequence[str] | None = None, *,
-    frame_size: tuple[int, int] = FRAME_SIZE,
+    frame_size: tuple[int, int] = FRAME_SIZE, priority: int = 0,
 ) -> int:
     """
     Run a node until it is done, or until Ctrl-C, SIGTERM or SIGHUP.
@@ -101,14 +105,22 @@ def main(
     :param args: command line, program name first; None for that of the process.
     :param frame_size: width and height in pixels of the largest published frame, for which shared
         memory is reserved.
+    :param priority: real-time priority of the executor and of the threads that receive, from 1 to
+        99; 0 for normal scheduling. Without the permission a warning has the remedy.
     :returns: the exit status: 0, or the result of ``done``; 2 for invalid ROS arguments.
     """
     name = getattr(create_node, '__name__', 'node')
     width, height = frame_size
     executable = Executable(
         name=name, node=name, description=create_node.__doc__ or '', parameters=None, example='',
-        frame_bytes=lambda _: width * height * _CHANNELS)
-    return run(executable, lambda _: create_node(), args, failures=())
+        frame_bytes=lambda _: width * height * _CHANNELS, priority=lambda _: priority)
+
+    def create(_: FastDdsSetup) -> FrameNode:
+        node = create_node()
+        use_priority(priority)
+        return node
+
+    return run(executable, create, args, failures=())
 
 
 def run_filter(

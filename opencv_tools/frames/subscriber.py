@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from threading import Condition, Thread
+from threading import Condition, current_thread, Thread
 
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import Frame
@@ -61,7 +61,8 @@ class FrameSubscriber:
         :param depth: number of frames that may wait if ``every`` is set; older frames are skipped
             when more arrive.
         :param threaded: whether the callback runs in a thread of its own, so that timers,
-            services and parameters of the node are not delayed by it.
+            services and parameters of the node are not delayed by it. Its exceptions are raised
+            in the executor.
         :param camera_info: whether to wait for the calibration with the same stamp, from the topic
             ``camera_info`` beside the image topic.
         :param transport: ``auto``, ``raw``, ``compressed`` or ``shm``.
@@ -82,8 +83,10 @@ class FrameSubscriber:
         self._waiting: deque[_Waiting] = deque()
         self._condition = Condition()
         self._is_closed = False
+        self._error: BaseException | None = None  # raised by the callback in its thread
         self._thread: Thread | None = None
         if threaded:
+            self._failure = node.create_guard_condition(self._raise_error)
             self._thread = Thread(target=self._run, name=f'frames of {topic}', daemon=True)
             self._thread.start()
         if camera_info:
@@ -105,7 +108,12 @@ class FrameSubscriber:
         return self._overwritten + self._subscription.losses.count
 
     def destroy(self) -> None:
-        """Unsubscribe, and wait until a running call of the callback has returned."""
+        """
+        Unsubscribe, and wait until a running call of the callback has returned.
+
+        The callback itself may call this, also in its thread. An exception of the callback that
+        the executor has not raised is raised here.
+        """
         self._subscription.destroy()
         if self._info_subscription is not None:
             self._node.destroy_subscription(self._info_subscription)
@@ -113,9 +121,9 @@ class FrameSubscriber:
         with self._condition:
             self._is_closed = True
             self._condition.notify_all()
-        if self._thread is not None:
+        if self._thread is not None and self._thread is not current_thread():
             self._thread.join()
-            self._thread = None
+            self._raise_error()
 
     def _receive(self, message: WireMessage, receive_ns: int) -> None:
         if self._info_subscription is None:
@@ -160,15 +168,26 @@ class FrameSubscriber:
             self._condition.notify()
 
     def _run(self) -> None:
-        """Call the callback with waiting frames until the subscriber is closed."""
+        """Call the callback with waiting frames until the subscriber is closed or it fails."""
         while True:
             with self._condition:
                 self._condition.wait_for(lambda: self._waiting or self._is_closed)
                 if self._is_closed:
+                    self._node.destroy_guard_condition(self._failure)
                     return
                 waiting = self._waiting.popleft()
-            self._call(*waiting)
+            try:
+                self._call(*waiting)
+            except BaseException as err:  # noqa: B902 (the executor raises it)
+                self._error = err
+                self._failure.trigger()
+                return
             del waiting  # release the message before the next wait
+
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
 
     def _call(self, message: WireMessage, receive_ns: int, info: CameraInfo | None) -> None:
         try:

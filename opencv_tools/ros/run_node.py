@@ -31,6 +31,7 @@ from opencv_tools.ros.command_line import check_ros_arguments
 from opencv_tools.ros.fastdds.profile import configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup
 from opencv_tools.ros.log_folder import replace_log_folder
 from opencv_tools.ros.parameters import describe_parameters, Parameter, ParameterError
+from opencv_tools.ros.priority import explain_refusal
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -64,6 +65,7 @@ class Executable:
     :param example: example of ROS arguments, for ``--help``.
     :param frame_bytes: estimates the bytes of a published frame from the command line; 0 for an
         executable that publishes none.
+    :param priority: reads the real-time priority from the command line; 0 for normal scheduling.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Executable:
     parameters: Sequence[Parameter] | None
     example: str
     frame_bytes: Callable[[Sequence[str]], int] = lambda _: 0
+    priority: Callable[[Sequence[str]], int] = lambda _: 0
 
 
 class ClosableNode(Protocol):
@@ -192,7 +195,11 @@ def _start(
         logger.warning(log_warning)
     for mistake in mistakes:
         logger.error(mistake)
-    with configured_fastdds(executable.frame_bytes(args)) as fastdds:
+    priority = executable.priority(args)
+    refusal = explain_refusal(priority)
+    if refusal:
+        logger.warning(refusal)
+    with configured_fastdds(executable.frame_bytes(args), priority) as fastdds:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         logger.debug(fastdds.summary + (
             f'; rclpy copies the messages: {zero_copy.reason_for_rclpy}'
@@ -239,9 +246,11 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
         while not (signals.received or node.done.done()):
             executor.spin_once(timeout_sec=_SIGNAL_SECONDS)
     finally:
-        status = node.close()
-        signals.end()
-        node.destroy_node()
+        try:
+            status = node.close()
+        finally:
+            signals.end()
+            node.destroy_node()
     return status
 
 

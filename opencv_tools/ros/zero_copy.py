@@ -16,10 +16,9 @@
 Publish and take image messages through rcl directly, without rclpy's copies.
 
 rclpy copies a serialised message once before publishing and once after taking it, and blocks the
-interpreter meanwhile. This module passes the address of the pixels to rcl, and returns the bytes
-that rcl has taken. The structures are those of rcl/publisher.h, rcl/subscription.h, rmw/types.h,
-rcutils/types/uint8_array.h, and of the header that rosidl_generator_c generates for
-sensor_msgs/Image. If their layout differs from ROS 2 Jazzy, rclpy is used with its copies.
+interpreter meanwhile. This module passes the address of the pixels to rcl, and returns the memory
+that rcl has filled. If the layout of rcl's structures differs from ROS 2 Jazzy, rclpy is used with
+its copies.
 """
 
 from __future__ import annotations
@@ -27,11 +26,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 import ctypes
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import encode_text, image_to_cdr, WireImage
+from opencv_tools.image.cdr import encode_text, image_to_cdr, WireHeader, WireImage
+from opencv_tools.ros.rcl_structures import (
+    image_layout_matches, RclBytes, RclImage, RclImages, RclString, RcutilsAllocator,
+    RcutilsErrorString, RmwGid, RmwSerializedMessage, serialized_layout_matches,
+)
 # This import comes first, because it loads the libraries below from their location.
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from sensor_msgs.msg import Image
@@ -44,47 +47,21 @@ _RMW_GID_STORAGE_SIZE = 16
 
 # Functions that are called, by library.
 _FUNCTIONS: dict[str, Sequence[str]] = {
-    'librcl.so': ('rcl_publish', 'rcl_publisher_get_rmw_handle', 'rcl_take_serialized_message',
-                  'rmw_get_gid_for_publisher'),
-    'librcutils.so': ('rcutils_get_default_allocator', 'rcutils_get_error_string',
-                      'rcutils_reset_error', 'rcutils_uint8_array_init',
-                      'rcutils_uint8_array_fini')}
-_CHECKED_BYTES = 17
+    'librcl.so': ('rcl_publish', 'rcl_publisher_get_rmw_handle', 'rcl_take',
+                  'rcl_take_serialized_message', 'rmw_get_gid_for_publisher'),
+    'librcutils.so': ('rcutils_error_is_set', 'rcutils_get_default_allocator',
+                      'rcutils_get_error_string', 'rcutils_reset_error',
+                      'rcutils_uint8_array_init', 'rcutils_uint8_array_fini'),
+    'libsensor_msgs__rosidl_generator_c.so': (
+        'sensor_msgs__msg__Image__fini', 'sensor_msgs__msg__Image__Sequence__create',
+        'sensor_msgs__msg__Image__Sequence__destroy')}
 
 _rcl: Any = None
 _rcutils: Any = None
+_sensor_msgs: Any = None
 _free = ctypes.CDLL(None).free
 _free.argtypes = [ctypes.c_void_p]
 _free.restype = None
-
-
-class _String(ctypes.Structure):
-    _fields_ = (('data', ctypes.c_char_p), ('size', ctypes.c_size_t),
-                ('capacity', ctypes.c_size_t))
-
-
-class _Bytes(ctypes.Structure):
-    _fields_ = (('data', ctypes.c_void_p), ('size', ctypes.c_size_t),
-                ('capacity', ctypes.c_size_t))
-
-
-class _Image(ctypes.Structure):
-    """A sensor_msgs__msg__Image; the fields of its header come first."""
-
-    _fields_ = (
-        ('sec', ctypes.c_int32), ('nanosec', ctypes.c_uint32), ('frame_id', _String),
-        ('height', ctypes.c_uint32), ('width', ctypes.c_uint32), ('encoding', _String),
-        ('is_bigendian', ctypes.c_uint8), ('step', ctypes.c_uint32), ('data', _Bytes))
-
-
-class _Allocator(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_void_p) for name in (
-        'allocate', 'deallocate', 'reallocate', 'zero_allocate', 'state'))
-
-
-class _RmwSerializedMessage(ctypes.Structure):
-    _fields_ = (('buffer', ctypes.c_void_p), ('length', ctypes.c_size_t),
-                ('capacity', ctypes.c_size_t), ('allocator', _Allocator))
 
 
 class MessageInfo(ctypes.Structure):
@@ -117,17 +94,23 @@ class MessageInfo(ctypes.Structure):
 SerializedMessage = tuple[NDArray[np.uint8], MessageInfo]
 
 
-class _Gid(ctypes.Structure):
-    _fields_ = (('implementation', ctypes.c_char_p),
-                ('data', ctypes.c_uint8 * _RMW_GID_STORAGE_SIZE))
+class TakenImage(NamedTuple):
+    """
+    Result of taking an image message.
 
+    :param image: the message, whose data are read-only; None without a message.
+    :param info: its metadata.
+    :param unreadable: reason why the middleware has discarded earlier messages; '' if it has
+        reported none.
+    """
 
-class _ErrorText(ctypes.Structure):
-    _fields_ = (('text', ctypes.c_char * 1024),)
+    image: WireImage | None
+    info: MessageInfo
+    unreadable: str
 
 
 class _Buffer:
-    """Memory of a message, freed with the last view of it."""
+    """Memory of a serialized message, freed with the last view of it."""
 
     def __init__(self, address: int, size: int) -> None:
         self._address = address
@@ -138,84 +121,63 @@ class _Buffer:
         free(self._address)
 
 
+class _ImageMemory:
+    """Memory of an image message that rcl fills, freed with the last view of its data."""
+
+    def __init__(self) -> None:
+        self.message = RclImage()
+        self.address = ctypes.addressof(self.message)
+        self._free = _sensor_msgs.sensor_msgs__msg__Image__fini
+
+    @property
+    def __array_interface__(self) -> dict[str, Any]:
+        data = self.message.data
+        return {'shape': (data.size,), 'typestr': '|u1', 'data': (data.data or 0, True),
+                'version': 3}
+
+    def __del__(self) -> None:
+        self._free(self.address)
+
+
 def use_rcl() -> str:
     """
     Check the layout of rcl's structures and select rcl or rclpy.
 
     :returns: reason for the use of rclpy; '' if rcl is used.
     """
-    global _rcl, _rcutils
-    _rcl = _rcutils = None
+    global _rcl, _rcutils, _sensor_msgs
+    _rcl = _rcutils = _sensor_msgs = None
     if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
         return 'OPENCV_TOOLS_TRANSPORT is default'
     if os.environ.get('ROS_DISTRO', 'jazzy') != 'jazzy':
         return f'ROS_DISTRO is {os.environ["ROS_DISTRO"]}'
+    # This loads the library of sensor_msgs from its location.
+    Image.__class__.__import_type_support__()  # type: ignore[attr-defined]
     try:
-        rcl, rcutils = (ctypes.CDLL(name) for name in _FUNCTIONS)
-        for library, names in zip((rcl, rcutils), _FUNCTIONS.values()):
+        libraries = [ctypes.CDLL(name) for name in _FUNCTIONS]
+        for library, names in zip(libraries, _FUNCTIONS.values()):
             for name in names:
                 getattr(library, name)
     except (OSError, AttributeError) as err:
         return str(err)
+    rcl, rcutils, sensor_msgs = libraries
     rcl.rcl_publish.argtypes = [ctypes.c_void_p] * 3
-    rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
+    rcl.rcl_take.argtypes = rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
     rcl.rcl_publisher_get_rmw_handle.argtypes = [ctypes.c_void_p]
     rcl.rcl_publisher_get_rmw_handle.restype = ctypes.c_void_p
     rcl.rmw_get_gid_for_publisher.argtypes = [ctypes.c_void_p] * 2
-    rcutils.rcutils_get_default_allocator.restype = _Allocator
-    rcutils.rcutils_get_error_string.restype = _ErrorText
-    if not _array_layout_matches(rcutils):
+    rcutils.rcutils_error_is_set.restype = ctypes.c_bool
+    rcutils.rcutils_get_default_allocator.restype = RcutilsAllocator
+    rcutils.rcutils_get_error_string.restype = RcutilsErrorString
+    sensor_msgs.sensor_msgs__msg__Image__fini.argtypes = [ctypes.c_void_p]
+    sensor_msgs.sensor_msgs__msg__Image__Sequence__create.restype = ctypes.POINTER(RclImages)
+    if not serialized_layout_matches(rcutils):
         return 'rmw_serialized_message_t has another layout'
-    if not _image_layout_matches():
+    if not image_layout_matches(sensor_msgs):
         return 'sensor_msgs__msg__Image has another layout'
-    _rcl, _rcutils = rcl, rcutils
+    _rcl, _rcutils, _sensor_msgs = rcl, rcutils, sensor_msgs
     return ''
 
-
-def _array_layout_matches(rcutils: Any) -> bool:
-    """Return whether rcl's serialized message, an array of bytes, has the expected fields."""
-    allocator = rcutils.rcutils_get_default_allocator()
-    # The buffer has twice the size, in case the structure of rcl is larger.
-    buffer = ctypes.create_string_buffer(2 * ctypes.sizeof(_RmwSerializedMessage))
-    if rcutils.rcutils_uint8_array_init(
-            buffer, ctypes.c_size_t(_CHECKED_BYTES), ctypes.byref(allocator)) != _RCL_RET_OK:
-        return False
-    message = _RmwSerializedMessage.from_buffer(buffer)
-    found = (bool(message.buffer), message.length, message.capacity, bytes(message.allocator),
-             buffer.raw[ctypes.sizeof(_RmwSerializedMessage):].strip(b'\0'))
-    rcutils.rcutils_uint8_array_fini(buffer)
-    return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
-
-
-def _image_layout_matches() -> bool:
-    """Return whether an image message of rclpy has the expected fields."""
-    message = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
-    message.header.stamp.sec, message.header.stamp.nanosec = -1, 2
-    message.header.frame_id = 'camera'
-    Image.__class__.__import_type_support__()  # type: ignore[attr-defined]
-    create, convert, destroy = (
-        prototype(_pointer(capsule, None)) for prototype, capsule in (
-            (ctypes.PYFUNCTYPE(ctypes.c_void_p), Image._CREATE_ROS_MESSAGE),
-            (ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p),
-             Image._CONVERT_FROM_PY),
-            (ctypes.PYFUNCTYPE(None, ctypes.c_void_p), Image._DESTROY_ROS_MESSAGE)))
-    address = create()
-    try:
-        if not (address and convert(message, address)):
-            return False
-        image = _Image.from_address(address)
-        # The numbers are compared first, because pointers of another layout may be invalid.
-        return (image.sec, image.nanosec, image.height, image.width, image.is_bigendian,
-                image.step, image.frame_id.size, image.encoding.size, image.data.size) == (
-                    -1, 2, 3, 4, 5, 6, 6, 5, 7) and (
-            image.frame_id.data, image.encoding.data) == (b'camera', b'mono8')
-    finally:
-        destroy(address)
-
-
-_pointer = ctypes.pythonapi.PyCapsule_GetPointer
-_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
-_pointer.restype = ctypes.c_void_p
 
 #: Reason why messages pass through rclpy; '' if they do not.
 reason_for_rclpy = use_rcl()
@@ -236,10 +198,10 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
             publisher.publish_raw(image_to_cdr(image))
         return
     header, data = image.header, np.frombuffer(image.data, np.uint8)
-    message = _Image(
+    message = RclImage(
         header.sec, header.nanosec, _string(header.frame_id), image.height, image.width,
         _string(image.encoding), image.is_bigendian, image.step,
-        _Bytes(data.ctypes.data, data.nbytes, data.nbytes))
+        RclBytes(data.ctypes.data, data.nbytes, data.nbytes))
     with publisher:
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
@@ -253,7 +215,7 @@ def publisher_id(publisher: rclpy_implementation.Publisher) -> bytes:
     """
     if _rcl is None:
         return b''
-    gid = _Gid()
+    gid = RmwGid()
     with publisher:
         _check(_rcl.rmw_get_gid_for_publisher(
             _rcl.rcl_publisher_get_rmw_handle(publisher.pointer), ctypes.byref(gid)))
@@ -270,7 +232,7 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
     """
     if _rcl is None:
         return _take_by_rclpy(subscription)
-    message = _RmwSerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
+    message = RmwSerializedMessage(allocator=_rcutils.rcutils_get_default_allocator())
     info = MessageInfo()
     with subscription:
         result = _rcl.rcl_take_serialized_message(
@@ -281,6 +243,40 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
         return None
     _check(result)
     return np.asarray(buffer), info
+
+
+def take_image(subscription: rclpy_implementation.Subscription) -> TakenImage:
+    """
+    Take an image message with one copy of its data, which the middleware makes as it reads them.
+
+    The middleware discards messages that it cannot read before the one that it returns. It may
+    print a line about them on standard error. It reports neither their number nor, if their data
+    are cut off and another message follows, that they were there.
+
+    :param subscription: handle of a subscription to sensor_msgs/Image, whose messages do not pass
+        through rclpy.
+    :raises RuntimeError: the middleware failed.
+    """
+    memory, info = _ImageMemory(), MessageInfo()
+    message = memory.message
+    _rcutils.rcutils_reset_error()
+    with subscription:
+        result = _rcl.rcl_take(subscription.pointer, memory.address, ctypes.byref(info), None)
+    if result not in (_RCL_RET_OK, _RCL_RET_SUBSCRIPTION_TAKE_FAILED):
+        _check(result)
+    # The text ends with the line of the source.
+    unreadable = _pop_error().partition(', at ')[0] if _rcutils.rcutils_error_is_set() else ''
+    if result == _RCL_RET_SUBSCRIPTION_TAKE_FAILED:
+        if message.frame_id.data is not None and not unreadable:
+            unreadable = 'its data are cut off'
+        return TakenImage(None, info, unreadable)
+    frame_id, encoding = (
+        (string.data or b'').decode(errors='replace')
+        for string in (message.frame_id, message.encoding))
+    return TakenImage(WireImage(
+        header=WireHeader(message.sec, message.nanosec, frame_id), height=message.height,
+        width=message.width, encoding=encoding, is_bigendian=bool(message.is_bigendian),
+        step=message.step, data=np.asarray(memory).data), info, unreadable)
 
 
 def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> SerializedMessage | None:
@@ -296,9 +292,9 @@ def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Serialize
         publication_sequence_number=_RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED)
 
 
-def _string(text: str) -> _String:
+def _string(text: str) -> RclString:
     encoded = encode_text(text)
-    return _String(encoded, len(encoded), len(encoded) + 1)
+    return RclString(encoded, len(encoded), len(encoded) + 1)
 
 
 def _check(result: int) -> None:
@@ -308,6 +304,11 @@ def _check(result: int) -> None:
     :raises RuntimeError: the function failed.
     """
     if result != _RCL_RET_OK:
-        text = _rcutils.rcutils_get_error_string().text.decode(errors='replace')
-        _rcutils.rcutils_reset_error()
-        raise RuntimeError(text)
+        raise RuntimeError(_pop_error())
+
+
+def _pop_error() -> str:
+    """Return the error text of rcl, and reset it."""
+    text = _rcutils.rcutils_get_error_string().text.decode(errors='replace')
+    _rcutils.rcutils_reset_error()
+    return str(text)

@@ -18,9 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+import subprocess
+import sys
 from typing import Any
 
-from conftest import call_service, CLIP, CLIP_FRAMES, decode_clip, NodeProcess, spin_until
+from conftest import (
+    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, NodeProcess, spin_until)
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
@@ -125,6 +128,47 @@ def test_brightness_of_every_frame(start: Start, tmp_path: Path) -> None:
     assert stamps == sorted(set(stamps))
     assert [mean for _, mean in lines] == [
         f'{cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).mean():.3f}' for frame in decode_clip()]
+
+
+FAILING_NODE = """
+import sys
+from opencv_tools.frames import FrameNode, main
+
+class Failing(FrameNode):
+    def __init__(self):
+        super().__init__('failing')
+        self.receive_frames('video_frames', self.on_frame, threaded={threaded})
+
+    def on_frame(self, frame):
+        print('frame', frame.stamp_ns)
+        {failure}
+
+    def close(self):
+        status = super().close()
+        print('closed')
+        return status
+
+sys.exit(main(Failing))
+"""
+
+
+@pytest.mark.parametrize('threaded', [False, True])
+@pytest.mark.parametrize(('failure', 'status', 'last_line'), [
+    ("raise RuntimeError('of the user')", 1, 'RuntimeError: of the user'),
+    ('sys.exit(3)', 3, 'closed')], ids=['exception', 'exit'])
+@pytest.mark.process
+def test_callback_that_fails_ends_the_node(
+        start: Start, tmp_path: Path, threaded: bool, failure: str, status: int,
+        last_line: str) -> None:
+    program = FAILING_NODE.format(threaded=threaded, failure=failure)
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    finished = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                              timeout=DEADLINE, check=False, cwd=tmp_path)
+    assert finished.returncode == status
+    printed = finished.stdout.split()
+    assert (printed.count('frame'), printed.count('closed')) == (1, 1)
+    assert finished.stderr.count('Traceback') == (status == 1)
+    assert last_line in (finished.stdout + finished.stderr).splitlines()
 
 
 MODULE = """

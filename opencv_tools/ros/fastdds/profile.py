@@ -26,6 +26,7 @@ from tempfile import NamedTemporaryFile
 
 from opencv_tools.ros.fastdds.shared_memory import (
     find_other_user, free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY)
+from opencv_tools.ros.priority import explain_refusal
 
 #: Text of ``--help`` about the environment.
 ENVIRONMENT_HELP = (
@@ -90,7 +91,8 @@ _PARTICIPANT = """
     </rtps>
   </participant>"""
 _DESCRIPTOR = """
-    <transport_descriptor>{}</transport_descriptor>"""
+    <transport_descriptor>{}{}</transport_descriptor>"""
+_THREADS = '<default_reception_threads>{}</default_reception_threads>'
 
 # rmw_fastrtps adds a shared memory transport of its own, for which Fast DDS logs errors.
 _NO_SHARED_MEMORY = (
@@ -144,7 +146,7 @@ NOT_CONFIGURED = FastDdsSetup('Fast DDS is not configured')
 
 
 @contextmanager
-def configured_fastdds(frame_bytes: int) -> Iterator[FastDdsSetup]:
+def configured_fastdds(frame_bytes: int, priority: int = 0) -> Iterator[FastDdsSetup]:
     """
     Configure Fast DDS for several frames in shared memory and a short heartbeat, and malloc.
 
@@ -155,6 +157,8 @@ def configured_fastdds(frame_bytes: int) -> Iterator[FastDdsSetup]:
     ``OPENCV_TOOLS_TRANSPORT=default``.
 
     :param frame_bytes: expected bytes of a published frame; 0 if no frames are published.
+    :param priority: real-time priority of the threads of Fast DDS that receive, from 1 to 99; 0,
+        or without the permission, for normal scheduling.
     :returns: the result of the configuration.
     """
     reason = _user_configuration()
@@ -164,14 +168,16 @@ def configured_fastdds(frame_bytes: int) -> Iterator[FastDdsSetup]:
     _keep_memory()
     removed = remove_dead_segments()
     available = free_bytes()
+    priority = 0 if explain_refusal(priority) else priority  # Fast DDS would log errors
     other_user = find_other_user()
     if other_user and not _is_local():  # if local, rmw_fastrtps adds its own shared memory
-        with _profile(_describe_profile(0, 0)):
+        with _profile(_describe_profile(0, 0, priority)):
             yield FastDdsSetup('UDP for frames, because of the other user', free_bytes=available,
                                warning=_OTHER_USER.format(user=other_user, what=_UDP_EFFECT))
         return
     segment = _segment_bytes(frame_bytes, available)
-    with _profile(_describe_profile(segment, _port_capacity(frame_bytes, available))):
+    with _profile(_describe_profile(
+            segment, _port_capacity(frame_bytes, available), priority)):
         yield FastDdsSetup(
             f'{_in_mb(segment)} of shared memory beside UDP for frames of {_in_mb(frame_bytes)}; '
             f'{SHARED_MEMORY} has {_in_mb(available)} free; {removed} dead segments removed; '
@@ -215,16 +221,18 @@ def _port_capacity(frame_bytes: int, available: int) -> int:
     return max(_MIN_FRAGMENTS, min(target, affordable, _MAX_FRAGMENTS))
 
 
-def _describe_profile(segment: int, fragments: int) -> str:
+def _describe_profile(segment: int, fragments: int, priority: int) -> str:
     """Return the XML profile; a segment of 0 bytes selects UDP alone, faster than a small one."""
     transports: dict[str, dict[str, int]] = {}
     if segment:
         transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': fragments}
     if not _is_local():
         transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
+    threads = _THREADS.format(_elements(
+        scheduling_policy=os.SCHED_RR, priority=priority)) if priority else ''
     participant = _PARTICIPANT.format(
         descriptors=''.join(
-            _DESCRIPTOR.format(_elements(transport_id=name, type=name, **options))
+            _DESCRIPTOR.format(_elements(transport_id=name, type=name, **options), threads)
             for name, options in transports.items()),
         names=''.join(_elements(transport_id=name) for name in transports))
     return _PROFILE.format(

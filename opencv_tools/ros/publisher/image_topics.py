@@ -108,37 +108,39 @@ class ImageTopics:
         :returns: whether any topic has a subscriber.
         :raises ImageError: the frame cannot be decoded or converted.
         """
-        header = Header(stamp=stamp, frame_id=frame_id)
-        wire_header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
+        header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
-        to_images, to_compressed, to_infos = (
-            publisher.get_subscription_count() > 0 for publisher in self._publishers())
-        to_shared = is_live and self._shared.has_subscribers
+        to_images = self.images.get_subscription_count() > 0
+        is_published = to_images or (is_live and self._shared.has_subscribers)
         try:
-            if to_images or to_shared:
+            # All other work is done after the pixels are on their way.
+            if is_published:
                 encoding = declared_encoding(output.image, output.encoding)
-                image = array_to_wire(output.image, encoding, wire_header)
+                image = array_to_wire(output.image, encoding, header)
                 if is_live:
                     self._shared.publish(image, to_images)
             if to_images:
                 self._check_room(output.image.nbytes)
                 publish_image(self.images.handle, image)
                 self.backlog.add(self.images)
-            if to_infos:
+            if self._infos.get_subscription_count():
                 settings = output.settings
                 self._infos.publish(self.calibration.message(
-                    header, *output.size, settings.flip, settings.rotate))
+                    Header(stamp=stamp, frame_id=frame_id), *output.size, settings.flip,
+                    settings.rotate))
                 self.backlog.add(self._infos)
+                is_published = True
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
-        if to_compressed:
+        if self._compressed.get_subscription_count():
             data, format_text = output.jpeg
             self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
-                header=wire_header, format=format_text, data=data.data)))
+                header=header, format=format_text, data=data.data)))
             self.backlog.add(self._compressed)
+            is_published = True
         if failure:
             raise failure
-        return to_images or to_shared or to_compressed or to_infos
+        return is_published
 
     def close(self) -> None:
         """Stop sharing frames."""

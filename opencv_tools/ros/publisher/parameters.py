@@ -34,6 +34,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.ros.command_line import given_parameters
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
+from opencv_tools.ros.priority import priority_parameter
 from opencv_tools.ros.publisher.calibration_file import check_camera_name
 from opencv_tools.ros.publisher.stamps import STAMPS
 import yaml
@@ -126,6 +127,7 @@ class PublisherSettings:
     wait_for_subscribers: int = parameter(
         0, 'Number of subscribers to wait for before the first frame; 0 to start at once',
         bounds=(0, 1000))
+    priority: int = priority_parameter()
 
     def playback(self) -> PlaybackSettings:
         """

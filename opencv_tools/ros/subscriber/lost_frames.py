@@ -56,6 +56,7 @@ class LostFrames:
         self.count = 0
         self._clock = clock
         self._is_partial = False
+        self._unnumbered = 0
         self._last: dict[bytes, int] = {}
         self._first: dict[bytes, _FirstMessage] = {}
         self._discovered: dict[bytes, float] = {}
@@ -96,9 +97,13 @@ class LostFrames:
             else:
                 self._is_partial = True
         last = self._last.get(publisher, number)
-        self.count += max(0, number - last - 1)
+        self._count(max(0, number - last - 1))
         # Older messages may arrive later, in reply to a request of the subscription.
         self._last[publisher] = max(number, last)
+
+    def add_unnumbered(self) -> None:
+        """Record a message that arrived without its number, so that the next gap has it."""
+        self._unnumbered += 1
 
     def _count_earlier(self, publisher: bytes, number: int, source_timestamp: int) -> None:
         """Count the messages that a new publisher sent before its first one that arrived."""
@@ -107,6 +112,12 @@ class LostFrames:
             del self._first[publisher]
             period = (source_timestamp - first.source_timestamp) / (number - first.number) / 1e9
             if first.arrived - (first.number - 1) * period >= self._restarted_at:
-                self.count += first.number - 1
+                self._count(first.number - 1)
             else:
                 self._is_partial = True
+
+    def _count(self, missing: int) -> None:
+        """Count missing messages, except those that arrived without a number."""
+        arrived = min(missing, self._unnumbered)
+        self._unnumbered -= arrived
+        self.count += missing - arrived

@@ -25,6 +25,7 @@ from opencv_tools.recording.open_sink import check_format
 from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
+from opencv_tools.ros.priority import priority_parameter
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
 
 # Smallest and largest queue of the middleware for a busy subscriber, in frames.
@@ -101,6 +102,7 @@ class RecorderSettings:
     timeout: float = parameter(
         0.0, 'Seconds without a frame after which the node exits with an error; 0 for no limit',
         bounds=(0, 1e9), ends=True)
+    priority: int = priority_parameter()
 
     @property
     def depth(self) -> int | None:

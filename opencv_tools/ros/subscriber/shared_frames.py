@@ -24,6 +24,7 @@ import time
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
+from opencv_tools.ros.priority import current_priority, use_priority
 from opencv_tools.ros.shared_frames.announcement import (
     AnnouncementError, read_announcement, SUFFIX)
 from opencv_tools.ros.shared_frames.header import SharedFrame
@@ -228,7 +229,8 @@ class SharedFrameSubscriber:
             return False
         link = self._links[publisher] = _Link(publisher, service, reader)
         link.thread = Thread(
-            target=self._wait, args=(link,), name='shared frames', daemon=True)
+            target=self._wait, args=(link, current_priority()), name='shared frames',
+            daemon=True)
         link.thread.start()
         return True
 
@@ -253,8 +255,9 @@ class SharedFrameSubscriber:
 
     # Frames
 
-    def _wait(self, link: _Link) -> None:
-        """Wait for the frames of a link, in its thread."""
+    def _wait(self, link: _Link, priority: int) -> None:
+        """Wait for the frames of a link, in a thread with the priority of the executor."""
+        use_priority(priority)
         while not link.is_closed:
             try:
                 if not link.reader.wait(_WAIT_SECONDS) and link.held is None:

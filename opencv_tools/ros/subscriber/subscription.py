@@ -19,8 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import time
 
-import numpy as np
-from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
@@ -28,7 +26,7 @@ from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
 from opencv_tools.ros.shared_frames.publisher import can_share, NOT_SHARED
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
-from opencv_tools.ros.subscriber.messages import IMAGE, read_message
+from opencv_tools.ros.subscriber.messages import IMAGE
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning
 from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
 from opencv_tools.ros.subscriber.shared_frames import SharedFrameSubscriber
@@ -148,16 +146,16 @@ class FrameSubscription:
 
         try:
             for subscription in self._subscriptions():
-                for data, info in subscription.received_messages(now, continues):
+                for message, info in subscription.received_messages(now, continues):
                     unprocessed = 1
-                    self._receive(subscription, data, info)
+                    self._receive(subscription, message, info)
                     unprocessed = 0
         except KeyboardInterrupt:
             is_interrupted = True
         for subscription in self._subscriptions() if is_interrupted else ():
             for _, info in subscription.received_messages(now):
-                if not self._is_repeated((info.source_timestamp, info.number)):
-                    self.losses.add(info)
+                if info is None or not self._is_repeated(info):
+                    self._count(info)
                     unprocessed += 1
         if self._shared:
             unprocessed += self._shared.close(continues)
@@ -267,6 +265,8 @@ class FrameSubscription:
             # The old publishers are gone, or the type differs: a process has one type per topic.
             self._retire_previous()
         self._subscription = self._subscribe(image_topic, qos)
+        for subscription in self._subscriptions():
+            subscription.is_alone = self._previous is None
         self._log.info(
             f'Receiving {self.topic_name} ({image_topic.type_name}, {describe_qos(qos)}), '
             'as its publishers offer')
@@ -277,41 +277,49 @@ class FrameSubscription:
             self._previous.drain()
             self._previous.destroy()
             self._previous = None
+            self._subscription.is_alone = True
 
     def _receive(
-        self, subscription: RawSubscription, data: NDArray[np.uint8], info: MessageInfo,
+        self, subscription: RawSubscription, message: WireMessage | CdrError,
+        info: MessageInfo | None,
     ) -> None:
         """Pass a message on, unless the other subscription already has."""
         if self._previous and subscription is not self._previous:
             self._previous.drain()  # keep the order of reception
-        if self._is_repeated((info.source_timestamp, info.number)):
+        if info is None:
+            self._read(message, None)
+        elif self._is_repeated(info):
             return
-        if self._shared:
-            self._shared.receive(info, lambda: self._read(subscription, data, info))
+        elif self._shared:
+            self._shared.receive(info, lambda: self._read(message, info))
         else:
-            self._read(subscription, data, info)
+            self._read(message, info)
 
-    def _read(
-        self, subscription: RawSubscription, data: NDArray[np.uint8], info: MessageInfo,
-    ) -> None:
-        """Read a message and pass it on."""
-        self._has_frames = True
-        self.losses.add(info)
-        try:
-            message = read_message(data, subscription.image_topic.type_name)
-        except CdrError as err:
-            self._on_broken(err)
+    def _read(self, message: WireMessage | CdrError, info: MessageInfo | None) -> None:
+        """Count a message and pass it on."""
+        self._count(info)
+        if isinstance(message, CdrError):
+            self._on_broken(message)
             self._no_frames_warning.frame_received(self.topic_name)
         else:
-            self._pass_on(message, info.received_timestamp or time.time_ns())
+            received_ns = info.received_timestamp if info else 0
+            self._pass_on(message, received_ns or time.time_ns())
 
     def _pass_on(self, message: WireMessage, receive_ns: int) -> None:
         self._has_frames = True
         self._on_frame(message, receive_ns)
         self._no_frames_warning.frame_received(self.topic_name)
 
-    def _is_repeated(self, identity: tuple[int, int]) -> bool:
+    def _count(self, info: MessageInfo | None) -> None:
+        """Count the messages that were lost before a message."""
+        if info is None:
+            self.losses.add_unnumbered()
+        else:
+            self.losses.add(info)
+
+    def _is_repeated(self, info: MessageInfo) -> bool:
         """Return whether a message was passed on already, and remember it."""
+        identity = info.source_timestamp, info.number
         if identity in self._recent_ids or identity in self._older_ids:
             return identity[0] > 0  # a message without a time cannot be identified
         self._recent_ids.add(identity)

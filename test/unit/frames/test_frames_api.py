@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from threading import Event, get_ident
+from threading import current_thread, Event, get_ident
 from typing import Any
 
 from conftest import DEADLINE, spin_until
@@ -168,6 +168,62 @@ def test_callback_in_a_thread(node: Node, every: bool) -> None:
     assert subscriber.skipped == (3 if every else 7)
     subscriber.destroy()
     assert get_ident() not in threads and len(threads) == 1
+
+
+@pytest.mark.parametrize('error', [ValueError('mine'), SystemExit('mine')])
+def test_exception_in_a_thread_ends_the_executor(node: Node, error: BaseException) -> None:
+    threads = set()
+
+    def fail(_: Frame) -> None:
+        threads.add(current_thread())
+        raise error
+
+    publisher = node.create_publisher(Image, 'camera/image', 10)
+    subscriber = FrameSubscriber(node, 'camera/image', fail, threaded=True)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(numbered(1))
+    with pytest.raises(type(error), match='mine') as raised:
+        spin_until(node, lambda: False)
+    assert raised.traceback[-1].name == 'fail'
+    subscriber.destroy()
+    assert not any(thread.is_alive() for thread in threads) and len(threads) == 1
+
+
+def test_exception_in_a_thread_after_the_last_spin(node: Node) -> None:
+    entered, may_fail = Event(), Event()
+
+    def fail(_: Frame) -> None:
+        entered.set()
+        assert may_fail.wait(DEADLINE)
+        raise ValueError('mine')
+
+    publisher = node.create_publisher(Image, 'camera/image', 10)
+    subscriber = FrameSubscriber(node, 'camera/image', fail, threaded=True)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(numbered(1))
+    spin_until(node, entered.is_set)
+    may_fail.set()
+    with pytest.raises(ValueError, match='mine'):
+        subscriber.destroy()
+    subscriber.destroy()
+
+
+@pytest.mark.parametrize('threaded', [False, True])
+def test_callback_destroys_its_subscriber(node: Node, threaded: bool) -> None:
+    returned = Event()
+
+    def destroy(_: Frame) -> None:
+        subscriber.destroy()
+        returned.set()
+
+    publisher = node.create_publisher(Image, 'camera/image', 10)
+    guards = len(list(node.guards))
+    subscriber = FrameSubscriber(node, 'camera/image', destroy, threaded=threaded)
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(numbered(1))
+    spin_until(node, returned.is_set)
+    spin_until(node, lambda: publisher.get_subscription_count() == 0)
+    spin_until(node, lambda: len(list(node.guards)) == guards)
 
 
 @pytest.mark.parametrize('infos_first', [False, True])

@@ -55,3 +55,12 @@ def test_messages_without_numbers() -> None:
     for _ in range(3):
         losses.add(MessageInfo(publication_sequence_number=2**64 - 1))
     assert (losses.count, losses.is_complete) == (0, False)
+
+
+def test_messages_that_arrived_without_their_number() -> None:
+    losses = LostFrames()
+    for number, unnumbered, lost in ((1, 0, 0), (3, 1, 0), (4, 0, 0), (7, 1, 1), (9, 0, 2)):
+        for _ in range(unnumbered):
+            losses.add_unnumbered()
+        losses.add(MessageInfo(publication_sequence_number=number, source_timestamp=number))
+        assert losses.count == lost

@@ -52,7 +52,7 @@ VALUES = {
         'stamp_offset': (-1e6, 1e6), 'read_timeout': (0.1, 1e6), 'reconnect': str,
         'camera_info_url': str, 'camera_name': str, 'on_end': {'stop', 'loop', 'hold'},
         'loop': (0, BILLION), 'start_frame': (0, BILLION), 'stop_frame': (0, BILLION),
-        'max_frames': (0, BILLION), 'wait_for_subscribers': (0, 1000)},
+        'max_frames': (0, BILLION), 'wait_for_subscribers': (0, 1000), 'priority': (0, 99)},
     'img_subscriber': {
         'output_dir': str, 'file_name': str, 'transport': {'auto', 'raw', 'compressed'},
         'max_pixels': (1, 2**31),
@@ -62,10 +62,10 @@ VALUES = {
         'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},
         'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
-        'timeout': (0.0, 1e9)}}
+        'timeout': (0.0, 1e9), 'priority': (0, 99)}}
 # Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
 FIXED = {'source', 'camera_info_url', 'camera_name', 'on_end', 'loop', 'start_frame',
-         'stop_frame', 'max_frames', 'wait_for_subscribers'}
+         'stop_frame', 'max_frames', 'wait_for_subscribers', 'priority'}
 
 
 @pytest.fixture

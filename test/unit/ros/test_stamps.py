@@ -39,3 +39,10 @@ def test_stamps_in_nanoseconds(
     stamps = [Time.from_msg(stamper.stamp(int(captured * 1e9), stamp, offset)).nanoseconds
               for _ in range(3)]
     assert stamps == [round(expected * 1e9) + extra for extra in range(3)]
+
+
+def test_stamps_of_the_system_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('opencv_tools.ros.publisher.stamps.time', SimpleNamespace(
+        monotonic_ns=lambda: 50 * 10**9, time_ns=lambda: 1_700_000_000_000_000_100))
+    stamp = Stamper(ROSClock()).stamp(49_999_999_999, 'capture', 0.0)
+    assert (stamp.sec, stamp.nanosec) == (1_700_000_000, 99)

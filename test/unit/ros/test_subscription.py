@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import itertools
 import math
 import subprocess
@@ -26,10 +26,12 @@ import threading
 import time
 
 from conftest import DEADLINE, spin_until
-import numpy as np
-from opencv_tools.image.cdr import WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.cdr import (
+    cdr_to_image, image_to_cdr, WireCompressedImage, WireImage, WireMessage,
+)
 from opencv_tools.image.errors import CdrError
-from opencv_tools.ros.subscriber import lost_frames, no_frames_warning
+from opencv_tools.ros import zero_copy
+from opencv_tools.ros.subscriber import lost_frames, no_frames_warning, raw_subscription
 from opencv_tools.ros.subscriber import subscription as subscription_module
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 from opencv_tools.ros.zero_copy import MessageInfo
@@ -117,6 +119,10 @@ def image(number: int) -> Image:
     message = Image(height=1, width=1, encoding='mono8', step=1, data=[number % 256])
     message.header.stamp.sec = number
     return message
+
+
+def wire_image(number: int) -> WireImage:
+    return cdr_to_image(serialize_message(image(number)))
 
 
 def compressed(number: int) -> CompressedImage:
@@ -359,7 +365,7 @@ def test_late_messages_are_not_lost(
     spin_for(node, 0.2)
     for number, lost in ((11, 0), (12, 0), (3, 0), (13, 0), (15, 1)):
         subscription._receive(
-            subscription._subscription, np.frombuffer(serialize_message(image(number)), np.uint8),
+            subscription._subscription, wire_image(number),
             MessageInfo(publication_sequence_number=number, source_timestamp=number,
                         received_timestamp=number))
         assert subscription.losses.count == lost
@@ -481,6 +487,108 @@ def test_broken_messages_and_the_next_frame(
     assert subscription.losses.count == 0
 
 
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list of the functions that take messages, in the order of their calls."""
+    names: list[str] = []
+    for name in ('take_image', 'take_serialized'):
+        def take(handle: object, name: str = name) -> object:
+            names.append(name)
+            return getattr(zero_copy, name)(handle)
+
+        monkeypatch.setattr(raw_subscription, name, take)
+    return names
+
+
+def receive_steadily(
+    node: Node, publisher: Publisher, received: Received, taken: list[str],
+) -> None:
+    """Publish images until the middleware reads them."""
+    while taken[-1:] != ['take_image']:
+        count = len(received.frames)
+        publisher.publish(image(count))
+        spin_until(node, lambda: len(received.frames) > count)  # noqa: B023
+
+
+WHOLE = image_to_cdr(replace(wire_image(1000), data=bytes(100)))
+NO_CDR, CUT_OFF = WHOLE[:30], WHOLE[:-5]
+
+
+@pytest.mark.parametrize(('messages', 'failed', 'lost'), [
+    ([NO_CDR], 1, 0), ([CUT_OFF], 1, 0), ([NO_CDR, CUT_OFF, CUT_OFF], 3, 0),
+    ([WHOLE], 0, 0), ([], 0, 0)])
+def test_unreadable_messages_of_a_steady_publisher(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], taken: list[str],
+        messages: list[bytes], failed: int, lost: int) -> None:
+    subscription, publisher = connect(node, camera, subscribe)
+    receive_steadily(node, publisher, received, taken)
+    count = len(received.frames)
+    for number, message in enumerate(messages, 1):
+        publisher.publish(message)
+        spin_until(node, lambda: len(
+            received.errors + received.frames) == count + number)  # noqa: B023
+    publisher.publish(WHOLE)
+    spin_until(node, lambda: received.numbers()[-1:] == [1000])
+    assert (len(received.errors), subscription.losses.count) == (failed, lost)
+    assert all('the middleware cannot read' in str(err) for err in received.errors[:1])
+
+
+@pytest.mark.parametrize(('messages', 'failed', 'lost'), [
+    ([NO_CDR], 1, 0), ([NO_CDR, NO_CDR], 1, 1),
+    ([CUT_OFF], 0, 1),  # the middleware does not report it
+    ([WHOLE, NO_CDR, WHOLE, CUT_OFF, NO_CDR], 3, 0)])
+def test_unreadable_messages_in_front_of_another(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], taken: list[str],
+        messages: list[bytes], failed: int, lost: int) -> None:
+    subscription, publisher = connect(node, camera, subscribe)
+    receive_steadily(node, publisher, received, taken)
+    count = len(received.frames)
+    for message in (*messages, WHOLE):
+        publisher.publish(message)
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
+    spin_until(node, lambda: len(received.frames) == count + 1 + messages.count(WHOLE))
+    assert (len(received.errors), subscription.losses.count) == (failed, lost)
+
+
+def test_unreadable_messages_at_close(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], taken: list[str]) -> None:
+    subscription, publisher = connect(node, camera, subscribe)
+    receive_steadily(node, publisher, received, taken)
+    for message in (WHOLE, NO_CDR, WHOLE, CUT_OFF):
+        publisher.publish(message)
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
+    assert subscription.close(lambda: False) == 4
+    assert subscription.losses.count == 0
+
+
+def test_readers_of_a_steady_publisher(
+        node: Node, camera: Node, received: Received,
+        subscribe: Callable[..., FrameSubscription], taken: list[str]) -> None:
+    def receive(count: int) -> set[str]:
+        taken.clear()
+        for number in range(len(received.frames), len(received.frames) + count):
+            publisher.publish(image(number))
+            spin_until(node, lambda: len(received.frames) > number)  # noqa: B023
+        return set(taken)
+
+    subscription, publisher = connect(node, camera, subscribe)
+    assert receive(raw_subscription._STEADY_MESSAGES) == {'take_serialized'}
+    receive(2)
+    assert receive(10) == {'take_image'}
+    subscription._subscribe_again(subscription._subscription.image_topic, BEST_EFFORT)
+    spin_until(node, lambda: publisher.get_subscription_count() == 2)
+    # Each of the two subscriptions needs the numbers of all messages.
+    assert receive(raw_subscription._STEADY_MESSAGES + 10) == {'take_serialized'}
+    subscription._retire_previous()
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    receive(raw_subscription._STEADY_MESSAGES + 10)
+    assert receive(10) == {'take_image'}
+    assert received.numbers() == list(range(len(received.frames)))
+
+
 def test_reception_time_of_frames(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -493,9 +601,7 @@ def test_reception_time_of_frames(
     spin_until(node, lambda: bool(received.frames))
     assert before <= received.times[0] <= after
     monkeypatch.setattr(time, 'time_ns', lambda: 5)
-    subscription._receive(
-        subscription._subscription, np.frombuffer(serialize_message(image(1)), np.uint8),
-        MessageInfo())
+    subscription._receive(subscription._subscription, wire_image(1), MessageInfo())
     assert received.times[1] == 5  # the middleware did not report a time
 
 

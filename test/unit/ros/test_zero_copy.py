@@ -26,12 +26,14 @@ from typing import Any
 from conftest import DEADLINE, spin_until
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.cdr import cdr_to_image, WireHeader, WireImage
+from opencv_tools.image.cdr import cdr_to_image, image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.ros import zero_copy
-from opencv_tools.ros.zero_copy import MessageInfo, publish_image, take_serialized
+from opencv_tools.ros import rcl_structures, zero_copy
+from opencv_tools.ros.zero_copy import (
+    MessageInfo, publish_image, take_image, take_serialized, TakenImage,
+)
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -51,6 +53,14 @@ def large_image(value: int) -> WireImage:
     return WireImage(header=WireHeader(value, 0, ''), height=1024, width=2048, encoding='bgr8',
                      is_bigendian=False, step=3 * 2048,
                      data=np.full(6 * MB, value % 256, np.uint8))
+
+
+IMAGES = [
+    PIXEL, large_image(200),
+    replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
+    replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
+    replace(PIXEL, header=WireHeader(1, 2, 'a' * 10**6)),
+    replace(PIXEL, step=2**32 - 1, data=b'')]
 
 
 @pytest.fixture
@@ -75,17 +85,37 @@ def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
     return taken
 
 
+def take_next_image(subscription: Subscription) -> TakenImage:
+    """Take an image, which may still be in transit."""
+    deadline = time.monotonic() + DEADLINE
+    while (taken := take_image(subscription.handle)).image is None:
+        assert time.monotonic() < deadline, 'no message came'
+        time.sleep(0.001)
+    return taken
+
+
+def read_image(subscription: Subscription) -> WireImage:
+    """Take a serialized image and read it."""
+    return cdr_to_image(take(subscription)[0])
+
+
+def read_rcl_image(subscription: Subscription) -> WireImage:
+    """Take an image that the middleware has read."""
+    image = take_next_image(subscription).image
+    assert image
+    return image
+
+
+READERS = pytest.mark.parametrize('read', [read_image, read_rcl_image])
+
+
 def resident_bytes() -> int:
     """Return the resident memory of this process in bytes."""
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * 4096
 
 
-@pytest.mark.parametrize('image', [
-    PIXEL, large_image(200),
-    replace(PIXEL, header=WireHeader(-1, 999_999_999, 'Kamera für 深度'), is_bigendian=True),
-    replace(PIXEL, header=WireHeader(1, 2, ''), encoding=''),
-    replace(PIXEL, step=2**32 - 1, data=b'')])
+@pytest.mark.parametrize('image', IMAGES)
 def test_images_at_an_rclpy_subscriber(
         node: Node, publisher: Publisher, image: WireImage) -> None:
     received: list[Image] = []
@@ -100,6 +130,24 @@ def test_images_at_an_rclpy_subscriber(
     header.stamp.sec, header.stamp.nanosec = image.header.sec, image.header.nanosec
     header.frame_id = image.header.frame_id
     assert received == [expected]
+
+
+@READERS
+def test_taken_images(
+        publisher: Publisher, subscription: Subscription,
+        read: Callable[[Subscription], WireImage]) -> None:
+    for image in IMAGES:
+        publish_image(publisher.handle, image)
+    for image in IMAGES:
+        taken = read(subscription)
+        assert bytes(taken.data) == bytes(image.data)
+        assert replace(taken, data=b'') == replace(image, data=b'')
+
+
+def test_taken_text_that_is_not_unicode(
+        publisher: Publisher, subscription: Subscription) -> None:
+    publisher.publish(image_to_cdr(PIXEL).replace(b'mono8', b'mono\xff'))
+    assert read_rcl_image(subscription).encoding == 'mono\ufffd'
 
 
 def test_array_that_is_not_contiguous(
@@ -130,8 +178,9 @@ def test_destroyed_publisher_and_subscription(
     node.destroy_subscription(subscription)
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
         publish_image(publisher_handle, PIXEL)
-    with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        take_serialized(subscription_handle)
+    for take_message in (take_serialized, take_image):
+        with pytest.raises(RuntimeError, match=r'\w+ \w+'):
+            take_message(subscription_handle)
 
 
 def destroy_meanwhile(
@@ -156,16 +205,18 @@ def test_publisher_destroyed_during_a_call(
         publish_image(publisher.handle, PIXEL)
 
 
+@pytest.mark.parametrize(('function', 'read'), [
+    ('rcl_take', read_rcl_image), ('rcl_take_serialized_message', read_image)])
 def test_subscription_destroyed_during_a_call(
         node: Node, publisher: Publisher, subscription: Subscription,
-        monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch: pytest.MonkeyPatch, function: str,
+        read: Callable[[Subscription], WireImage]) -> None:
     publish_image(publisher.handle, PIXEL)
     assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
-    destroy_meanwhile(monkeypatch, 'rcl_take_serialized_message',
-                      lambda: node.destroy_subscription(subscription))
-    assert cdr_to_image(take_serialized(subscription.handle)[0]) == PIXEL
+    destroy_meanwhile(monkeypatch, function, lambda: node.destroy_subscription(subscription))
+    assert read(subscription) == PIXEL
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
-        take_serialized(subscription.handle)
+        read(subscription)
 
 
 def test_publishing_after_shutdown(domain: int) -> None:
@@ -182,6 +233,29 @@ def test_publishing_after_shutdown(domain: int) -> None:
 
 def test_taking_without_a_message(subscription: Subscription) -> None:
     assert [take_serialized(subscription.handle) for _ in range(3)] == [None] * 3
+    taken = [take_image(subscription.handle) for _ in range(3)]
+    assert [(image, unreadable) for image, _, unreadable in taken] == [(None, '')] * 3
+
+
+@pytest.mark.parametrize(('size', 'reason'), [
+    (3, 'Fast CDR exception'), (30, 'Fast CDR exception'), (-5, 'its data are cut off')])
+def test_unreadable_messages(
+        publisher: Publisher, subscription: Subscription, size: int, reason: str) -> None:
+    whole = image_to_cdr(replace(PIXEL, data=bytes(100)))
+    for _ in range(2):
+        publisher.publish(whole[:size])
+    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    image, _, unreadable = take_image(subscription.handle)
+    assert image is None
+    assert unreadable.startswith(reason)
+    assert take_image(subscription.handle).unreadable == ''
+    publisher.publish(whole[:size])
+    publisher.publish(whole)
+    image, info, unreadable = take_next_image(subscription)
+    assert (image, info.number) == (cdr_to_image(whole), 4)
+    # The middleware does not report data that are cut off before another message.
+    assert unreadable.startswith(reason) or size == -5
+    assert take_image(subscription.handle).unreadable == ''
 
 
 def test_metadata_of_messages(
@@ -189,7 +263,7 @@ def test_metadata_of_messages(
     began = time.time_ns()
     for _ in range(3):
         publish_image(publisher.handle, PIXEL)
-    infos = [take(subscription)[1] for _ in range(3)]
+    infos = [take(subscription)[1], take_next_image(subscription).info, take(subscription)[1]]
     assert [info.number for info in infos] == [1, 2, 3]
     assert len({bytes(info.publisher) for info in infos}) == 1
     assert all(began <= info.source_timestamp <= info.received_timestamp <= time.time_ns()
@@ -202,15 +276,15 @@ def test_sequence_number(given: int, number: int) -> None:
     assert MessageInfo(publication_sequence_number=given).number == number
 
 
+@READERS
 def test_read_only_data_after_the_subscription(
-        node: Node, publisher: Publisher, subscription: Subscription) -> None:
+        node: Node, publisher: Publisher, subscription: Subscription,
+        read: Callable[[Subscription], WireImage]) -> None:
     images = [large_image(value) for value in range(3)]
     for image in images:
         publish_image(publisher.handle, image)
-    taken = [take(subscription)[0] for _ in images]
+    messages = [read(subscription) for _ in images]
     node.destroy_subscription(subscription)
-    messages = [cdr_to_image(data) for data in taken]
-    del taken
     for message, image in zip(messages, images):
         assert message.header.sec == image.header.sec
         assert np.array_equal(np.frombuffer(message.data, np.uint8), image.data)
@@ -219,31 +293,67 @@ def test_read_only_data_after_the_subscription(
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
+@READERS
 def test_memory_of_taken_messages(
-        publisher: Publisher, subscription: Subscription, tell: Callable[[str], None]) -> None:
+        publisher: Publisher, subscription: Subscription, tell: Callable[[str], None],
+        read: Callable[[Subscription], WireImage]) -> None:
     sizes = []
+    frame_id = 'a' * MB
     for value in range(120):
-        publish_image(publisher.handle, large_image(value))
-        data, _ = take(subscription)
-        assert data.nbytes > 6 * MB
-        assert data[-1] == value % 256
+        publish_image(publisher.handle, replace(
+            large_image(value), header=WireHeader(value, 0, frame_id)))
+        message = read(subscription)
+        assert message.header.frame_id == frame_id
+        assert message.data[-1] == value % 256
         if value >= 20:
             sizes.append(resident_bytes())
-    tell(f'{(sizes[-1] - sizes[0]) / MB:.1f} MB more after 100 images of 6 MB')
+    tell(f'{(sizes[-1] - sizes[0]) / MB:.1f} MB more after 100 images of 7 MB')
+    assert sizes[-1] - sizes[0] < 30 * MB
+
+
+def test_memory_of_unreadable_messages(
+        publisher: Publisher, subscription: Subscription) -> None:
+    whole = image_to_cdr(replace(PIXEL, header=WireHeader(1, 2, 'a' * MB), data=bytes(100)))
+    sizes = []
+    for number in range(120):
+        publisher.publish(whole[:-5])
+        assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+        assert take_image(subscription.handle).unreadable
+        if number >= 20:
+            sizes.append(resident_bytes())
     assert sizes[-1] - sizes[0] < 30 * MB
 
 
 class OtherImage(ctypes.Structure):
     """An image with an additional field."""
 
-    _fields_ = (*zero_copy._Image._fields_[:4], ('depth', ctypes.c_uint64),
-                *zero_copy._Image._fields_[4:])
+    _fields_ = (*rcl_structures.RclImage._fields_[:4], ('depth', ctypes.c_uint64),
+                *rcl_structures.RclImage._fields_[4:])
+
+
+class LargerImage(rcl_structures.RclImage):
+    """An image with an additional last field."""
+
+    _fields_ = (('depth', ctypes.c_uint64),)
+
+
+class ShortBytes(ctypes.Structure):
+    """A sequence without a capacity."""
+
+    _fields_ = rcl_structures.RclBytes._fields_[:2]
+
+
+class SmallerImage(ctypes.Structure):
+    """An image with a shorter last field."""
+
+    _fields_ = (*rcl_structures.RclImage._fields_[:-1], ('data', ShortBytes))
 
 
 class OtherArray(ctypes.Structure):
     """A serialized message with two fields swapped."""
 
-    _fields_ = tuple(zero_copy._RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
+    _fields_ = tuple(
+        rcl_structures.RmwSerializedMessage._fields_[index] for index in (0, 2, 1, 3))
 
 
 @pytest.fixture
@@ -256,10 +366,11 @@ def use_rcl_again() -> Iterator[None]:
 @pytest.mark.parametrize(('name', 'value', 'reason'), [
     *(('_FUNCTIONS', {**zero_copy._FUNCTIONS, library: (f'{function}_gone',)}, f'{function}_gone')
       for library, functions in zero_copy._FUNCTIONS.items() for function in functions),
-    ('_FUNCTIONS', {'librcl_gone.so': (), 'librcutils.so': ()}, 'librcl_gone.so'),
-    ('_FUNCTIONS', {'librcl.so': (), 'librcutils_gone.so': ()}, 'librcutils_gone.so'),
-    ('_Image', OtherImage, 'sensor_msgs__msg__Image has another layout'),
-    ('_RmwSerializedMessage', OtherArray, 'rmw_serialized_message_t has another layout'),
+    *(('_FUNCTIONS', {f'gone_{library}': ()}, f'gone_{library}')
+      for library in zero_copy._FUNCTIONS),
+    *(('RclImage', image, 'sensor_msgs__msg__Image has another layout')
+      for image in (OtherImage, LargerImage, SmallerImage)),
+    ('RmwSerializedMessage', OtherArray, 'rmw_serialized_message_t has another layout'),
     ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
     ('ROS_DISTRO', 'kilted', 'ROS_DISTRO is kilted')])
 def test_fallback_to_rclpy(
@@ -269,7 +380,7 @@ def test_fallback_to_rclpy(
         if name.isupper() and not name.startswith('_'):
             patch.setenv(name, value)
         else:
-            patch.setattr(zero_copy, name, value)
+            patch.setattr(zero_copy if name == '_FUNCTIONS' else rcl_structures, name, value)
         assert reason in zero_copy.use_rcl()
         images = [large_image(3), replace(
             PIXEL, header=WireHeader(1, 2, 'Kamera für 深度'), is_bigendian=True)]

@@ -1,0 +1,235 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parts of the processes that benchmarks/transport.py compares: camera, filter and counters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import resource
+import sys
+from threading import Thread
+import time
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.capture.frame import Frame
+
+FRAMES, RESULTS = 'video_frames', 'flipped_frames'
+SETTLED_FRAMES = 500  # after which memory should not grow
+_WARM_UP = 2**32 - 1  # number of frames that do not count
+_PAGE = resource.getpagesize()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """
+    Frames to send.
+
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param rate: frames per second.
+    :param frames: number of frames that count.
+    :param qos: ``reliable`` or ``best_effort``.
+    :param namespace: namespace of the nodes.
+    :param topic: topic of the last subscribers.
+    :param transport: parameter ``transport`` of the package's subscribers.
+    :param priority: real-time priority of the package's nodes.
+    """
+
+    width: int
+    height: int
+    rate: float
+    frames: int
+    qos: str
+    namespace: str
+    topic: str
+    transport: str
+    priority: int
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of a colour frame in bytes."""
+        return self.width * self.height * 3
+
+    @property
+    def arguments(self) -> list[str]:
+        """Command line arguments of a node."""
+        words = ['--ros-args', '-r', f'__ns:={self.namespace}', '-p', f'priority:={self.priority}']
+        for topic in (FRAMES, RESULTS):
+            words += ['-p', f'qos_overrides.{self.namespace}/{topic}.publisher.reliability:='
+                      f'{self.qos}']
+        return words
+
+
+class Meter:
+    """CPU time, page faults and memory growth from the first counted frame to the last one."""
+
+    def __init__(self) -> None:
+        """Start with the first frame."""
+        self.frames = 0
+        self._settled_rss = 0.0
+        self._first = self._last = (0.0, 0)
+
+    def tick(self) -> None:
+        """Count a frame; the first is not charged."""
+        self._last = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        if not self.frames:
+            self._first = self._last
+        self.frames += 1
+        if self.frames == SETTLED_FRAMES:
+            self._settled_rss = _resident_mb()
+
+    def report(self, **more: object) -> None:
+        """Print the numbers as JSON."""
+        charged = max(1, self.frames - 1)
+        cpu, faults = (last - first for first, last in zip(self._first, self._last))
+        growth = _resident_mb() - self._settled_rss if self._settled_rss else 0.0
+        _say(json.dumps({'frames': self.frames, 'cpu': cpu / charged * 1e3,
+                         'faults': faults / charged, 'growth': growth, **more}))
+
+
+class Camera:
+    """
+    A camera that costs nothing: two existing frames in turn.
+
+    The frames that count are numbered. Frames before and after them keep all nodes connected.
+    """
+
+    live: Literal[True] = True
+    missed = 0
+    name = 'a camera'
+    description = 'bgr8'
+
+    def __init__(self, load: Load) -> None:
+        """Create the frames."""
+        self.rate = load.rate
+        self.meter = Meter()
+        self._counts = False
+        self._frames = load.frames
+        random = np.random.default_rng(1)
+        self._images = [random.integers(0, 256, (load.height, load.width, 3), np.uint8)
+                        for _ in range(2)]
+        self._due = time.monotonic()
+
+    def begin(self) -> None:
+        """Count frames from now on."""
+        self._counts = True
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until a frame is due."""
+        left = self._due - time.monotonic()
+        time.sleep(max(0.0, min(left, seconds)))
+        return left <= seconds
+
+    def skip(self) -> None:
+        """Pass over a frame."""
+        self._due += 1 / self.rate
+
+    def read(self) -> Frame:
+        """Return the next frame."""
+        self.skip()
+        if self._counts and self.meter.frames == self._frames:
+            self._counts = False
+            _say('done')
+        number = self.meter.frames if self._counts else _WARM_UP
+        image = self._images[number % 2]
+        for row in (0, -1):  # the filter exchanges them
+            _number_in(image[row])[0] = number
+        if self._counts:
+            self.meter.tick()
+        return Frame(image, 'bgr8', time.monotonic_ns())
+
+    def close(self) -> None:
+        """Release nothing."""
+
+
+class Flip:
+    """The filter of the nodes in the middle, and its CPU time."""
+
+    def __init__(self) -> None:
+        """Start with the first frame."""
+        self._meter = Meter()
+        self._cpu = 0.0
+        cv2.setNumThreads(1)  # otherwise the time is not that of this thread
+
+    def __call__(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return an image upside down."""
+        began = time.thread_time()
+        flipped = cv2.flip(image, 0)
+        if _number_in(image[0])[0] != _WARM_UP:
+            self._cpu += time.thread_time() - began
+            self._meter.tick()
+        return flipped
+
+    def report(self) -> None:
+        """Print the numbers as JSON."""
+        self._meter.report(filter=self._cpu / max(1, self._meter.frames) * 1e3)
+
+
+class Ages:
+    """Numbers and ages of the received frames."""
+
+    def __init__(self) -> None:
+        """Start with the first frame."""
+        self._meter = Meter()
+        self._is_ready = False
+        self._numbers: list[int] = []
+        self._ages: list[int] = []
+
+    def note(self, image: NDArray[Any], stamp_ns: int) -> bool:
+        """Record the age of a frame, and return whether the frame counts."""
+        age = time.time_ns() - stamp_ns
+        number = int(_number_in(image[0])[0])
+        if number == _WARM_UP:
+            if not self._is_ready:
+                self._is_ready = True
+                _say('ready')
+            return False
+        self._ages.append(age)
+        self._numbers.append(number)
+        self._meter.tick()
+        return True
+
+    def report(self, **more: object) -> None:
+        """Print the numbers as JSON."""
+        self._meter.report(numbers=self._numbers, ages=self._ages, **more)
+
+
+def listen(begin: Callable[[], object], end: Callable[[], object]) -> None:
+    """Call functions at each line of the standard input, and at its end."""
+    def wait() -> None:
+        for _ in sys.stdin:
+            begin()
+        end()
+
+    Thread(target=wait, daemon=True).start()
+
+
+def _number_in(row: NDArray[Any]) -> NDArray[Any]:
+    """Return a view of the first four bytes of a row, the number of the frame."""
+    return row.reshape(-1)[:4].view('<u4')
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _resident_mb() -> float:
+    return int(Path('/proc/self/statm').read_text().split()[1]) * _PAGE / 1e6
