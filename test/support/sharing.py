@@ -24,6 +24,7 @@ from pathlib import Path
 import subprocess
 import sys
 import time
+import zlib
 
 from conftest import DEADLINE
 import numpy as np
@@ -218,7 +219,8 @@ class RemoteViewer:
     def frames(self) -> list[tuple[str, int, int, int]]:
         """Name and number, shared frames and lost frames until then, of each received frame."""
         text = self._log.read_text()
-        return [tuple(json.loads(line)) for line in text[:text.rfind('\n') + 1].splitlines()]
+        return [tuple(json.loads(line)) for line in text[:text.rfind('\n') + 1].splitlines()
+                if line.startswith('["')]  # Fast DDS prints its errors
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         """Wait for a condition of the received frames."""
@@ -269,12 +271,13 @@ def _run_camera(name: str, is_plain: str) -> None:
 
 def _run_viewer(transport: str, held: str) -> None:
     """Print what arrived, after each frame; ``held`` is a number of newest frames."""
-    frames: list[Frame] = []
+    frames: list[tuple[Frame, int]] = []
 
     def report(frame: Frame) -> None:
-        frames.append(frame)
+        frames.append((frame, zlib.crc32(frame.raw)))
         del frames[:max(0, len(frames) - int(held))]
-        assert all(map(is_picture, frames))
+        if len(frames) < 10 or not frame.stamp.sec % 50:
+            assert all(zlib.crc32(kept.raw) == checksum for kept, checksum in frames)
         print(json.dumps([frame.frame_id, frame.stamp.sec, viewer.shared,
                           viewer.subscription.losses.count]), flush=True)
 
