@@ -111,6 +111,7 @@ class SharedFrameSubscriber:
         self._on_change = on_change
         self._links: dict[bytes, _Link] = {}
         self._services: dict[bytes, str] = {}  # that can be reached, by publisher
+        self._reasons: dict[bytes, str] = {}  # why others cannot be reached
         self._broken: set[str] = set()
         # Numbers of the last message and of the last shared one, by publisher.
         self._passed: dict[bytes, int] = {}
@@ -146,6 +147,12 @@ class SharedFrameSubscriber:
                     self._leave(link)
             return are_shared and all(
                 link.state == _State.SHARING for link in self._links.values())
+
+    def explain(self, publishers: frozenset[bytes]) -> str:
+        """Return why a publisher does not share its frames with this process, or ''."""
+        return next((self._reasons.get(
+            publisher, 'it has no frames yet, reads a file, or is not of opencv_tools with '
+            'iceoryx2') for publisher in publishers - self._services.keys()), '')
 
     def receive(self, info: MessageInfo, deliver: Callable[[], None]) -> None:
         """
@@ -212,11 +219,19 @@ class SharedFrameSubscriber:
             self._log.debug(str(err))
             return
         publisher = bytes.fromhex(announcement.publisher)
-        self._services.pop(publisher, None)
-        if announcement.is_reachable and announcement.service not in self._broken:
-            self._services[publisher] = announcement.service
-        while len(self._services) > _MAX_PUBLISHERS:
-            del self._services[next(iter(self._services))]
+        with self.lock:
+            self._services.pop(publisher, None)
+            self._reasons.pop(publisher, None)
+            if not announcement.service:
+                self._reasons[publisher] = 'its /dev/shm has too little room'
+            elif not announcement.is_reachable:
+                self._reasons[publisher] = (
+                    'it runs on another machine, in another container or as another user')
+            elif announcement.service not in self._broken:
+                self._services[publisher] = announcement.service
+            for texts in (self._services, self._reasons):
+                while len(texts) > _MAX_PUBLISHERS:
+                    del texts[next(iter(texts))]
         self._on_change()
 
     def _open(self, publisher: bytes) -> bool:
@@ -239,6 +254,7 @@ class SharedFrameSubscriber:
         self._log.debug(f'frames are not shared: {err}')
         if self._services.get(publisher) == service:
             del self._services[publisher]
+            self._reasons[publisher] = str(err)
         if len(self._broken) >= _MAX_PUBLISHERS:
             self._broken.clear()
         self._broken.add(service)

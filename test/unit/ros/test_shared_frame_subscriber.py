@@ -27,6 +27,7 @@ from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
+from opencv_tools.ros.zero_copy import publisher_id
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -271,3 +272,23 @@ def test_announcements_of_many_strangers(viewer: Viewer, camera: Node) -> None:
     until = ours.sent + 200
     viewer.watch(lambda: ours.sent > until, ours)
     viewer.assert_complete(ours)
+
+
+@pytest.mark.parametrize(('changed', 'reason'), [
+    ({}, 'DoesNotExist'), ({'service': ''}, 'its /dev/shm has too little room'),
+    ({'user': 7}, 'it runs on another machine, in another container or as another user'),
+    ({'version': 7}, 'it has no frames yet, reads a file, or is not of opencv_tools with')])
+def test_explanation_of_frames_that_are_not_shared(
+        view: Callable[..., Viewer], camera: Node, changed: dict[str, object], reason: str,
+) -> None:
+    viewer = view(transport='shm')
+    assert 'no publisher on /video_frames' in viewer.subscription.explain_no_frames()
+    plain = Camera(camera, is_plain=True)
+    announcement = announce('0' * 32, publisher_id(plain._plain.handle).hex())
+    announcing = camera.create_publisher(String, TOPIC + SUFFIX, QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    announcing.publish(String(data=json.dumps({**json.loads(announcement.to_text()), **changed})))
+    viewer.watch(lambda: reason in viewer.subscription.explain_no_frames())
+    sentence = viewer.subscription.explain_no_frames()
+    assert sentence.startswith('/video_frames has a publisher that does not share its frames')
+    assert sentence.endswith('; set transport:=auto')
