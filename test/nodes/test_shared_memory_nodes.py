@@ -24,11 +24,13 @@ import subprocess
 import sys
 from typing import Any
 
-from conftest import DEADLINE, spin_until
+from conftest import DEADLINE, NodeProcess, read_manifest, spin_until
+import cv2
+import numpy as np
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
-from sharing import RemoteCamera, RemoteViewer, Viewer, WINDOW
+from sharing import picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
 
 pytestmark = pytest.mark.process
 
@@ -395,3 +397,124 @@ def test_memory_that_becomes_full(
         file.unlink(missing_ok=True)
     numbers = [number for _, number, _, _ in viewer.frames]
     assert numbers == [*range(numbers[0], camera.sent + 1)][:len(numbers)]
+
+
+# Where frames cannot be shared
+
+BROKEN = {'not found': 'raise ImportError("no module named iceoryx2")', 'other version': ''}
+
+
+@pytest.mark.parametrize('broken', BROKEN)
+def test_broken_iceoryx2(viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
+                         start: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch,
+                         tmp_path: Path, broken: str) -> None:
+    (tmp_path / 'iceoryx2.py').write_text(BROKEN[broken])
+    ours = remote_camera(PYTHONPATH=str(tmp_path))
+    viewer.match(ours)
+    viewer.watch(lambda: ours.sent > 100, ours)
+    viewer.assert_complete(ours)
+    assert not viewer.shared
+    ours.destroy()
+    sharing = remote_camera('sharing')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=':')
+    recorder = start('img_subscriber', '--ros-args', '--log-level', 'image_subscriber:=debug')
+    reason = 'frames are not shared: iceoryx2'
+
+    def step() -> bool:
+        sharing.send()
+        return reason in recorder.output and 'Receiving video frame' in recorder.output
+
+    spin_until(viewer.node, step)
+    recorder.interrupt()
+    assert recorder.finish() == 0
+    assert recorder.output.count(reason) == 1
+
+
+def test_transport_of_ros(viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
+    ours = remote_camera(OPENCV_TOOLS_TRANSPORT='default')
+    viewer.match(ours)
+    viewer.watch(lambda: ours.sent > 100, ours)
+    viewer.assert_complete(ours)
+    assert not viewer.shared
+    assert not viewer.node.count_publishers(f'{TOPIC}/shm')
+
+
+def test_recorder_of_shared_frames(
+        remote_camera: Callable[..., RemoteCamera], start: Callable[..., NodeProcess],
+        node: Node, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    recorder = start('img_subscriber', output_dir=folder, file_name='"{stamp}.png"',
+                     transport='shm', max_frames=30)
+    ours = remote_camera()
+
+    def step() -> bool:
+        ours.send('bgr8', 31, 17)
+        assert not ours.subscribers
+        return not recorder.is_running()
+
+    spin_until(node, step)
+    assert recorder.finish() == 0, recorder.output
+    lines = read_manifest(folder)
+    assert len(lines) == 30
+    for line in lines:
+        found = cv2.imread(str(folder / line['file']), cv2.IMREAD_UNCHANGED)
+        assert np.array_equal(found, picture(line['stamp']['sec'], 'bgr8', 31, 17))
+
+
+@pytest.mark.parametrize(('plain', 'environment', 'text'), [
+    (False, {'OPENCV_TOOLS_TRANSPORT': 'default'}, 'it has no frames yet, reads a file, or is not '
+     'of opencv_tools with iceoryx2; set transport:=auto'),
+    (True, {}, 'is not of opencv_tools with iceoryx2; set transport:=auto')])
+def test_explanation_of_frames_that_are_not_shared(
+        remote_camera: Callable[..., RemoteCamera], start: Callable[..., NodeProcess],
+        node: Node, plain: bool, environment: dict[str, str], text: str) -> None:
+    recorder = start('img_subscriber', transport='shm')
+    ours = remote_camera(is_plain=plain, **environment)
+
+    def step() -> bool:
+        ours.send()
+        return text in recorder.output
+
+    spin_until(node, step)
+    assert recorder.output.count('No frames: /video_frames has a publisher that does not share '
+                                 'its frames with this process') == 1
+
+
+def test_explanation_without_iceoryx2(
+        start: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', 'default')
+    recorder = start('img_subscriber', transport='shm', timeout=1.0)
+    assert recorder.finish() == 1
+    assert 'run pip install iceoryx2, or set transport:=auto' in recorder.output
+
+
+@pytest.mark.parametrize('place', ['container', 'user'] if os.getuid() == 0 else ['container'])
+def test_publisher_in_another_place(
+        memory: Callable[[float], Memory], remote_camera: Callable[..., RemoteCamera],
+        remote_viewer: Callable[..., RemoteViewer], monkeypatch: pytest.MonkeyPatch,
+        tmp_path: Path, place: str) -> None:
+    # Fast DDS has no shared memory between these places.
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    folder = memory(64)
+    other = [*folder.within]
+    if place == 'container':
+        other = [*memory(64).within]
+    else:
+        (tmp_path / 'log').mkdir()
+        (tmp_path / 'log').chmod(0o777)
+        monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
+        # The other user may read everything, such as the interpreter in a folder of root.
+        other += ['setpriv', '--reuid=65534', '--regid=65534', '--clear-groups',
+                  '--inh-caps=-all,+dac_read_search', '--ambient-caps=-all,+dac_read_search']
+    camera = remote_camera(within=other)
+    viewer = remote_viewer(within=folder.within)
+    only_shared = remote_viewer(within=folder.within, transport='shm')
+    send_until(camera, viewer, lambda: len(viewer.frames) > 100)
+    assert not any(frame[2] for frame in viewer.frames)
+    numbers = [number for _, number, _, _ in viewer.frames]
+    assert numbers == [*range(numbers[0], numbers[0] + len(numbers))]
+    assert not only_shared.frames
+    neighbour = remote_camera('neighbour', within=folder.within)
+    camera.destroy()
+    send_until(neighbour, viewer, lambda: viewer.has_shared(5, 'neighbour'))
