@@ -20,8 +20,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 import json
 import os
+from pathlib import Path
 import subprocess
 import sys
+import time
+import zlib
 
 from conftest import DEADLINE
 import numpy as np
@@ -33,12 +36,13 @@ from opencv_tools.ros.fastdds.profile import configured_fastdds
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 TOPIC = '/video_frames'
+WINDOW = 5  # frames on their way; fewer than any queue holds
 
 
 def picture(number: int, encoding: str = '16UC1', height: int = 3, width: int = 5) -> np.ndarray:
@@ -161,10 +165,42 @@ class Viewer:
 
     def _take(self, message: WireMessage, _: int) -> None:
         frame = Frame(message)
-        assert is_picture(frame)
+        assert is_picture(frame), (frame.frame_id, frame.stamp.sec, frame.description)
         self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
         self.shared = self.shared + 1 if isinstance(message.data, np.ndarray) else 0
         self._hold(frame)
+
+    def watch(self, condition: Callable[[], bool], *cameras: Camera | RemoteCamera,
+              window: int = WINDOW) -> None:
+        """Publish, at most a few frames ahead of the reception, until a condition holds."""
+        executor = SingleThreadedExecutor(context=self.node.context)
+        executor.add_node(self.node)
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end, self.numbers
+            for camera in cameras:
+                if camera.sent - len(self.numbers.get(camera.name, ())) < window:
+                    camera.send()
+            executor.spin_once(timeout_sec=0.002)
+        executor.shutdown()
+
+    def watch_sharing(self, *cameras: Camera | RemoteCamera) -> None:
+        """Publish until frames are shared."""
+        self.watch(lambda: self.is_sharing and self.shared > 20, *cameras)
+
+    def match(self, *cameras: Camera | RemoteCamera) -> None:
+        """Wait until the image topic connects this viewer and only these cameras."""
+        self.watch(lambda: all(camera.subscribers for camera in cameras)
+                   and self.subscription._subscription.publisher_count() == len(cameras))
+
+    def assert_complete(self, *cameras: Camera | RemoteCamera) -> None:
+        """Check that every frame arrived once and in order."""
+        self.watch(lambda: all(
+            len(self.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
+        for camera in cameras:
+            assert self.numbers[camera.name] == [*range(1, camera.sent + 1)]
+        assert self.subscription.losses.count == 0
+        assert self.errors == []
 
 
 class RemoteViewer:
@@ -183,7 +219,8 @@ class RemoteViewer:
     def frames(self) -> list[tuple[str, int, int, int]]:
         """Name and number, shared frames and lost frames until then, of each received frame."""
         text = self._log.read_text()
-        return [tuple(json.loads(line)) for line in text[:text.rfind('\n') + 1].splitlines()]
+        return [tuple(json.loads(line)) for line in text[:text.rfind('\n') + 1].splitlines()
+                if line.startswith('["')]  # Fast DDS prints its errors
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         """Wait for a condition of the received frames."""
@@ -192,6 +229,11 @@ class RemoteViewer:
             assert self._process.poll() is None, f'ended with status {self._process.poll()}'
             assert time.monotonic() < end, f'did not come: {self.frames[-3:]}'
             time.sleep(0.02)
+
+    def has_shared(self, count: int, name: str = '') -> bool:
+        """Return whether the newest frames came from shared memory, the last from a camera."""
+        frames = self.frames
+        return bool(frames) and frames[-1][2] >= count and name in ('', frames[-1][0])
 
     def is_running(self) -> bool:
         """Return whether the process is running."""
@@ -229,18 +271,19 @@ def _run_camera(name: str, is_plain: str) -> None:
 
 def _run_viewer(transport: str, held: str) -> None:
     """Print what arrived, after each frame; ``held`` is a number of newest frames."""
-    frames: list[Frame] = []
+    frames: list[tuple[Frame, int]] = []
 
     def report(frame: Frame) -> None:
-        frames.append(frame)
+        frames.append((frame, zlib.crc32(frame.raw)))
         del frames[:max(0, len(frames) - int(held))]
-        assert all(map(is_picture, frames))
+        if len(frames) < 10 or not frame.stamp.sec % 50:
+            assert all(zlib.crc32(kept.raw) == checksum for kept, checksum in frames)
         print(json.dumps([frame.frame_id, frame.stamp.sec, viewer.shared,
                           viewer.subscription.losses.count]), flush=True)
 
     node = Node('remote_viewer', context=_context())
     viewer = Viewer(node, transport, hold=report)
-    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     with suppress(ExternalShutdownException, KeyboardInterrupt):
         executor.spin()

@@ -60,7 +60,7 @@ def private_folder(path: Path) -> Path:
 
 def allocate_pages(address: int, size: int) -> None:
     """
-    Allocate the pages of mapped memory.
+    Allocate the pages of mapped memory, at most to its end.
 
     :raises SharedMemoryError: there is no room for them.
     """
@@ -74,7 +74,8 @@ def allocate_pages(address: int, size: int) -> None:
     try:
         file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
-            os.posix_fallocate(file, int(offset, 16) + address - first, size)
+            os.posix_fallocate(
+                file, int(offset, 16) + address - first, min(size, last - address))
         finally:
             os.close(file)
     except OSError as err:

@@ -36,6 +36,7 @@ class SharedServices:
         """
         self._log = log
         self._services: dict[bytes, str] = {}
+        self._reasons: dict[bytes, str] = {}  # why those of other publishers cannot be reached
         self._broken: set[str] = set()
 
     def add(self, text: str) -> None:
@@ -47,16 +48,24 @@ class SharedServices:
             return
         publisher = bytes.fromhex(announcement.publisher)
         self._services.pop(publisher, None)
-        if announcement.is_reachable and announcement.service not in self._broken:
+        self._reasons.pop(publisher, None)
+        if not announcement.service:
+            self._reasons[publisher] = 'its /dev/shm has too little room'
+        elif not announcement.is_reachable:
+            self._reasons[publisher] = (
+                'it runs on another machine, in another container or as another user')
+        elif announcement.service not in self._broken:
             self._services[publisher] = announcement.service
-        while len(self._services) > MAX_PUBLISHERS:
-            del self._services[next(iter(self._services))]
+        for texts in (self._services, self._reasons):
+            while len(texts) > MAX_PUBLISHERS:
+                del texts[next(iter(texts))]
 
     def remove(self, publisher: bytes, service: str, reason: SharedMemoryError) -> None:
         """Remove a service that failed, until its publisher announces another one."""
         self._log.debug(f'frames are not shared: {reason}')
         if self._services.get(publisher) == service:
             del self._services[publisher]
+            self._reasons[publisher] = str(reason)
         if len(self._broken) >= MAX_PUBLISHERS:
             self._broken.clear()
         self._broken.add(service)
@@ -64,6 +73,12 @@ class SharedServices:
     def include(self, publishers: Set[bytes]) -> bool:
         """Return whether all publishers have a service."""
         return publishers <= self._services.keys()
+
+    def explain(self, publishers: Set[bytes]) -> str:
+        """Return why a publisher does not share its frames with this process, or ''."""
+        return next((self._reasons.get(
+            publisher, 'it has no frames yet, reads a file, or is not of opencv_tools with '
+            'iceoryx2') for publisher in publishers - self._services.keys()), '')
 
     def of(self, publisher: bytes) -> str:
         """Return the service of a publisher that has one."""

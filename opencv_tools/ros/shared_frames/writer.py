@@ -63,6 +63,8 @@ class FrameWriter:
 
     # Bytes for frame_id and encoding behind the pixels.
     _TEXT_BYTES = 512
+    # Upper limit for the fields of iceoryx2 and ours before the pixels.
+    _HEADER_BYTES = 4096
 
     def __init__(self, memory: FrameMemory, service: str, frame_bytes: int) -> None:
         """Create the service; see `FrameMemory.create_writer`."""
@@ -102,7 +104,8 @@ class FrameWriter:
         with shared_memory_errors():
             sample = self._publisher.loan_slice_uninit(needed)
             if self._allocated.get(sample.payload_ptr, 0) < needed:
-                allocate_pages(sample.payload_ptr, needed)
+                # iceoryx2 writes its header of the next slot before it lends that slot.
+                allocate_pages(sample.payload_ptr, needed + self._HEADER_BYTES)
                 self._allocated[sample.payload_ptr] = needed
             return Slot(self, sample, size)
 

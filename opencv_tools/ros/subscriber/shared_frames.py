@@ -145,6 +145,10 @@ class SharedFrameSubscriber:
             return are_shared and all(
                 link.state == _State.SHARING for link in self._links.values())
 
+    def explain(self, publishers: frozenset[bytes]) -> str:
+        """Return why a publisher does not share its frames with this process, or ''."""
+        return self._services.explain(publishers)
+
     def receive(self, info: MessageInfo, deliver: Callable[[], None]) -> None:
         """
         Pass on a message of the image topic, unless its frame is shared.
@@ -204,7 +208,8 @@ class SharedFrameSubscriber:
     # Announcements
 
     def _read_announcement(self, message: String) -> None:
-        self._services.add(message.data)
+        with self.lock:
+            self._services.add(message.data)
         self._on_change()
 
     def _open(self, publisher: bytes) -> bool:

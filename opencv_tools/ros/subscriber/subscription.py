@@ -123,8 +123,13 @@ class FrameSubscription:
 
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
-        if not self._has_image_topic and self._shared is None:
-            return NOT_SHARED
+        if not self._has_image_topic:
+            if self._shared is None:
+                return NOT_SHARED
+            reason = self._shared.explain(self._publishers)
+            if reason:
+                return (f'{self.topic_name} has a publisher that does not share its frames with '
+                        f'this process: {reason}; set transport:=auto')
         return self._discovery.explain_no_frames(
             self._subscription.image_topic, self._subscription.qos)
 

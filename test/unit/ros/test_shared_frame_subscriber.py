@@ -27,6 +27,7 @@ from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
+from opencv_tools.ros.zero_copy import publisher_id
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -35,40 +36,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
 
-WINDOW = 5  # frames on their way; fewer than any queue holds
-
-
-def watch(viewer: Viewer, condition: Callable[[], bool], *cameras: Camera,
-          window: int = WINDOW) -> None:
-    """Publish, at most a few frames ahead of the reception, until a condition holds."""
-    def step() -> bool:
-        for camera in cameras:
-            if camera.sent - len(viewer.numbers.get(camera.name, ())) < window:
-                camera.send()
-        return condition()
-
-    spin_until(viewer.node, step)
-
-
-def watch_sharing(viewer: Viewer, *cameras: Camera) -> None:
-    watch(viewer, lambda: viewer.is_sharing and viewer.shared > 20, *cameras)
-
-
-def match(viewer: Viewer, camera: Camera) -> None:
-    """Wait until both ends of the image topic have discovered each other."""
-    spin_until(viewer.node, lambda: camera.subscribers > 0 and
-               viewer.subscription._subscription.publisher_count() > 0)
-
-
-def assert_complete(viewer: Viewer, *cameras: Camera) -> None:
-    """Check that every frame arrived once and in order."""
-    spin_until(viewer.node, lambda: all(
-        len(viewer.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
-    for camera in cameras:
-        assert viewer.numbers[camera.name] == [*range(1, camera.sent + 1)]
-    assert viewer.subscription.losses.count == 0
-    assert viewer.subscription.losses.is_complete
-    assert viewer.errors == []
 
 
 @pytest.fixture
@@ -92,54 +59,54 @@ def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewe
 
 def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
     assert not viewer.node.count_subscribers(TOPIC)
-    assert_complete(viewer, ours)
+    viewer.assert_complete(ours)
 
 
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
-    match(viewer, ours)
+    viewer.match(ours)
     for turn in range(3):
-        watch_sharing(viewer, ours)
+        viewer.watch_sharing(ours)
         plain = Camera(camera, f'plain{turn}', is_plain=True)
-        watch(viewer, lambda: not viewer.is_sharing, ours)
-        match(viewer, plain)
-        watch(viewer, lambda: not viewer.shared and plain.sent > 20, ours, plain)  # noqa: B023
-        watch(viewer, lambda: not viewer.subscription._shared._links, ours, plain)
-        assert_complete(viewer, ours, plain)
+        viewer.watch(lambda: not viewer.is_sharing, ours)
+        viewer.match(ours, plain)
+        viewer.watch(lambda: not viewer.shared and plain.sent > 20, ours, plain)  # noqa: B023
+        viewer.watch(lambda: not viewer.subscription._shared._links, ours, plain)
+        viewer.assert_complete(ours, plain)
         plain.destroy()
-    watch_sharing(viewer, ours)
-    assert_complete(viewer, ours)
+    viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
 
 
 def test_two_sharing_publishers(viewer: Viewer, camera: Node, node: Node) -> None:
     first = Camera(camera, 'first')
-    match(viewer, first)
-    watch(viewer, lambda: viewer.is_sharing, first)
+    viewer.match(first)
+    viewer.watch(lambda: viewer.is_sharing, first)
     second = Camera(camera, 'second')
-    watch(viewer, lambda: not viewer.is_sharing, first)
+    viewer.watch(lambda: not viewer.is_sharing, first)
     spin_until(node, lambda: second.subscribers > 0)
     spin_until(node, lambda: viewer.subscription._subscription.publisher_count() == 2)
-    watch_sharing(viewer, first, second)
-    assert_complete(viewer, first, second)
+    viewer.watch_sharing(first, second)
+    viewer.assert_complete(first, second)
     second.destroy()
-    watch(viewer, lambda: first.sent > 100, first)
-    assert_complete(viewer, first)
+    viewer.watch(lambda: first.sent > 100, first)
+    viewer.assert_complete(first)
 
 
 def test_publisher_and_subscriber_of_one_node(viewer: Viewer) -> None:
     ours = Camera(viewer.node)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
-    assert_complete(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
 
 
 def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
     for encoding, height, width in (
             ('mono8', 1, 1), ('bgr8', 481, 641), ('32FC1', 7, 3), ('bayer_rggb8', 1080, 1920),
             ('nv21', 4, 6), ('16UC3', 1081, 1921), ('yuv422_yuy2', 5, 4), ('mono8', 2, 1)):
@@ -147,16 +114,16 @@ def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
             ours.send(encoding, height, width)
             spin_until(viewer.node, lambda: viewer.count == ours.sent)
     assert viewer.shared > 50
-    assert_complete(viewer, ours)
+    viewer.assert_complete(ours)
 
 
 def test_publisher_that_starts_again(viewer: Viewer, camera: Node) -> None:
     for turn in range(20):
         ours = Camera(camera, f'turn{turn}')
         spin_until(viewer.node, lambda: ours.subscribers > 0)  # noqa: B023
-        match(viewer, ours)
-        watch_sharing(viewer, ours)
-        assert_complete(viewer, ours)
+        viewer.match(ours)
+        viewer.watch_sharing(ours)
+        viewer.assert_complete(ours)
         ours.destroy()
 
 
@@ -165,8 +132,8 @@ def test_overwritten_frames_are_counted(
         view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
     viewer = view(depth=depth)
     ours = Camera(camera)
-    match(viewer, ours)
-    watch(viewer, lambda: viewer.is_sharing, ours, window=1)
+    viewer.match(ours)
+    viewer.watch(lambda: viewer.is_sharing, ours, window=1)
     spin_until(viewer.node, lambda: viewer.count == ours.sent)
     before = ours.sent
     for _ in range(100):
@@ -183,10 +150,10 @@ def test_overwritten_frames_before_the_image_topic_are_counted(
         view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
     viewer = view(depth=depth)
     ours = Camera(camera)
-    match(viewer, ours)
-    watch(viewer, lambda: viewer.is_sharing, ours, window=1)
+    viewer.match(ours)
+    viewer.watch(lambda: viewer.is_sharing, ours, window=1)
     plain = Camera(camera, 'plain', is_plain=True)
-    watch(viewer, lambda: not viewer.is_sharing, ours, window=1)
+    viewer.watch(lambda: not viewer.is_sharing, ours, window=1)
     for _ in range(100):  # some before the camera discovers the subscription, and some after
         ours.send()
     spin_until(viewer.node, lambda: ours.subscribers > 0)
@@ -235,9 +202,9 @@ def test_every_frame_is_kept(view: Callable[..., Viewer], camera: Node, in_threa
     held: list[Frame] = []
     viewer = view(in_thread=in_thread, hold=held.append)
     ours = Camera(camera)
-    match(viewer, ours)
-    watch(viewer, lambda: viewer.shared > 100, ours)
-    assert_complete(viewer, ours)
+    viewer.match(ours)
+    viewer.watch(lambda: viewer.shared > 100, ours)
+    viewer.assert_complete(ours)
     assert all(map(is_picture, held))
 
 
@@ -248,8 +215,8 @@ def test_view_outlives_subscription_and_node(domain: int, camera: Node) -> None:
     node = Node('leaves', context=context)
     viewer = Viewer(node, hold=held.append)
     ours = Camera(camera)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
     frames = [frame for frame in held if frame.raw.base is not None][-MAX_VIEWS:]
     with pytest.raises(ValueError, match='read-only'):
         frames[0].raw[0] = 0
@@ -281,27 +248,47 @@ def test_hostile_announcement(
         String, TOPIC + SUFFIX, lambda message: announced.append(message.data), latched)
     hostile = camera.create_publisher(String, TOPIC + SUFFIX, latched)
     ours = Camera(camera)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
     text = json.dumps({**json.loads(announced[0]), **changed})
     hostile.publish(String(data=text))
-    watch(viewer, lambda: announced[-1] == text, ours)
+    viewer.watch(lambda: announced[-1] == text, ours)
     until = ours.sent + 200
-    watch(viewer, lambda: ours.sent > until, ours)
-    assert_complete(viewer, ours)
+    viewer.watch(lambda: ours.sent > until, ours)
+    viewer.assert_complete(ours)
     is_harmless = not changed or 'version' in changed
     assert viewer.is_sharing == is_harmless
 
 
 def test_announcements_of_many_strangers(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
-    match(viewer, ours)
-    watch_sharing(viewer, ours)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
     hostile = camera.create_publisher(String, TOPIC + SUFFIX, QoSProfile(
         depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     spin_until(viewer.node, lambda: hostile.get_subscription_count() > 0)
     for number in range(500):
         hostile.publish(String(data=announce(f'{number:032x}', f'{number:032x}').to_text()))
     until = ours.sent + 200
-    watch(viewer, lambda: ours.sent > until, ours)
-    assert_complete(viewer, ours)
+    viewer.watch(lambda: ours.sent > until, ours)
+    viewer.assert_complete(ours)
+
+
+@pytest.mark.parametrize(('changed', 'reason'), [
+    ({}, 'DoesNotExist'), ({'service': ''}, 'its /dev/shm has too little room'),
+    ({'user': 7}, 'it runs on another machine, in another container or as another user'),
+    ({'version': 7}, 'it has no frames yet, reads a file, or is not of opencv_tools with')])
+def test_explanation_of_frames_that_are_not_shared(
+        view: Callable[..., Viewer], camera: Node, changed: dict[str, object], reason: str,
+) -> None:
+    viewer = view(transport='shm')
+    assert 'no publisher on /video_frames' in viewer.subscription.explain_no_frames()
+    plain = Camera(camera, is_plain=True)
+    announcement = announce('0' * 32, publisher_id(plain._plain.handle).hex())
+    announcing = camera.create_publisher(String, TOPIC + SUFFIX, QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    announcing.publish(String(data=json.dumps({**json.loads(announcement.to_text()), **changed})))
+    viewer.watch(lambda: reason in viewer.subscription.explain_no_frames())
+    sentence = viewer.subscription.explain_no_frames()
+    assert sentence.startswith('/video_frames has a publisher that does not share its frames')
+    assert sentence.endswith('; set transport:=auto')

@@ -240,6 +240,48 @@ def test_full_shared_memory(mount_namespace: Sequence[str], megabytes: float, si
     assert ('/dev/shm' in finished.stdout) == refused, finished.stdout
 
 
+FULL = '''
+import os, sys
+from opencv_tools.ros.shared_frames.header import FrameHeader
+from opencv_tools.ros.shared_frames.memory import FrameMemory
+from opencv_tools.ros.shared_frames.pages import SharedMemoryError
+size, sent_before = int(sys.argv[1]), int(sys.argv[2])
+memory = FrameMemory()
+writer = memory.create_writer(size)
+reader = memory.open_reader(writer.service, 16)
+held, sent = [], 0
+for number in range(40):
+    if number == sent_before:
+        found = os.statvfs('/dev/shm')
+        with open('/dev/shm/filling', 'wb') as file:
+            file.write(bytes(found.f_bavail * found.f_frsize))
+    try:
+        slot = writer.lend(size)
+        slot.data[:] = number
+        slot.publish(FrameHeader(sec=number), '', '')
+        sent += 1
+    except SharedMemoryError as err:
+        assert '/dev/shm' in str(err)
+    if number % 3 == 0:
+        held.append(reader.receive())
+assert all((frame.data == frame.header.sec).all() for frame in held if frame)
+print(sent)
+'''
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('size', [3500, 4096, 10000])
+@pytest.mark.parametrize('sent_before', [2, 5, 7])
+def test_shared_memory_filled_by_others(
+        mount_namespace: Sequence[str], size: int, sent_before: int) -> None:
+    finished = subprocess.run(
+        [*mount_namespace, 'sh', '-c', 'mount -t tmpfs -o size=8m none /dev/shm && exec "$@"',
+         'sh', sys.executable, '-c', FULL, str(size), str(sent_before)],
+        capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert finished.returncode == 0, (finished.returncode, finished.stderr)
+    assert sent_before <= int(finished.stdout) < 40
+
+
 # Announcements
 
 def test_announcement_there_and_back() -> None:
