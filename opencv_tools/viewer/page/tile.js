@@ -110,8 +110,7 @@ export class Tile {
     this.element.classList.toggle('quiet', Boolean(reason) || mood === 'lost');
     this.#part('.reason').hidden = !reason;
     this.#part('.reason').textContent = reason;
-    this.#part('.wait').hidden = hasPicture || Boolean(reason);
-    this.#part('.wait').textContent = mood === 'paused' ? 'Paused' : 'Waiting for the first picture';
+    this.#part('.wait').hidden = hasPicture;
     const { sent } = status;
     const facts = [
       ['Size', size(status)],

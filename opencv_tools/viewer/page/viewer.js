@@ -6,7 +6,8 @@ const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
 const SETTLE_MS = 200;
 const GAP = 16; // pixels between tiles
-const CAPTION = 70; // pixels of the texts below a picture, and of the gap below them
+const CAPTION = 52; // pixels of the texts below a picture
+const ONE_CAPTION = 56; // the same where one picture is shown
 const LEAST_TILE = 280; // width in pixels
 
 const part = (id) => document.getElementById(id);
@@ -158,15 +159,28 @@ function step(distance) {
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
 
-/** Return the number of columns with which all pictures fit on the screen, if any does. */
-function columns(count, ratio) {
-  const { clientWidth: width, offsetTop: top } = cameras;
-  let number = 1;
-  while ((width - GAP * number) / (number + 1) >= LEAST_TILE
-    && Math.ceil(count / number) * ((width / number - GAP) / ratio + CAPTION) > innerHeight - top) {
-    number += 1;
+/**
+ * Arrange the tiles so that all of them are on the screen, as large as possible.
+ *
+ * If the pictures were too small, the tiles have the width of a column, and the page scrolls.
+ */
+function arrange(count, ratio) {
+  const width = cameras.clientWidth;
+  const below = document.querySelector('footer').offsetHeight + GAP;
+  const height = innerHeight - part('content').offsetTop - GAP - below;
+  const caption = selected ? ONE_CAPTION : CAPTION;
+  let best = { score: 0, columns: Math.max(1, Math.floor(width / LEAST_TILE)), tile: '' };
+  for (let columns = 1; columns <= count; columns += 1) {
+    const rows = Math.ceil(count / columns);
+    const tile = Math.min((width + GAP) / columns - GAP,
+      ((height + GAP) / rows - GAP - caption) * ratio);
+    const score = tile * Math.sqrt(count / (rows * columns)); // few gaps in the last row
+    if (tile >= LEAST_TILE && score > best.score) best = { score, columns, tile: `${tile}px` };
   }
-  return Math.min(number, Math.max(1, count));
+  best.columns = Math.min(best.columns, Math.max(1, count));
+  cameras.style.setProperty('--ratio', ratio);
+  cameras.style.setProperty('--columns', best.columns);
+  cameras.style.setProperty('--tile', best.tile || '1fr');
 }
 
 /** Show the state of the page; the facts of each tile follow. */
@@ -196,10 +210,9 @@ function showAll() {
   }
   ratios.sort((one, other) => one - other);
   const one = tiles.get(selected)?.status;
-  const ratio = one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9;
-  cameras.style.setProperty('--ratio', ratio);
-  cameras.style.setProperty('--columns', selected ? 1 : columns(tiles.size, ratio));
   showPanel();
+  arrange(selected ? 1 : tiles.size,
+    one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9);
   ask();
 }
 
@@ -293,6 +306,7 @@ document.addEventListener('keydown', (event) => {
   action();
 });
 document.addEventListener('visibilitychange', ask);
+addEventListener('resize', showAll);
 addEventListener('popstate', () => select(new URL(location).searchParams.get('topic') ?? '', false));
 part('back').addEventListener('click', (event) => {
   event.preventDefault();
