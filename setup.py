@@ -22,7 +22,7 @@ setup(
     name=package_name,
     version='0.2.0',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed']},
+    package_data={package_name: ['py.typed', 'viewer/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -49,6 +49,7 @@ setup(
             'img_filter = opencv_tools.image_filter:main',
             'img_publisher = opencv_tools.basic_image_publisher:main',
             'img_subscriber = opencv_tools.basic_image_subscriber:main',
+            'img_viewer = opencv_tools.image_viewer:main',
             'robot_compare = opencv_tools.robot.cli:robot_compare',
             'robot_frames = opencv_tools.robot.cli:robot_frames',
             'sdf_to_urdf = opencv_tools.robot.cli:sdf_to_urdf',
