@@ -49,6 +49,7 @@ setup(
             'img_filter = opencv_tools.image_filter:main',
             'img_publisher = opencv_tools.basic_image_publisher:main',
             'img_subscriber = opencv_tools.basic_image_subscriber:main',
+            'img_viewer = opencv_tools.image_viewer:main',
             'robot_compare = opencv_tools.robot.cli:robot_compare',
             'robot_frames = opencv_tools.robot.cli:robot_frames',
             'sdf_to_urdf = opencv_tools.robot.cli:sdf_to_urdf',
