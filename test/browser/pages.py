@@ -34,8 +34,8 @@ from sensor_msgs.msg import Image
 STRIPE = ((0, 0, 255), (0, 255, 0), (255, 0, 0), (255, 255, 255))
 _CELLS = 4  # a number has 16 bits, in rows of four squares
 
-# Runs in each page before its own scripts. A picture counts only as it is in the canvas.
-_SCRIPT = """
+#: Runs in each page before its own scripts. A picture counts only as it is in the canvas.
+SCRIPT = """
 window.drawn = [];
 window.sockets = [];
 window.WebSocket = class extends WebSocket {
@@ -60,6 +60,7 @@ window.factOf = (topic, fact) => tileOf(topic)?.querySelector(
   `[data-fact=${fact}] dd`)?.textContent;
 document.addEventListener('drawn', (event) => drawn.push({
   topic: event.target.closest('.tile').dataset.topic, number: numberIn(event.target),
+  stamp: event.detail.stamp,
   age: (performance.timeOrigin + performance.now()) / 1000 - event.detail.stamp,
 }), true);
 """
@@ -155,7 +156,7 @@ class Viewer:
 @pytest.fixture
 def browser() -> Iterator[Browser]:
     """Start a browser with an empty profile; every page can read the numbers of frames."""
-    with new_browser(script=_SCRIPT) as started:
+    with new_browser(script=SCRIPT) as started:
         yield started
 
 
@@ -174,4 +175,4 @@ def viewer(start_viewer: Callable[..., Viewer]) -> Viewer:
     return start_viewer()
 
 
-__all__ = ['NANO', 'Camera', 'Viewer', 'browser', 'numbered_frame', 'start_viewer', 'viewer']
+__all__ = ['NANO', 'SCRIPT', 'Camera', 'Viewer', 'browser', 'numbered_frame', 'start_viewer', 'viewer']
