@@ -42,7 +42,7 @@ _MAX_PARAMETERS = 500
 _MAX_NODES = 50
 _SAVE, _CAPTURE = '/save', '/set_capture'
 _TRIGGER, _SET_BOOL = 'std_srvs/srv/Trigger', 'std_srvs/srv/SetBool'
-_HIDDEN = 'qos_overrides.'
+_HIDDEN = ('qos_overrides.', 'start_type_description_service', 'use_sim_time')
 
 
 class Control:

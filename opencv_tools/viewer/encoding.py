@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, KW_ONLY
 from typing import Any
 
 import cv2
@@ -53,6 +53,7 @@ class PictureOptions:
 
     width: int
     quality: int
+    _: KW_ONLY
     limits: tuple[float, float] | None = None
     height: int = 0
     keep: bool = True

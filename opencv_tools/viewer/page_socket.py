@@ -133,7 +133,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
             return await self.site.hub.control(
                 lambda control: _CONTROLS[kind](control, message[kind], message))
         except RequestError as err:
-            return {kind: {'node': message[kind], 'ok': False, 'message': str(err)}}
+            return {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
+                           'message': str(err)}}
 
     def _acknowledge(self, sequence: Any) -> None:
         if not isinstance(sequence, int) or not 0 < sequence <= self._sequence:

@@ -124,6 +124,9 @@ class SiteHandler(RequestHandler):
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(f'{printable(sentence, 1000)}\n')
 
+    def compute_etag(self) -> None:
+        """Compute no hash of pictures, which are never asked for again."""
+
     def write_file(self, file: PageFile) -> None:
         """Write a file of the page."""
         self.set_header('Content-Type', file.content_type)
