@@ -21,8 +21,10 @@ import sys
 
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import ViewerError
-from opencv_tools.viewer.graph import ExecutorCalls, Graph
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.parameters import PARAMETERS, ViewerSettings
 from rclpy.node import Node
 from rclpy.task import Future
@@ -49,7 +51,8 @@ class ImageViewer(Node):
         settings = ViewerSettings(**declare_parameters(self, PARAMETERS))
         log = self.get_logger()
         self.done = Future()
-        self._graph = Graph(self, settings.patterns, settings.transport, log)
+        self._graph = Graph(self, settings.patterns, settings.transport, log,
+                            Control(self) if settings.control else None)
         self._server = ViewerServer(
             settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self), log,
             self._fail)

@@ -131,7 +131,7 @@ class Channel:
             width, quality = self._link.width, self._link.quality
             width = 0 if width >= self._source_width else width
         keep = not options.fixed and not (self._link and self._link.is_lowered)
-        return PictureOptions(width, quality, options.limits, keep)
+        return PictureOptions(width, quality, limits=options.limits, keep=keep)
 
     def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | None]) -> None:
         self._is_encoding = False

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, KW_ONLY
 from typing import Any
 
 import cv2
@@ -47,13 +47,23 @@ class PictureOptions:
     :param width: largest width in pixels; 0 for the full size.
     :param quality: JPEG quality, 1 to 100.
     :param limits: numbers that become black and white; None for those of the image.
+    :param height: largest height in pixels; 0 for no limit.
     :param keep: whether a JPEG that need not be scaled is kept byte for byte.
     """
 
     width: int
     quality: int
+    _: KW_ONLY
     limits: tuple[float, float] | None = None
+    height: int = 0
     keep: bool = True
+
+    def width_for(self, width: int, height: int) -> int:
+        """Return the width of the picture of an image with some size."""
+        limits = [self.width or width, width]
+        if self.height and height:
+            limits.append(max(1, width * self.height // height))
+        return min(limits)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,10 +118,11 @@ def _encode_compressed(message: WireCompressedImage, options: PictureOptions) ->
     width, height = jpeg_size(content)
     check_size(width, height, _BROWSER_PIXELS)
     check_complete(content)
-    if options.keep and not 0 < options.width < width:
+    wanted = options.width_for(width, height)
+    if options.keep and wanted == width:
         return Picture(data=content, width=width, height=height, source_size=(width, height),
                        encoding=described, is_kept=True)
-    factor = width // options.width if options.width else 1
+    factor = width // wanted
     flag = _REDUCED.get(max((step for step in _REDUCED if step <= factor), default=1),
                         cv2.IMREAD_COLOR)
     try:
@@ -138,10 +149,11 @@ def _encode_pixels(
             encoding = find_encoding('bgr16')
         else:
             image, encoding = convert_image(image, encoding, target), target
+    width = options.width_for(image.shape[1], image.shape[0])
     if np.dtype(encoding.dtype) == np.uint8:
-        image = _scale(image, options.width)
+        image = _scale(image, width)
     else:
-        image = _pick(image, options.width)
+        image = _pick(image, width)
         if encoding.channels == 1 and encoding.name != '32SC1':
             limits = options.limits or _limits(image, encoding)
     name = 'mono8' if encoding.channels == 1 and encoding.name != '32SC1' else 'bgr8'
@@ -160,9 +172,9 @@ def _limits(image: NDArray[Any], encoding: Encoding) -> tuple[float, float]:
 
 
 def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return an image of bytes that is not wider than ``width``, unless that is 0."""
+    """Return an image of bytes with another width."""
     rows, columns = image.shape[:2]
-    if not 0 < width < columns:
+    if width == columns:
         return image
     size = width, max(1, round(rows * width / columns))
     return cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_LINEAR)
@@ -170,5 +182,5 @@ def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:
 
 def _pick(image: NDArray[Any], width: int) -> NDArray[Any]:
     """Return every n-th pixel, because a mean of depths or labels has no meaning."""
-    step = -(-image.shape[1] // width) if width else 1
+    step = -(-image.shape[1] // width)
     return image[::step, ::step]

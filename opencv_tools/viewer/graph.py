@@ -16,11 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 import itertools
-from queue import Empty, SimpleQueue
 import re
 from typing import Any
 
@@ -28,7 +27,9 @@ from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.protocol import COMPRESSED
 from rclpy.node import Node
 
 #: Maximum number of topics in the list.
@@ -37,7 +38,6 @@ MAX_TOPICS = 200
 _MAX_NUMBERS = 10_000
 
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
-_COMPRESSED = '/compressed'
 # Number of frames that the middleware keeps while the executor is busy.
 _DEPTH = 3
 _TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed'}
@@ -76,10 +76,12 @@ class FeedState:
 
     :param reason: reason why no frame arrives; '' while frames arrive.
     :param lost: number of frames lost between the publisher and this node.
+    :param is_latched: whether the publishers keep their last frame for new subscriptions.
     """
 
     reason: str
     lost: int
+    is_latched: bool
 
 
 @dataclass(frozen=True)
@@ -89,42 +91,20 @@ class GraphState:
 
     :param topics: topics by name, in alphabetical order.
     :param feeds: states of the subscriptions by topic.
+    :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
+        control.
     """
 
     topics: dict[str, ViewTopic]
     feeds: dict[str, FeedState]
-
-
-class ExecutorCalls:
-    """Call functions in the executor of a node, from any thread."""
-
-    def __init__(self, node: Node) -> None:
-        """
-        Create an empty queue.
-
-        :param node: node of the executor.
-        """
-        self._queue: SimpleQueue[Callable[[], object]] = SimpleQueue()
-        self._guard = node.create_guard_condition(self._run)
-
-    def post(self, call: Callable[[], object]) -> None:
-        """Request a call; thread-safe."""
-        self._queue.put(call)
-        self._guard.trigger()
-
-    def _run(self) -> None:
-        while True:
-            try:
-                call = self._queue.get_nowait()
-            except Empty:
-                return
-            call()
+    nodes: dict[str, list[str]]
 
 
 class Graph:
     """Find the image topics, and subscribe to those that somebody looks at."""
 
-    def __init__(self, node: Node, patterns: Sequence[str], transport: str, log: Log) -> None:
+    def __init__(self, node: Node, patterns: Sequence[str], transport: str, log: Log,
+                 control: Control | None) -> None:
         """
         Create a graph without subscriptions.
 
@@ -132,11 +112,13 @@ class Graph:
         :param patterns: names of topics, with ``*`` for any text; empty for all topics.
         :param transport: ``auto``, ``raw`` or ``compressed``; auto prefers compressed images.
         :param log: log for the subscriptions.
+        :param control: control of other nodes, if it is allowed.
         """
         self._node = node
         self._patterns = patterns
         self._transport = transport
         self._log = log
+        self.control = control
         self._numbers: dict[str, int] = {}
         self._next_number = itertools.count(1)
         self._open: dict[str, tuple[Feed, FrameSubscription, str]] = {}
@@ -149,7 +131,7 @@ class Graph:
                 continue
             if name.endswith(_OTHER_TRANSPORTS):
                 continue
-            base = name.removesuffix(_COMPRESSED) or name
+            base = name.removesuffix(COMPRESSED) or name
             if len(found) < MAX_TOPICS and self._is_wanted(base):
                 self._add_publishers(found, base, name)
         for name in self._open.keys() - found.keys():
@@ -181,8 +163,10 @@ class Graph:
                 self._subscribe(name, feed, best)
         return GraphState(topics, {
             name: FeedState(self._reason(topics[name], feed, subscription),
-                            subscription.losses.count)
-            for name, (feed, subscription, _) in self._open.items()})
+                            subscription.losses.count, subscription.is_latched)
+            for name, (feed, subscription, _) in self._open.items()
+        }, self.control.nodes(node for topic in topics.values() for node in topic.nodes)
+            if self.control else {})
 
     def _subscribe(self, name: str, feed: Feed, transport: str) -> None:
         subscription = FrameSubscription(

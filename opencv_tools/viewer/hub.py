@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
 from typing import Any, Protocol
 
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
+from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.graph import ExecutorCalls, FeedState, Graph, GraphState
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import FeedState, Graph, GraphState
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewOptions
 from opencv_tools.viewer.stream import Stream
@@ -39,8 +42,8 @@ _CLOSE_SECONDS = 1.0
 class Viewer(Protocol):
     """An open page."""
 
-    def update(self, topics: list[dict[str, Any]] | None) -> None:
-        """Send the state, and the topics if they have changed."""
+    def update(self, changed: dict[str, Any]) -> None:
+        """Send the state, and the lists that have changed."""
 
     def close(self, code: int | None = None, reason: str | None = None) -> None:
         """Close the connection to the page."""
@@ -68,7 +71,7 @@ class Hub:
         """
         self.settings = settings
         self.viewers: set[Viewer] = set()
-        self.state = GraphState({}, {})
+        self.state = GraphState({}, {}, {})
         self._graph = graph
         self._calls = calls
         self._pool = pool
@@ -164,14 +167,36 @@ class Hub:
             self._calls.post(self._read_state)
         return await asyncio.shield(self._pending)
 
-    def topics_json(self) -> list[dict[str, Any]]:
-        """Return the list of topics of the protocol."""
-        return [topic.as_json() for topic in self.state.topics.values()]
+    async def control(
+        self, choose: Callable[[Control], Coroutine[Any, Any, dict[str, Any]]],
+    ) -> dict[str, Any]:
+        """
+        Control another node.
+
+        :param choose: calls a method of the control.
+        :returns: the answer for the page.
+        :raises RequestError: control is off, or the node does not answer.
+        """
+        control = self._graph.control
+        if control is None:
+            raise RequestError('control is off: start the node with control:=true', 403)
+        answered: asyncio.Future[dict[str, Any] | RequestError] = self._loop.create_future()
+        self._calls.start(choose(control), lambda answer: self._loop.call_soon_threadsafe(
+            _set_result, answered, answer))
+        answer = await answered
+        if isinstance(answer, RequestError):
+            raise answer
+        return answer
+
+    def lists(self) -> dict[str, Any]:
+        """Return the topics, and the nodes that can be controlled, by the name of the message."""
+        topics = [topic.as_json() for topic in self.state.topics.values()]
+        return {'topics': topics, **({'nodes': self.state.nodes} if self.state.nodes else {})}
 
     def status(self, stream: Stream) -> dict[str, Any]:
         """Return the state of a stream of the protocol."""
         feed, picture = stream.feed, stream.last_picture
-        known = self.state.feeds.get(stream.name, FeedState('', 0))
+        known = self.state.feeds.get(stream.name, FeedState('', 0, False))
         topic = self.state.topics.get(stream.name)
         width, height = picture.source_size if picture else (0, 0)
         limits = picture.limits if picture else None
@@ -186,7 +211,7 @@ class Hub:
 
     def full_json(self) -> list[dict[str, Any]]:
         """Return the list of topics with the state of those that somebody looks at."""
-        topics = self.topics_json()
+        topics: list[dict[str, Any]] = self.lists()['topics']
         for topic in topics:
             stream = self._streams.get(topic['name'])
             if stream:
@@ -208,8 +233,8 @@ class Hub:
 
     def _set_state(self, state: GraphState) -> None:
         self.state = state
-        if self._pending and not self._pending.done():
-            self._pending.set_result(state)
+        if self._pending:
+            _set_result(self._pending, state)
         self._pending = None
 
     def _close_unused(self, stream: Stream) -> None:
@@ -221,10 +246,15 @@ class Hub:
     async def _update_viewers(self) -> None:
         """Send the state to all pages once a second, while there are any."""
         while self.viewers:
-            before = self.topics_json()
+            before = self.lists()
             await self.refresh()
-            topics = self.topics_json()
-            changed = topics if topics != before else None
+            changed = {name: value for name, value in self.lists().items()
+                       if value != before.get(name)}
             for viewer in tuple(self.viewers):
                 viewer.update(changed)
             await asyncio.sleep(_POLL_SECONDS)
+
+
+def _set_result(future: asyncio.Future[Any], result: Any) -> None:
+    if not future.done():  # the page may have been closed
+        future.set_result(result)

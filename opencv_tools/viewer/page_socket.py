@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
 import json
 import socket
 import time
@@ -24,6 +26,7 @@ from typing import Any
 
 from opencv_tools.viewer.access import is_same_origin
 from opencv_tools.viewer.channel import Channel
+from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.encoding import Picture
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
@@ -35,6 +38,16 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 _MAX_BAD_MESSAGES = 10
 _POLICY_VIOLATION = 1008
+
+_Message = dict[str, Any]
+# What each word of a page makes the control do, given the node and the message.
+_CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Message]]] = {
+    'parameters': lambda control, node, _: control.parameters(node),
+    'set': lambda control, node, message: control.set(
+        node, message.get('name'), message.get('value')),
+    'capture': lambda control, node, message: control.capture(node, message.get('on')),
+    'save': lambda control, node, _: control.save(node),
+}
 
 
 class PageSocket(SiteHandler, WebSocketHandler):
@@ -65,7 +78,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
             'version': VERSION, 'node': self.site.node, 'host': socket.gethostname(),
             'control': settings.control, 'width': settings.width, 'quality': settings.quality,
             'rate': settings.rate, 'now': time.time()}})
-        self._post({'topics': hub.topics_json()})
+        for name, value in hub.lists().items():
+            self._post({name: value})
         hub.add_viewer(self)
 
     def on_close(self) -> None:
@@ -86,17 +100,17 @@ class PageSocket(SiteHandler, WebSocketHandler):
         if self._bad_messages >= _MAX_BAD_MESSAGES:
             self.close(_POLICY_VIOLATION, 'too many messages that cannot be used')
 
-    def update(self, topics: list[dict[str, Any]] | None) -> None:
+    def update(self, changed: dict[str, Any]) -> None:
         """Send the state, unless the page has not read the last one."""
-        if topics is not None:
-            self._post({'topics': topics})
+        for name, value in changed.items():
+            self._post({name: value})
         if self._channels and (self._sending is None or self._sending.done()):
             hub = self.site.hub
             self._post({'status': [
                 {**hub.status(channel.stream), **channel.status()}
                 for channel in self._channels.values()]})
 
-    async def _answer(self, message: dict[str, Any]) -> dict[str, Any] | None:
+    async def _answer(self, message: _Message) -> _Message | None:
         """Fulfil a wish and return the answer."""
         if 'got' in message:
             self._acknowledge(message['got'])
@@ -107,8 +121,20 @@ class PageSocket(SiteHandler, WebSocketHandler):
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
         else:
-            raise RequestError('the message has none of subscribe, unsubscribe, got and ping')
+            return await self._control(message)
         return None
+
+    async def _control(self, message: _Message) -> _Message:
+        """Control a camera or a recorder; a refusal has the form of the answer."""
+        kind = next((key for key in _CONTROLS if key in message), None)
+        if kind is None:
+            raise RequestError('the message has no known word, such as subscribe or got')
+        try:
+            return await self.site.hub.control(
+                lambda control: _CONTROLS[kind](control, message[kind], message))
+        except RequestError as err:
+            return {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
+                           'message': str(err)}}
 
     def _acknowledge(self, sequence: Any) -> None:
         if not isinstance(sequence, int) or not 0 < sequence <= self._sequence:
@@ -117,7 +143,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
             if channel.answered(sequence):
                 return
 
-    async def _subscribe(self, message: dict[str, Any]) -> dict[str, Any] | None:
+    async def _subscribe(self, message: _Message) -> _Message | None:
         name = topic_of(message['subscribe'])
         options = self.site.hub.options(parse_options(message))
         if name in self._channels:
@@ -152,18 +178,16 @@ class PageSocket(SiteHandler, WebSocketHandler):
             number, self._sequence, frame.stamp, time.time(), picture.data), binary=True)
         return self._sequence
 
-    def _post(self, message: dict[str, Any]) -> None:
+    def _post(self, message: _Message) -> None:
         """Send a message without waiting for the page to read it."""
         self._sending = self._start(json.dumps(message))
 
     def _start(self, message: str | bytes, binary: bool = False) -> asyncio.Future[None]:
         return asyncio.ensure_future(self._write_safely(message, binary))
 
-    async def _write(self, message: dict[str, Any]) -> None:
+    async def _write(self, message: _Message) -> None:
         await self._write_safely(json.dumps(message), False)
 
     async def _write_safely(self, message: str | bytes, binary: bool) -> None:
-        try:
+        with suppress(WebSocketClosedError):  # on_close follows
             await self.write_message(message, binary)
-        except WebSocketClosedError:
-            pass  # on_close follows

@@ -32,6 +32,9 @@ MAX_MESSAGE_BYTES = 4096
 #: Widths in pixels that pictures are scaled to; few, so that viewers share encodings.
 WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
 
+#: End of the name of a topic with compressed images.
+COMPRESSED = '/compressed'
+
 _HEAD = struct.Struct('>IIdd')
 _MAX_WIDTH = 65_535
 _MAX_NAME = 256
@@ -93,13 +96,14 @@ def parse_message(text: str | bytes) -> dict[str, Any]:
 
 def topic_of(name: Any) -> str:
     """
-    Return the name of a topic from a message or a URL.
+    Return the name of a topic from a message or a URL, without ``/compressed``.
 
     :raises RequestError: it is not a text, or too long.
     """
     if not isinstance(name, str) or not 0 < len(name) <= _MAX_NAME:
         raise RequestError('the name of a topic is missing or too long')
-    return name if name.startswith('/') else f'/{name}'
+    name = name if name.startswith('/') else f'/{name}'
+    return name.removesuffix(COMPRESSED) or name
 
 
 def parse_options(message: dict[str, Any]) -> ViewOptions:
@@ -120,6 +124,22 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
         quality=int(_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=_number(message.get('rate', 0), 'rate', 0, 1000),
         fixed=message.get('fixed', False) is True, limits=limits)
+
+
+def number_of(text: str, name: str, low: float, high: float) -> float:
+    """
+    Read a number in a URL.
+
+    :param text: value.
+    :param name: name of the value, for the message.
+    :param low: smallest valid number.
+    :param high: largest valid number.
+    :raises RequestError: the value is invalid.
+    """
+    try:
+        return _number(float(text), name, low, high)
+    except ValueError:
+        return _number(text, name, low, high)
 
 
 def step_width(width: int) -> int:

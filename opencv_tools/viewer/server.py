@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 import logging
 import os
 import socket
@@ -29,7 +30,8 @@ from opencv_tools.image.text import printable
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.errors import ViewerError
-from opencv_tools.viewer.graph import ExecutorCalls, Graph
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.page_files import read_page
 from opencv_tools.viewer.page_socket import PageSocket
@@ -37,6 +39,8 @@ from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
 from opencv_tools.viewer.web import (
     FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
+from opencv_tools.viewer.web_video_server import (
+    SnapshotHandler, StreamHandler, StreamViewerHandler)
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets
@@ -102,10 +106,8 @@ class ViewerServer:
 
     def close(self) -> None:
         """Close all connections and end the thread."""
-        try:
+        with suppress(RuntimeError):  # it has ended by itself
             self._loop.call_soon_threadsafe(self._end.set)
-        except RuntimeError:
-            pass  # it has ended by itself
         self._thread.join(_END_SECONDS)
 
     def _run(self) -> None:
@@ -170,6 +172,9 @@ def _application(site: Site) -> Application:
         ('/ws', PageSocket, keywords),
         ('/topics', TopicsHandler, keywords),
         ('/healthz', HealthHandler, keywords),
+        ('/snapshot', SnapshotHandler, keywords),
+        ('/stream', StreamHandler, keywords),
+        ('/stream_viewer', StreamViewerHandler, keywords),
     ], default_handler_class=UnknownHandler, default_handler_args=keywords,
         log_function=lambda _: None, websocket_ping_interval=_PING_SECONDS,
         websocket_ping_timeout=_PING_SECONDS, websocket_max_message_size=MAX_MESSAGE_BYTES)

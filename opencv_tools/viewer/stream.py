@@ -19,7 +19,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import suppress
 from functools import partial
+from typing import ParamSpec, TypeVar
 
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.errors import ImageError
@@ -27,6 +29,9 @@ from opencv_tools.image.text import printable
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
+
+_P = ParamSpec('_P')
+_T = TypeVar('_T')
 
 
 class Stream:
@@ -106,14 +111,18 @@ class Stream:
             self.watchers.discard(arrived.set)
         return self.feed.newest
 
+    async def in_pool(self, function: Callable[_P, _T], *args: _P.args,
+                      **keywords: _P.kwargs) -> _T:
+        """Return the result of a function that a thread of the pool calls."""
+        call = partial(function, *args, **keywords)
+        return await self._loop.run_in_executor(self._pool, call)
+
     def _notify(self) -> None:
         """Wake the loop, in the executor; once for all frames that it has not seen yet."""
         if not self._is_notified:
             self._is_notified = True
-            try:
+            with suppress(RuntimeError):  # the loop is closed
                 self._loop.call_soon_threadsafe(self._frame_arrived)
-            except RuntimeError:  # the loop is closed
-                pass
 
     def _frame_arrived(self) -> None:
         self._is_notified = False
@@ -121,9 +130,8 @@ class Stream:
             watcher()
 
     async def _encode(self, frame: NewFrame, options: PictureOptions) -> Picture | None:
-        encode = partial(encode_picture, frame.message, options)
         try:
-            self.last_picture = await self._loop.run_in_executor(self._pool, encode)
+            self.last_picture = await self.in_pool(encode_picture, frame.message, options)
         except (CvBridgeError, ImageError) as err:
             if self._broken_number != frame.number:
                 self._broken_number = frame.number

@@ -101,6 +101,13 @@ class SiteHandler(RequestHandler):
             self.get_cookie(self.site.cookie), self.get_query_argument('token', None),
             authorization.removeprefix('Bearer '))
 
+    def keep_token(self) -> None:
+        """Keep the token of the URL in a cookie; the token was checked."""
+        token = self.site.access.token
+        if token and self.get_query_argument('token', None) == token:
+            self.set_cookie(self.site.cookie, token, httponly=True, samesite='Strict',
+                            secure=self.site.is_secure)
+
     def set_default_headers(self) -> None:
         """Set the headers that protect the page."""
         self.clear_header('Server')
@@ -116,6 +123,9 @@ class SiteHandler(RequestHandler):
         sentence = getattr(err, 'sentence', _SENTENCES.get(status_code, self._reason))
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(f'{printable(sentence, 1000)}\n')
+
+    def compute_etag(self) -> None:
+        """Compute no hash of pictures, which are never asked for again."""
 
     def write_file(self, file: PageFile) -> None:
         """Write a file of the page."""
@@ -145,7 +155,6 @@ class IndexHandler(SiteHandler):
 
     def get(self) -> None:
         """Write the page, and keep a token of the URL in a cookie."""
-        access = self.site.access
         try:
             self.check_token()
         except RequestError as err:
@@ -154,9 +163,7 @@ class IndexHandler(SiteHandler):
             self.set_status(err.status)
             self._write_page(TOKEN_FORM)
             return
-        if access.token and self.get_query_argument('token', None):
-            self.set_cookie(self.site.cookie, access.token, httponly=True, samesite='Strict',
-                            secure=self.site.is_secure)
+        self.keep_token()
         self._write_page(INDEX)
 
     def _write_page(self, name: str) -> None:
