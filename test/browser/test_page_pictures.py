@@ -229,6 +229,8 @@ def test_saved_picture(
     browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(tmp_path))
     page.wait_for('numberOf("/map") === 0xBEEF')
     page.press('s')
+    page.wait_for('document.getElementById("notice").textContent')
+    assert page.evaluate('document.getElementById("notice").textContent').startswith('Saved map_')
     saved, = wait_until(lambda: [*tmp_path.glob('*.png')])
     assert np.array_equal(cv2.imread(str(saved)), numbered_frame(0xBEEF))
 

@@ -122,7 +122,7 @@ export class Connection {
     const timer = setTimeout(() => timeout.abort(), ANSWER_MS);
     try {
       const answer = await fetch('/topics', { cache: 'no-store', signal: timeout.signal });
-      if (!answer.ok && !this.isOpen) this.#listener.disconnected(await answer.text());
+      if (!answer.ok && !this.isOpen) this.#listener.disconnected((await answer.text()).trim());
     } catch {
       // The server does not answer, as the page says already.
     } finally {

@@ -1,3 +1,5 @@
+const LONGEST_SLIDER = 10000; // a longer range is a field, because a pixel would be many steps
+
 /** Return a new element with a class and text. */
 function make(name, style = '', text = '') {
   const element = document.createElement(name);
@@ -11,22 +13,32 @@ function words(name) {
   return name.replaceAll('_', ' ');
 }
 
-/** Return the input for a parameter and whether it is one of the simple ones. */
-function makeInput({ type, minimum, maximum, step, choices, read_only: isFixed }) {
-  const isNumber = type === 'integer' || type === 'double';
+/** Return a field for a number. */
+function makeNumber({ type, minimum, maximum, step }) {
+  const input = make('input');
+  input.type = 'number';
+  input.min = minimum ?? '';
+  input.max = maximum ?? '';
+  input.step = step || (type === 'integer' ? 1 : 'any');
+  return input;
+}
+
+/** Return the input for a parameter. */
+function makeInput(parameter) {
+  const { type, minimum, maximum, choices } = parameter;
+  if (!choices.length && (type === 'integer' || type === 'double')) {
+    const input = makeNumber(parameter);
+    const isRange = minimum !== null && maximum !== null && maximum - minimum <= LONGEST_SLIDER;
+    if (isRange) input.type = 'range';
+    return input;
+  }
   const input = make(choices.length ? 'select' : 'input');
   if (choices.length) {
     for (const [value, text] of choices) input.append(new Option(text, JSON.stringify(value)));
   } else if (type === 'bool') {
     input.type = 'checkbox';
     input.setAttribute('role', 'switch');
-  } else if (isNumber) {
-    input.type = minimum === null || maximum === null ? 'number' : 'range';
-    input.min = minimum ?? '';
-    input.max = maximum ?? '';
-    input.step = step || (type === 'integer' ? 1 : 'any');
   }
-  input.disabled = isFixed;
   return input;
 }
 
@@ -47,9 +59,9 @@ class Row {
   #parameter;
   #send;
   #input;
-  #output = make('output');
+  #field = null; // beside a slider, for exact numbers
   #isSending = false;
-  #next = false;
+  #next = null; // input that has changed meanwhile
 
   constructor(parameter, send) {
     this.#parameter = parameter;
@@ -58,21 +70,29 @@ class Row {
     const kind = { checkbox: 'switch', range: 'slider', number: 'number' }[this.#input.type];
     this.element = make('label', kind ?? 'field');
     this.element.title = parameter.description;
-    this.element.append(make('span', '', words(parameter.name)), this.#output, this.#input);
-    this.#output.hidden = this.#input.type !== 'range';
-    this.isSimple = !parameter.read_only && this.#input.type !== 'number' && kind !== undefined
-      || parameter.choices.length > 0;
+    this.element.append(make('span', '', words(parameter.name)), this.#input);
+    if (kind === 'slider') {
+      this.#field = makeNumber(parameter);
+      this.#input.before(this.#field);
+      this.#field.addEventListener('change', () => this.#set(this.#field));
+    }
+    for (const input of this.element.querySelectorAll('input, select')) {
+      input.setAttribute('aria-label', words(parameter.name));
+      input.disabled = parameter.read_only;
+    }
+    this.isSimple = !parameter.read_only
+      && (kind === 'slider' || kind === 'switch' || parameter.choices.length > 0);
     // A slider sends while it moves, but no faster than the camera answers.
-    this.#input.addEventListener(this.#input.type === 'range' ? 'input' : 'change',
-      () => this.#set());
+    this.#input.addEventListener(kind === 'slider' ? 'input' : 'change',
+      () => this.#set(this.#input));
     this.update(parameter);
   }
 
-  #set() {
-    const value = read(this.#input, this.#parameter);
-    this.#output.textContent = value;
+  #set(input) {
+    const value = read(input, this.#parameter);
     if (Number.isNaN(value)) return;
-    this.#next = this.#isSending;
+    this.#show(value);
+    this.#next = this.#isSending && input;
     if (this.#isSending) return;
     this.#isSending = true;
     this.#send(this.#parameter.name, value);
@@ -81,19 +101,20 @@ class Row {
   /** Show the value that the node has after a request. */
   answered(value) {
     this.#isSending = false;
-    if (this.#next) this.#set();
+    if (this.#next) this.#set(this.#next);
     else this.#show(value);
   }
 
   /** Show the value of the node, unless somebody changes it here. */
   update({ value }) {
-    const isTyping = document.activeElement === this.#input && this.#input.type !== 'checkbox';
+    const { activeElement: active } = document;
+    const isTyping = this.element.contains(active) && active.matches('input:not([type=checkbox])');
     if (!this.#isSending && !isTyping) this.#show(value);
   }
 
   #show(value) {
     write(this.#input, this.#parameter, value);
-    this.#output.textContent = value;
+    if (this.#field) this.#field.value = value;
   }
 }
 

@@ -259,7 +259,7 @@ function pause() {
 async function save(name) {
   try {
     const answer = await fetch(`/snapshot?topic=${encodeURIComponent(name)}&format=original`);
-    if (!answer.ok) throw new Error(await answer.text());
+    if (!answer.ok) throw new Error((await answer.text()).trim());
     const file = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
     const link = document.createElement('a');
     link.href = URL.createObjectURL(await answer.blob());
