@@ -37,7 +37,7 @@ RELEASED = {
 SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
     'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
-    'python3-tqdm', 'python3-yaml'}
+    'python3-tornado', 'python3-tqdm', 'python3-yaml'}
 CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'docs', 'setup.py')
 
 
