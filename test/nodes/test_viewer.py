@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import os
 from pathlib import Path
+import subprocess
+import sys
 
 from conftest import NodeProcess
 import cv2
@@ -57,7 +58,7 @@ def test_raw_image_is_scaled(viewer: NodeProcess, node: Node) -> None:
     image = gradient(640, 480)
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         hello = await page.text('hello')
         assert (hello['version'], hello['node'], hello['control']) == (1, '/image_viewer', False)
         await listed(page, '/front/image')
@@ -86,7 +87,7 @@ def test_compressed_images_pass_byte_for_byte(viewer: NodeProcess, node: Node) -
              for number in range(5)]
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/image')
         await page.send(subscribe='/image')
         await camera.seen()
@@ -103,7 +104,7 @@ def test_viewers_share_encodings(viewer: NodeProcess, node: Node) -> None:
     frames, widths = 5, (160, 160, 150, 320)
 
     async def look() -> None:
-        pages = [await Page.open(address_of(viewer)) for _ in widths]
+        pages = [await Page.connect(address_of(viewer)) for _ in widths]
         for page, width in zip(pages, widths):
             await listed(page, '/image')
             await page.send(subscribe='/image', width=width)
@@ -126,7 +127,7 @@ def test_busy_page_gets_the_newest_frame_and_delays_no_other(
 
     async def look() -> None:
         url = address_of(viewer)
-        busy, quick = await Page.open(url), await Page.open(url)
+        busy, quick = await Page.connect(url), await Page.connect(url)
         for page in (busy, quick):
             await listed(page, '/image')
             await page.send(subscribe='/image')
@@ -153,7 +154,7 @@ def test_page_that_reads_nothing_delays_no_other(viewer: NodeProcess, node: Node
 
     async def look() -> None:
         url = address_of(viewer)
-        deaf, quick = await Page.open(url), await Page.open(url)
+        deaf, quick = await Page.connect(url), await Page.connect(url)
         await listed(quick, '/image')
         await deaf.send(subscribe='/image', fixed=True, quality=100)
         await quick.send(subscribe='/image', width=160)
@@ -173,7 +174,7 @@ def test_latched_picture_reaches_every_page(viewer: NodeProcess, node: Node) -> 
 
     async def look() -> None:
         url = address_of(viewer)
-        first, second = await Page.open(url), await Page.open(url)
+        first, second = await Page.connect(url), await Page.connect(url)
         for page in (first, second):
             await listed(page, '/map')
             await page.send(subscribe='/map')
@@ -189,7 +190,7 @@ def test_latched_picture_reaches_every_page(viewer: NodeProcess, node: Node) -> 
 def test_publisher_restarts_with_another_size_and_transport(
         viewer: NodeProcess, node: Node) -> None:
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         camera = Camera(node, 'image')
         await listed(page, '/image')
         await page.send(subscribe='/image')
@@ -218,7 +219,7 @@ def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node)
     jpeg = encode_image(gradient(320, 240), '.jpg').tobytes()
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/image')
         await page.send(subscribe='/image')
         await camera.seen()
@@ -239,7 +240,7 @@ def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
     depth = np.tile(np.linspace(1000, 3000, 64).astype(np.uint16), (48, 1))
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/depth')
         await page.send(subscribe='/depth')
         await camera.seen()
@@ -259,7 +260,7 @@ def test_topics_of_another_type_and_unknown_topics(viewer: NodeProcess, node: No
     chatter, camera = node.create_publisher(String, 'chatter', 10), Camera(node, 'image')
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/image')
         for name in ('/chatter', '/nothing', '/bad name', '/'):
             await page.send(subscribe=name)
@@ -279,7 +280,7 @@ def test_reason_of_silence_and_the_chosen_topics(start: Start, node: Node) -> No
     cameras = [Camera(node, name) for name in ('front/image', 'rear', 'rear/other')]
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/front/image', '/rear')
         await page.send(subscribe='/rear')
         state = await page.status(lambda state: state['reason'])
@@ -297,7 +298,7 @@ def test_rate_is_limited(start: Start, node: Node) -> None:
     camera = Camera(node, 'image')
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/image')
         await page.send(subscribe='/image', rate=100)
         await camera.seen()
@@ -319,20 +320,20 @@ def test_opened_and_closed_pages_leave_nothing(viewer: NodeProcess, node: Node) 
         links = []
         for descriptor in descriptors.iterdir():
             try:
-                links.append(os.readlink(descriptor))
+                links.append(str(descriptor.readlink()))
             except FileNotFoundError:
                 continue
         return sum(link.startswith('socket:') for link in links)
 
     async def look() -> None:
         url = address_of(viewer)
-        page = await Page.open(url)
+        page = await Page.connect(url)
         await listed(page, '/image')
         page.socket.close()
         await page.close_code()
         before = sockets()
         for number in range(200):
-            page = await Page.open(url)
+            page = await Page.connect(url)
             await page.send(subscribe='/image', width=160)
             if number % 50 == 0:
                 await page.text('status')
@@ -342,7 +343,7 @@ def test_opened_and_closed_pages_leave_nothing(viewer: NodeProcess, node: Node) 
                 page.socket.stream.close()  # as a page that crashes
         await until(lambda: sockets() <= before)
         await until(lambda: camera.publisher.get_subscription_count() == 0)
-        page = await Page.open(url)
+        page = await Page.connect(url)
         await page.send(subscribe='/image')
         await camera.seen()
         camera.publish(GRAY)
@@ -356,15 +357,15 @@ def test_pages_are_limited(start: Start) -> None:
 
     async def look() -> None:
         url = address_of(viewer)
-        pages = [await Page.open(url) for _ in range(2)]
+        pages = [await Page.connect(url) for _ in range(2)]
         with pytest.raises(Exception, match='503'):
-            await Page.open(url)
+            await Page.connect(url)
         answer = await fetch(url, '/stream?topic=/image')
         assert answer.code == 503
         assert answer.body.decode().startswith('2 pages look already')
         pages[0].socket.close()
         await pages[0].close_code()
-        assert await (await Page.open(url)).text('hello')
+        assert await (await Page.connect(url)).text('hello')
 
     run_page(look())
 
@@ -372,7 +373,7 @@ def test_pages_are_limited(start: Start) -> None:
 def test_rubbish_in_the_websocket(viewer: NodeProcess) -> None:
     async def look() -> None:
         url = address_of(viewer)
-        page = await Page.open(url)
+        page = await Page.connect(url)
         rubbish = ('', 'x', '[]', '{"got": "a"}', '{"got": 5}', '{"subscribe": 5}',
                    '{"subscribe": "/a", "width": -1}', '{"unsubscribe": null}', '{}')
         for text in rubbish:
@@ -382,7 +383,7 @@ def test_rubbish_in_the_websocket(viewer: NodeProcess) -> None:
         assert await page.text('pong') == 7
         await page.socket.write_message(bytes(100), binary=True)  # the tenth
         assert await page.close_code() == 1008
-        page = await Page.open(url)
+        page = await Page.connect(url)
         await page.socket.write_message('x' * 5000)
         assert await page.close_code() in (1009, None)  # Tornado may close without a code
         assert (await fetch(url, '/healthz')).body == b'ok\n'
@@ -394,7 +395,7 @@ def test_open_pages_do_not_delay_the_end(viewer: NodeProcess, node: Node) -> Non
     camera = Camera(node, 'image')
 
     async def look() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await listed(page, '/image')
         await page.send(subscribe='/image')
         await camera.seen()
@@ -403,6 +404,18 @@ def test_open_pages_do_not_delay_the_end(viewer: NodeProcess, node: Node) -> Non
 
     run_page(look())
     assert viewer.finish() == 0
+
+
+@pytest.mark.process
+def test_tornado_is_missing(domain: int) -> None:
+    script = ('import sys; sys.modules.update(tornado=None); '
+              'from opencv_tools.image_viewer import main; sys.exit(main(["img_viewer"]))')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60, check=False)
+    assert finished.returncode == 1
+    assert 'Traceback' not in finished.stderr
+    assert 'img_viewer needs Tornado: install it with sudo apt install python3-tornado' in (
+        finished.stderr)
 
 
 def test_port_in_use(start: Start, viewer: NodeProcess) -> None:

@@ -47,7 +47,7 @@ def test_parameters_of_a_camera(start: Start, camera: NodeProcess) -> None:
     async def act() -> None:
         url = address_of(viewer)
         assert '?token=' in url  # also on the loopback address
-        page = await Page.open(url)
+        page = await Page.connect(url)
         assert (await page.text('hello'))['control'] is True
         await controlled(page, cameras=['/image_publisher'])
         await page.send(parameters='/image_publisher')
@@ -84,7 +84,7 @@ def test_pause_of_a_camera(start: Start, camera: NodeProcess) -> None:
     viewer = start('img_viewer', port=0, control='true')
 
     async def act() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await controlled(page, cameras=['/image_publisher'])
         await page.send(subscribe='/video_frames')
         await page.picture()
@@ -105,7 +105,7 @@ def test_saved_frame(start: Start, camera: NodeProcess, tmp_path: Path) -> None:
     start('img_subscriber', mode='on_request', output_dir=tmp_path / 'saved')
 
     async def act() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await controlled(page, recorders=['/image_subscriber'])
         await page.send(save='/image_subscriber')
         answer = await page.text('save')
@@ -120,7 +120,7 @@ def test_only_cameras_and_recorders_are_controlled(start: Start) -> None:
     viewer = start('img_viewer', port=0, control='true')
 
     async def act() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         await page.text('nodes')
         for message in ({'parameters': '/image_viewer'}, {'save': '/image_viewer'},
                         {'capture': '/image_viewer', 'on': True}, {'save': None},
@@ -139,7 +139,7 @@ def test_control_is_off_by_default(start: Start, camera: NodeProcess) -> None:
     viewer = start('img_viewer', port=0, token='open-sesame')
 
     async def act() -> None:
-        page = await Page.open(address_of(viewer))
+        page = await Page.connect(address_of(viewer))
         assert (await page.text('hello'))['control'] is False
         for message in ({'parameters': '/image_publisher'}, {'save': '/image_subscriber'},
                         {'capture': '/image_publisher', 'on': False},

@@ -69,7 +69,7 @@ def test_token_is_needed_everywhere(guarded: NodeProcess) -> None:
         assert b'name="token"' in answer.body
         assert (await fetch(url, '/healthz')).code == 200
         with pytest.raises(Exception, match='403'):
-            await Page.open(url.replace(TOKEN, 'wrong-token'))
+            await Page.connect(url.replace(TOKEN, 'wrong-token'))
 
     run_page(ask())
     assert 'wrong' not in guarded.output
@@ -89,7 +89,7 @@ def test_token_of_the_url_becomes_a_cookie(guarded: NodeProcess) -> None:
         assert (await fetch(url, '/', **given)).body == answer.body
         assert (await fetch(url, '/topics', **given)).code == 200
         assert (await fetch(url, '/topics', Authorization=f'Bearer {TOKEN}')).code == 200
-        page = await Page.open(url.partition('?')[0], **given)
+        page = await Page.connect(url.partition('?')[0], **given)
         assert await page.text('hello')
 
     run_page(ask())
@@ -127,8 +127,8 @@ def test_foreign_origin_gets_no_websocket(viewer: NodeProcess, origin: str) -> N
     async def ask() -> None:
         url = address_of(viewer)
         with pytest.raises(Exception, match='403'):
-            await Page.open(url, Origin=origin)
-        page = await Page.open(url, Origin=url.rstrip('/'))
+            await Page.connect(url, Origin=origin)
+        page = await Page.connect(url, Origin=url.rstrip('/'))
         assert await page.text('hello')
 
     run_page(ask())
@@ -184,7 +184,7 @@ def test_hostile_requests(viewer: NodeProcess) -> None:
     port = int(address_of(viewer).rstrip('/').rpartition(':')[2])
     for request in (b'\0' * 1000, b'GET / HTTP/1.1\r\n' + b'a: b\r\n' * 10_000,
                     b'GET /' + b'a' * 100_000 + b' HTTP/1.1\r\n\r\n',
-                    b'POST /topics HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n',
+                    b'POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n',
                     b'GET /%ff?topic=%ff HTTP/1.1\r\nHost: localhost\r\n\r\n',
                     b'GET / HTTP/1.1\r\n\r\n',
                     b'GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n'):
@@ -217,7 +217,7 @@ def test_topics_and_their_state(viewer: NodeProcess, node: Node) -> None:
         (topic,) = await topics()
         assert topic == {'id': 1, 'name': '/image', 'transports': ['raw', 'compressed'],
                          'nodes': ['/plain'], 'publishers': 1}
-        page = await Page.open(url)
+        page = await Page.connect(url)
         await page.send(subscribe='/image')
         await page.text('status')
         (topic,) = await topics()
@@ -405,7 +405,7 @@ def test_tls(start: Start, tmp_path: Path) -> None:
         answer = await fetch(url, f'/?token={TOKEN}')
         assert answer.code == 200
         assert 'Secure' in answer.headers['Set-Cookie']
-        assert await (await Page.open(url)).text('hello')
+        assert await (await Page.connect(url)).text('hello')
 
     run_page(ask())
     assert viewer.is_running()

@@ -152,4 +152,7 @@ def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
           'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
           'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
-          'opencv_tools/cv_bridge.py', 'opencv_tools/robot')
+          'opencv_tools/cv_bridge.py', 'opencv_tools/robot', 'opencv_tools/viewer/access.py',
+          'opencv_tools/viewer/encoding.py', 'opencv_tools/viewer/link_rate.py',
+          'opencv_tools/viewer/page_files.py', 'opencv_tools/viewer/protocol.py',
+          'opencv_tools/viewer/snapshot_file.py')

@@ -30,8 +30,8 @@ from opencv_tools.viewer.protocol import unpack_frame
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CompressedImage, Image
 from sending import stamped
+from sensor_msgs.msg import CompressedImage, Image
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest, HTTPResponse
 from tornado.websocket import websocket_connect, WebSocketClientConnection
 
@@ -60,7 +60,7 @@ class Page:
         self.socket = socket
 
     @classmethod
-    async def open(cls, url: str, **headers: str) -> Page:
+    async def connect(cls, url: str, **headers: str) -> Page:
         """Connect to a server, given the address that it has printed."""
         address = url.replace('http', 'ws', 1).replace('/?', '/ws?')
         if not address.partition('?')[0].endswith('/ws'):
