@@ -45,13 +45,19 @@ class PageError(Exception):
 class Browser:
     """The process of a browser."""
 
-    def __init__(self, folder: Path, within: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, within: Sequence[str] = (), script: str = '',
+        options: Sequence[str] = (),
+    ) -> None:
         """
         Start the browser.
 
         :param folder: folder for the profile and the console.
         :param within: prefix of the command, which must replace itself by ``exec``.
+        :param script: JavaScript that runs in each page before its own.
+        :param options: further options of the command.
         """
+        self._script = script
         self.events: list[dict[str, Any]] = []
         self._answers: dict[int, dict[str, Any]] = {}
         self._number = 0
@@ -59,7 +65,7 @@ class Browser:
         self.log = folder / 'browser.log'
         with self.log.open('w') as console:
             self._process = subprocess.Popen(
-                ['sh', '-c', _AS_FILES_3_AND_4, 'sh', *within, BROWSER, *_FLAGS,
+                ['sh', '-c', _AS_FILES_3_AND_4, 'sh', *within, BROWSER, *_FLAGS, *options,
                  f'--user-data-dir={folder}'],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=console, bufsize=0)
 
@@ -76,6 +82,7 @@ class Browser:
         page = Page(self, target, session)
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             page.call(f'{domain}.enable')
+        page.call('Page.addScriptToEvaluateOnNewDocument', source=self._script)
         page.resize(width, height)
         page.go(url)
         return page
@@ -154,6 +161,19 @@ class Page:
         self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
                   deviceScaleFactor=scale, mobile=width < 600)
 
+    def hide(self) -> None:
+        """Hide the page, as another tab or a minimised window does."""
+        self._set_window('minimized')
+
+    def show(self) -> None:
+        """Show the page again."""
+        self._set_window('normal')
+
+    def _set_window(self, state: str) -> None:
+        window = self._browser.call('Browser.getWindowForTarget', targetId=self._target)
+        self._browser.call('Browser.setWindowBounds', windowId=window['windowId'],
+                           bounds={'windowState': state})
+
     def prefer(self, scheme: str) -> None:
         """Prefer ``light`` or ``dark`` colours."""
         self.call('Emulation.setEmulatedMedia',
@@ -179,7 +199,9 @@ class Page:
         for event in self._browser.events:
             if event.get('sessionId') == self._session:
                 found = event['params']
-                details = found.get('entry') or found.get('exceptionDetails')
+                details = found.get('exceptionDetails') or found['entry']
+                if details.get('level', 'error') != 'error':
+                    continue
                 texts.append(f'{details["text"]} {details.get("url", "")} '
                              f'{details.get("exception", {}).get("description", "")}'.strip())
         return texts
@@ -190,10 +212,12 @@ class Page:
 
 
 @contextmanager
-def new_browser(within: Sequence[str] = ()) -> Iterator[Browser]:
-    """Start a browser for the duration of the block."""
+def new_browser(
+    within: Sequence[str] = (), script: str = '', options: Sequence[str] = (),
+) -> Iterator[Browser]:
+    """Start a browser for the duration of the block; see ``Browser``."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        browser = Browser(Path(folder), within)
+        browser = Browser(Path(folder), within, script, options)
         try:
             yield browser
         finally:

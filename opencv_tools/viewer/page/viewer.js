@@ -7,7 +7,6 @@ const NOTICE_MS = 8000;
 const SETTLE_MS = 200;
 const GAP = 16; // pixels between tiles
 const CAPTION = 52; // pixels of the texts below a picture
-const ONE_CAPTION = 56; // the same where one picture is shown
 const LEAST_TILE = 280; // width in pixels
 
 const part = (id) => document.getElementById(id);
@@ -168,19 +167,24 @@ function arrange(count, ratio) {
   const width = cameras.clientWidth;
   const below = document.querySelector('footer').offsetHeight + GAP;
   const height = innerHeight - part('content').offsetTop - GAP - below;
-  const caption = selected ? ONE_CAPTION : CAPTION;
-  let best = { score: 0, columns: Math.max(1, Math.floor(width / LEAST_TILE)), tile: '' };
+  const one = tiles.get(selected);
+  const caption = one ? one.element.offsetHeight - one.link.offsetHeight : CAPTION;
+  const least = one ? 1 : LEAST_TILE;
+  let best = { score: 0 };
   for (let columns = 1; columns <= count; columns += 1) {
     const rows = Math.ceil(count / columns);
     const tile = Math.min((width + GAP) / columns - GAP,
       ((height + GAP) / rows - GAP - caption) * ratio);
     const score = tile * Math.sqrt(count / (rows * columns)); // few gaps in the last row
-    if (tile >= LEAST_TILE && score > best.score) best = { score, columns, tile: `${tile}px` };
+    if (tile >= least && score > best.score) best = { score, columns, tile };
   }
-  best.columns = Math.min(best.columns, Math.max(1, count));
+  if (!best.score) {
+    best.columns = Math.max(1, Math.min(count, Math.floor((width + GAP) / (LEAST_TILE + GAP))));
+    best.tile = (width + GAP) / best.columns - GAP;
+  }
   cameras.style.setProperty('--ratio', ratio);
   cameras.style.setProperty('--columns', best.columns);
-  cameras.style.setProperty('--tile', best.tile || '1fr');
+  cameras.style.setProperty('--tile', `${best.tile}px`);
 }
 
 /** Show the state of the page; the facts of each tile follow. */
