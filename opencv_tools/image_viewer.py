@@ -44,7 +44,7 @@ class ImageViewer(Node):
         try:
             from opencv_tools.viewer.server import ViewerServer
         except ModuleNotFoundError as err:
-            if err.name != 'tornado':
+            if not str(err.name).startswith('tornado'):
                 raise
             raise ViewerError('img_viewer needs Tornado: install it with sudo apt install '
                               'python3-tornado, or with pip install tornado') from err

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Entry point of both executables: parse arguments, run the node, return an exit status."""
+"""Entry point of the nodes: parse arguments, run the node, return an exit status."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
-# Exit statuses of both executables.
+# Exit statuses of the nodes.
 EXIT_OK = 0
 EXIT_FAILURE = 1
 EXIT_USAGE = 2

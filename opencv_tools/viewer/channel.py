@@ -91,7 +91,7 @@ class Channel:
         if wait > 0:
             self._timer = self._loop.call_later(wait, self._end_wait)
             return
-        self._due = max(self._due + period, now)
+        self._due = max(self._due, now) + period
         self._number = frame.number
         self._is_encoding = True
         future = self.stream.picture(frame, self._picture_options())

@@ -48,7 +48,7 @@ class NewFrame:
 
     @property
     def stamp(self) -> float:
-        """Stamp of the message in seconds."""
+        """Return the stamp of the message in seconds."""
         return self.message.header.sec + self.message.header.nanosec / _NANO
 
 
@@ -83,12 +83,12 @@ class Feed:
 
     @property
     def frames(self) -> int:
-        """Number of received frames."""
+        """Return the number of received frames."""
         return self.newest.number if self.newest else 0
 
     @property
     def rate(self) -> float:
-        """Rate of the received frames in Hz."""
+        """Return the rate of the received frames in Hz."""
         now = time.monotonic()
         recent = [arrival for arrival in tuple(self._arrivals) if now - arrival < _RATE_SECONDS]
         if len(recent) < 2 or recent[-1] <= recent[0]:
@@ -97,13 +97,13 @@ class Feed:
 
     @property
     def quiet_seconds(self) -> float | None:
-        """Time since the last frame in seconds; None before the first one."""
+        """Return the time since the last frame in seconds; None before the first one."""
         arrivals = tuple(self._arrivals)[-1:]
         return time.monotonic() - arrivals[0] if arrivals else None
 
     @property
     def is_quiet(self) -> bool:
-        """Whether frames are missing: none has arrived, or none for several periods."""
+        """Return whether frames are missing: none has arrived, or none for several periods."""
         arrivals = tuple(self._arrivals)
         if len(arrivals) < 2:
             return not arrivals or time.monotonic() - arrivals[0] > _QUIET_SECONDS

@@ -27,6 +27,7 @@ from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.ros.subscriber.topic_discovery import UNKNOWN_NODE
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.protocol import COMPRESSED
@@ -208,5 +209,5 @@ class Graph:
             topic.publishers += name == base or 'raw' not in topic.transports
             if transport not in topic.transports:
                 topic.transports.append(transport)
-            if node not in topic.nodes:
+            if node not in topic.nodes and info.node_name != UNKNOWN_NODE:
                 topic.nodes.append(node)

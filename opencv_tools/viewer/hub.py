@@ -205,7 +205,7 @@ class Hub:
             'id': topic.number if topic else 0, 'name': stream.name, 'width': width,
             'height': height, 'encoding': picture.encoding if picture else '',
             'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
-            'broken': stream.broken, 'reason': known.reason,
+            'broken': stream.broken, 'encodings': stream.encodings, 'reason': known.reason,
             'range': limits and [finite(limit) for limit in limits],
             'quiet': None if quiet is None else round(quiet, 2)}
 

@@ -69,17 +69,17 @@ class LinkRate:
 
     @property
     def width(self) -> int:
-        """Width of the next picture in pixels."""
+        """Return the width of the next picture in pixels."""
         return self._levels[self._level][0]
 
     @property
     def quality(self) -> int:
-        """JPEG quality of the next picture."""
+        """Return the JPEG quality of the next picture."""
         return self._levels[self._level][1]
 
     @property
     def is_lowered(self) -> bool:
-        """Whether pictures are smaller than wanted."""
+        """Return whether pictures are smaller than wanted."""
         return self._level > 0
 
     def answered(self, size: int, seconds: float, period: float, now: float) -> None:

@@ -70,7 +70,7 @@ class Stream:
 
     @property
     def broken(self) -> int:
-        """Number of messages that are not valid images."""
+        """Return the number of messages that are not valid images."""
         return self.feed.broken + self._broken
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | None]:

@@ -32,6 +32,8 @@ _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self' ws://{host} wss://{host}; manifest-src 'self'; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'")
+# Policy of texts.
+_NO_POLICY = "default-src 'none'; frame-ancestors 'none'"
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class SiteHandler(RequestHandler):
         self.set_header('Referrer-Policy', 'no-referrer')
         self.set_header('Cross-Origin-Resource-Policy', 'same-site')
         self.set_header('Cache-Control', 'no-store')
-        self.set_header('Content-Security-Policy', "default-src 'none'")
+        self.set_header('Content-Security-Policy', _NO_POLICY)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """Write one sentence."""

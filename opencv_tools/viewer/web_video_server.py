@@ -178,7 +178,7 @@ class StreamHandler(StreamingHandler):
                 is_repeated = False
                 if not await self._write_part(part):
                     return
-            due = max(due + period, loop.time())
+            due = max(due, loop.time()) + period
             await asyncio.sleep(due - period / 2 - loop.time())
             newer = None
             while newer is None and not self._is_closed:

@@ -135,7 +135,8 @@ def test_constant_depth_and_no_depth_are_gray() -> None:
 
 
 def test_exif_orientation_is_applied_like_in_a_browser() -> None:
-    exif = b'\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0'
+    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
+                         '00000000')
     jpeg = encode_image(gradient(), '.jpg').tobytes()
     turned = jpeg[:2] + exif + jpeg[2:]
     picture = encode_picture(compressed(turned), PictureOptions(320, 80))
