@@ -39,17 +39,17 @@ from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NAMESPACE
 import numpy as np
 from opencv_tools.frames import FrameNode, main as run_node
-from std_msgs.msg import Header
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / 'test' / 'support'))
-from chromium import Browser, BROWSER, new_browser, Page, wait_until  # noqa: E402
+from chromium import BROWSER, Browser, new_browser, Page, wait_until  # noqa: E402, I100
 from hosts import linked_hosts  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
 
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
 RATE = 30.0
 TOPIC = f'{NAMESPACE}/video_frames'
-CANVAS = f'[data-topic=\'{TOPIC}\'] canvas'
+CANVAS = f"[data-topic='{TOPIC}'] canvas"
 SETTLE_SECONDS = 3.0
 BITS = 16  # of a stamp in ms, as squares in the upper rows of a frame
 SQUARE = 80  # pixels
@@ -142,7 +142,7 @@ def open_page(browser: Browser, url: str, **options: object) -> Page:
     """Open the page of the topic."""
     words = ''.join(f'&{name}={value}' for name, value in options.items())
     token = url.partition('?')[2]
-    return browser.open(f'{url.partition("?")[0]}?topic={TOPIC}{words}&{token}', 1440, 900)
+    return browser.new_page(f'{url.partition("?")[0]}?topic={TOPIC}{words}&{token}', 1440, 900)
 
 
 def describe(name: str, ages: np.ndarray, seconds: float) -> str:
@@ -163,7 +163,7 @@ def measure_ages(folder: Path, seconds: float) -> list[Figure]:
         page = open_page(browser, url, width=1280)
         ages = watch(page, CANVAS, seconds)
         page.close()
-        page = browser.open(f'{url}healthz')
+        page = browser.new_page(f'{url}healthz')
         page.evaluate('const picture = new Image(); document.body.append(picture); '
                       f'picture.src = "/stream?topic={TOPIC}&width=1280"; true')
         mjpeg = watch(page, 'img', seconds)

@@ -27,7 +27,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from sending import NANO, stamped
+from sending import stamped
 from sensor_msgs.msg import Image
 
 #: Colours of the stripe at the bottom of a numbered frame, in BGR.
@@ -173,6 +173,3 @@ def start_viewer(start: Callable[..., NodeProcess]) -> Callable[..., Viewer]:
 def viewer(start_viewer: Callable[..., Viewer]) -> Viewer:
     """Start a viewer with the default parameters on a free port."""
     return start_viewer()
-
-
-__all__ = ['NANO', 'SCRIPT', 'Camera', 'Viewer', 'browser', 'numbered_frame', 'start_viewer', 'viewer']

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Who may look, as a browser sees it: tokens, cookies, hosts, origins and the policy of the page."""
+"""Access to the page in a browser: tokens, cookies, hosts, origins and the policy of the page."""
 
 from __future__ import annotations
 
@@ -31,18 +31,22 @@ _OPEN_SOCKET = ('new Promise((done) => {{ const socket = new WebSocket("ws://{0}
                 '}})')
 
 
+class EmptyPage(BaseHTTPRequestHandler):
+    """Answer each request with an empty page."""
+
+    def do_GET(self) -> None:
+        """Send an empty page."""
+        self.send_response(200)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        """Print nothing."""
+
+
 @pytest.fixture
 def other_site() -> Iterator[str]:
     """Serve an empty page of another origin."""
-    class _Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with HTTPServer(('127.0.0.1', 0), _Handler) as server:
+    with HTTPServer(('127.0.0.1', 0), EmptyPage) as server:
         thread = Thread(target=server.serve_forever)
         thread.start()
         yield f'http://127.0.0.1:{server.server_port}/'
@@ -53,7 +57,7 @@ def other_site() -> Iterator[str]:
 def test_token_of_the_printed_address(
         start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     viewer = start_viewer(token=TOKEN)
-    front, page = Camera(camera, '/front'), browser.open(viewer.url)
+    front, page = Camera(camera, '/front'), browser.new_page(viewer.url)
     assert viewer.url.endswith(f'/?token={TOKEN}')
     front.show(page, 1)
     assert TOKEN not in page.evaluate('location.href')
@@ -68,7 +72,7 @@ def test_token_that_is_typed(
         start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     viewer = start_viewer(token=TOKEN)
     address = viewer.url.partition('?')[0]
-    front, page = Camera(camera, '/front'), browser.open(address)
+    front, page = Camera(camera, '/front'), browser.new_page(address)
     for token in ('not-the-token', TOKEN):
         assert page.evaluate('document.title') == 'Token needed'
         page.evaluate(f'document.getElementById("secret").value = "{token}"; '
@@ -81,7 +85,7 @@ def test_token_that_is_typed(
 def test_page_after_the_token_has_changed(
         start_viewer: Callable[..., Viewer], browser: Browser) -> None:
     viewer = start_viewer(token=TOKEN)
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for(LIVE)
     viewer.process.interrupt()
     viewer.process.finish()
@@ -93,7 +97,7 @@ def test_page_after_the_token_has_changed(
 def test_foreign_host_is_refused(viewer: Viewer) -> None:
     rules = 'MAP evil.example 127.0.0.1, MAP localhost 127.0.0.1'
     with new_browser(options=[f'--host-resolver-rules={rules}']) as browser:
-        page = browser.open(f'http://evil.example:{viewer.port}/')
+        page = browser.new_page(f'http://evil.example:{viewer.port}/')
         assert 'allowed_hosts' in page.evaluate('document.body.textContent')
         assert page.evaluate(
             'performance.getEntriesByType("navigation")[0].responseStatus') == 403
@@ -102,7 +106,7 @@ def test_foreign_host_is_refused(viewer: Viewer) -> None:
 
 
 def test_foreign_page_opens_no_socket(viewer: Viewer, browser: Browser, other_site: str) -> None:
-    own, foreign = browser.open(viewer.url), browser.open(other_site)
+    own, foreign = browser.new_page(viewer.url), browser.new_page(other_site)
     open_socket = _OPEN_SOCKET.format(f'127.0.0.1:{viewer.port}')
     assert own.evaluate(open_socket) == 'open'
     assert foreign.evaluate(open_socket) == 'closed'
@@ -111,7 +115,7 @@ def test_foreign_page_opens_no_socket(viewer: Viewer, browser: Browser, other_si
 
 
 def test_foreign_page_shows_no_frame(viewer: Viewer, browser: Browser, other_site: str) -> None:
-    page = browser.open(other_site)
+    page = browser.new_page(other_site)
     page.evaluate(f'const frame = document.createElement("iframe"); frame.src = "{viewer.url}"; '
                   'document.body.append(frame)')
     page.wait_for('true')
@@ -120,7 +124,7 @@ def test_foreign_page_shows_no_frame(viewer: Viewer, browser: Browser, other_sit
 
 
 def test_policy_allows_no_inline_script(viewer: Viewer, browser: Browser) -> None:
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for(LIVE)
     page.evaluate('const script = document.createElement("script"); '
                   'script.textContent = "window.attacked = true"; document.body.append(script)')

@@ -50,7 +50,7 @@ def camera_page(
     """Open the page of a camera, with its controls."""
     start('img_publisher', source='pattern:64x48', publish_rate=20.0)
     viewer = start_viewer(token=TOKEN, control=True)
-    page = browser.open(f'{viewer.url}&topic={TOPIC}')
+    page = browser.new_page(f'{viewer.url}&topic={TOPIC}')
     page.wait_for(f'numberOf("{TOPIC}") >= 0')
     return page
 
@@ -78,7 +78,7 @@ def test_number_sets_a_parameter(kind: str, camera_page: Page, node: Node) -> No
 
 def test_menu_sets_a_parameter(camera_page: Page) -> None:
     change(camera_page, 'rotate', '90')
-    camera_page.wait_for(f'factOf("{TOPIC}", "size") === "48 × 64"')
+    camera_page.wait_for(f'factOf("{TOPIC}", "size") === "48 \u00d7 64"')
 
 
 def test_value_of_another_program(camera_page: Page, node: Node) -> None:
@@ -111,7 +111,7 @@ def test_button_of_a_recorder(
 def test_no_controls_by_default(
         start: Callable[..., NodeProcess], viewer: Viewer, browser: Browser) -> None:
     start('img_publisher', source='pattern:64x48', publish_rate=20.0)
-    page = browser.open(f'{viewer.url}?topic={TOPIC}')
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
     page.wait_for(f'numberOf("{TOPIC}") >= 0')
     assert page.evaluate('document.getElementById("panel").hidden')
     page.evaluate('sockets[0].send(JSON.stringify('

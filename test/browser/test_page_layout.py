@@ -143,7 +143,7 @@ def test_grid(count: int, viewer: Viewer, browser: Browser, camera: Node) -> Non
     cameras = [Camera(camera, f'/camera_{number}/image_raw', LATCHED) for number in range(count)]
     for number, one in enumerate(cameras):
         one.publish(number)
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for('document.getElementById("state").dataset.state === "live"')
     for number, one in enumerate(cameras):
         page.wait_for(f'numberOf({one.topic!r}) === {number}')
@@ -155,7 +155,7 @@ def test_grid(count: int, viewer: Viewer, browser: Browser, camera: Node) -> Non
 def test_stalled_camera_and_long_texts(viewer: Viewer, browser: Browser, camera: Node) -> None:
     name = '/' + 'a_camera_with_a_very_long_name/' * 5 + 'image'
     front, rear = Camera(camera, name), Camera(camera, '/rear')
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     front.show(page, 1)
     rear.show(page, 2)
     camera.destroy_publisher(front.publisher)
@@ -169,7 +169,7 @@ def test_one_camera_with_range(viewer: Viewer, browser: Browser, camera: Node) -
     depth = Camera(camera, '/depth', LATCHED)
     depth.publish_image(np.arange(320 * 240, dtype=np.uint16).reshape(240, 320), '16UC1')
     Camera(camera, '/other')
-    page = browser.open(f'{viewer.url}?topic=/depth')
+    page = browser.new_page(f'{viewer.url}?topic=/depth')
     page.wait_for('document.getElementById("range").offsetWidth > 0')
     check_all(page)
 
@@ -177,7 +177,7 @@ def test_one_camera_with_range(viewer: Viewer, browser: Browser, camera: Node) -
 def test_page_that_asks_for_the_token(
         start_viewer: Callable[..., Viewer], browser: Browser) -> None:
     viewer = start_viewer(token='a-secret-text')
-    page = browser.open(viewer.url.partition('?')[0])
+    page = browser.new_page(viewer.url.partition('?')[0])
     assert page.evaluate('document.title') == 'Token needed'
     check_all(page)
 
@@ -185,8 +185,8 @@ def test_page_that_asks_for_the_token(
 def test_all_of_a_picture_is_on_the_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
     front = Camera(camera, '/portrait', LATCHED)
     front.publish_image(np.zeros((1200, 300, 3), np.uint8), 'bgr8')
-    page = browser.open(f'{viewer.url}?topic=/portrait')
-    page.wait_for('factOf("/portrait", "size") === "300 × 1200"')
+    page = browser.new_page(f'{viewer.url}?topic=/portrait')
+    page.wait_for('factOf("/portrait", "size") === "300 \u00d7 1200"')
     for width, height in SIZES:
         page.resize(width, height)
         page.wait_for(f'innerWidth === {width} && tileOf("/portrait").getBoundingClientRect()'

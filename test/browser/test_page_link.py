@@ -83,13 +83,13 @@ def check_newest_frames(page: Page) -> None:
 
 
 def test_old_frames_are_skipped(slow_viewer: Viewer, far_browser: Browser) -> None:
-    page = far_browser.open(f'{slow_viewer.url}&width=640&quality=90')
+    page = far_browser.new_page(f'{slow_viewer.url}&width=640&quality=90')
     page.wait_for(f'drawn.length >= {DRAWN}')
     check_newest_frames(page)
 
 
 def test_pictures_become_smaller(slow_viewer: Viewer, far_browser: Browser) -> None:
-    page = far_browser.open(slow_viewer.url)
+    page = far_browser.new_page(slow_viewer.url)
     page.wait_for('/quality [1-7][0-9],/.test(factOf("/video_frames", "shown"))'
                   ' || tileOf("/video_frames")?.querySelector("canvas").width < 640')
     assert float(page.wait_for('factOf("/video_frames", "link")').split()[0]) < 10
@@ -99,7 +99,7 @@ def test_quick_page_beside_a_slow_page(
         link: tuple[Host, Host], slow_viewer: Viewer, far_browser: Browser) -> None:
     with new_browser(link[0].within, SCRIPT) as near_browser:
         address = f'{slow_viewer.url}&width=640&quality=90'
-        slow, quick = far_browser.open(address), near_browser.open(address)
+        slow, quick = far_browser.new_page(address), near_browser.new_page(address)
         quick.wait_for('drawn.length > 0')
         before = quick.evaluate('drawn.length'), slow.evaluate('drawn.length')
         slow.wait_for(f'drawn.length >= {before[1]} + {GROUP}')

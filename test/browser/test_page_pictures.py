@@ -24,10 +24,11 @@ from urllib.request import urlopen
 from chromium import Browser, Page, wait_until
 import cv2
 import numpy as np
-from pages import Camera, NANO, numbered_frame, Viewer
+from pages import Camera, numbered_frame, Viewer
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sending import NANO
 
 TOPIC = '/front/video_frames'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -39,13 +40,13 @@ def select(page: Page, topic: str) -> None:
 
 
 def test_pixels_of_numbered_frames(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     for number in (1, 0x8000, 0xA5C3, 0):
         front.show(page, number)
     colors = [page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), {x}, 0.9)')
               for x in (0.125, 0.375, 0.625)]
     assert np.abs(np.array(colors) - 255 * np.eye(3)).max() < 16, colors
-    assert page.wait_for(f'factOf({TOPIC!r}, "size")') == '320 × 240'
+    assert page.wait_for(f'factOf({TOPIC!r}, "size")') == '320 \u00d7 240'
     assert page.evaluate(f'factOf({TOPIC!r}, "encoding")') == 'bgr8'
     assert page.evaluate(f'factOf({TOPIC!r}, "lost")') == '0'
     assert page.complaints() == []
@@ -56,20 +57,20 @@ def test_pixels_of_numbered_frames(viewer: Viewer, browser: Browser, camera: Nod
 ])
 def test_age_of_a_picture(
         seconds: int, text: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 7, time.time_ns() - seconds * NANO)
     page.wait_for(f'factOf({TOPIC!r}, "age") === {text!r}')
 
 
 def test_age_of_simulated_time(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 7, 12 * NANO)
     assert page.wait_for(f'factOf({TOPIC!r}, "age")').endswith(('s', 'min'))
 
 
 def test_eight_topics_on_one_socket(viewer: Viewer, browser: Browser, camera: Node) -> None:
     cameras = [Camera(camera, f'/camera_{number}') for number in range(8)]
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for('document.querySelectorAll(".tile").length === 8')
     for number, one in enumerate(cameras):
         one.show(page, 100 + number)
@@ -82,7 +83,7 @@ def test_eight_topics_on_one_socket(viewer: Viewer, browser: Browser, camera: No
 
 def test_one_topic_and_the_keys(viewer: Viewer, browser: Browser, camera: Node) -> None:
     left, right = Camera(camera, '/left'), Camera(camera, '/right')
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     for one in (left, right):
         one.show(page, 5)
     select(page, '/left')
@@ -105,7 +106,7 @@ def test_one_topic_and_the_keys(viewer: Viewer, browser: Browser, camera: Node) 
 def test_focus_moves_with_the_arrows(viewer: Viewer, browser: Browser, camera: Node) -> None:
     for name in 'abc':
         Camera(camera, f'/{name}')
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for('document.querySelectorAll(".tile").length === 3')
     for key, name in (('ArrowRight', 'a'), ('ArrowRight', 'b'), ('ArrowRight', 'c'),
                       ('ArrowRight', 'c'), ('ArrowLeft', 'b')):
@@ -116,7 +117,7 @@ def test_focus_moves_with_the_arrows(viewer: Viewer, browser: Browser, camera: N
 
 
 def test_hidden_page_asks_for_nothing(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 1)
     page.hide()
     front.wait_for_no_viewer()
@@ -129,7 +130,7 @@ def test_hidden_page_asks_for_nothing(viewer: Viewer, browser: Browser, camera: 
 def test_picture_outside_the_screen_is_not_asked_for(
         viewer: Viewer, browser: Browser, camera: Node) -> None:
     cameras = [Camera(camera, f'/camera_{number}') for number in range(8)]
-    page = browser.open(viewer.url, width=390, height=844)
+    page = browser.new_page(viewer.url, width=390, height=844)
     cameras[0].show(page, 1)
     page.wait_for('document.querySelectorAll(".tile").length === 8')
     cameras[7].wait_for_no_viewer()
@@ -139,7 +140,7 @@ def test_picture_outside_the_screen_is_not_asked_for(
 
 
 def test_paused_page_keeps_its_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 1)
     page.press(' ')
     front.wait_for_no_viewer()
@@ -153,7 +154,7 @@ def test_paused_page_keeps_its_picture(viewer: Viewer, browser: Browser, camera:
 def test_reconnection_after_a_restart(
         start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     front, viewer = Camera(camera, TOPIC), start_viewer()
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     front.show(page, 1)
     viewer.process.interrupt()
     assert viewer.process.finish() == 0
@@ -169,14 +170,14 @@ def test_reconnection_after_a_restart(
 def test_latched_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
     latched = Camera(camera, '/map', LATCHED)
     latched.publish(77)
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for('numberOf("/map") === 77')
     page.go(viewer.url)
     page.wait_for('numberOf("/map") === 77')
 
 
 def test_sentence_of_a_stalled_camera(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.wait_for_viewer()
     sentence = page.wait_for(f'tileOf({TOPIC!r}).querySelector(".reason").textContent')
     assert TOPIC in sentence
@@ -194,7 +195,7 @@ def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
     depth = Camera(camera, '/depth', LATCHED)
     image = np.repeat(np.array([[0, 1000, 2000, 3000]], np.uint16), 80, 1).repeat(240, 0)
     depth.publish_image(image, '16UC1')
-    page = browser.open(f'{viewer.url}?topic=/depth')
+    page = browser.new_page(f'{viewer.url}?topic=/depth')
     grays = ('[0.125, 0.375, 0.625, 0.875].map('
              '(x) => pixel(tileOf("/depth").querySelector("canvas"), x, 0.5)[0])')
     page.wait_for('numberOf("/depth") >= 0')
@@ -214,18 +215,18 @@ def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
 
 
 def test_picture_of_another_size(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    front, page = Camera(camera, TOPIC), browser.open(viewer.url)
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 1)
     front.publish_image(numbered_frame(2, 400, 600), 'bgr8')
     page.wait_for(f'numberOf({TOPIC!r}) === 2')
-    page.wait_for(f'factOf({TOPIC!r}, "size") === "400 × 600"')
+    page.wait_for(f'factOf({TOPIC!r}, "size") === "400 \u00d7 600"')
 
 
 def test_saved_picture(
         viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
     latched = Camera(camera, '/map', LATCHED)
     latched.publish(0xBEEF, 5 * NANO)
-    page = browser.open(f'{viewer.url}?topic=/map')
+    page = browser.new_page(f'{viewer.url}?topic=/map')
     browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(tmp_path))
     page.wait_for('numberOf("/map") === 0xBEEF')
     page.press('s')
@@ -239,7 +240,7 @@ HOSTILE = '<img src=x onerror="window.attacked = true">'
 
 
 def test_hostile_texts(viewer: Viewer, browser: Browser, camera: Node) -> None:
-    page = browser.open(viewer.url)
+    page = browser.new_page(viewer.url)
     page.wait_for('document.getElementById("state").dataset.state === "live"')
     names = [f'/{HOSTILE}', '/"><script>window.attacked = true</script>', '/constructor',
              '/__proto__', '/' + 'long_name_' * 20]

@@ -69,7 +69,7 @@ class Browser:
                  f'--user-data-dir={folder}'],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=console, bufsize=0)
 
-    def open(self, url: str, width: int = 1280, height: int = 800) -> Page:
+    def new_page(self, url: str, width: int = 1280, height: int = 800) -> Page:
         """
         Open a page in a tab of its own.
 

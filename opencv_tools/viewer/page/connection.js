@@ -1,3 +1,17 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
 const FIRST_RETRY_MS = 500;
 const LAST_RETRY_MS = 5000;
 const PING_MS = 5000;
@@ -11,7 +25,7 @@ function now() {
   return (performance.timeOrigin + performance.now()) / 1000;
 }
 
-/** Difference between the clocks of the server and the page, from the quickest of the last pings. */
+/** Difference between the clocks of server and page, from the quickest of the last pings. */
 class Clock {
   #samples = [];
 

@@ -1,3 +1,17 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
 const LONGEST_SLIDER = 10000; // a longer range is a field, because a pixel would be many steps
 
 /** Return a new element with a class and text. */
@@ -203,14 +217,15 @@ export class Controls {
 
   /** Show the controls of those nodes that publish a topic, and the recorders. */
   show(publishers) {
-    const cameras = this.#isEnabled && this.#nodes.cameras.filter((one) => publishers.includes(one));
-    const recorders = this.#isEnabled && publishers.length ? this.#nodes.recorders : [];
+    const { cameras: all, recorders: some } = this.#nodes;
+    const cameras = this.#isEnabled ? all.filter((one) => publishers.includes(one)) : [];
+    const recorders = this.#isEnabled && publishers.length ? some : [];
     const shown = JSON.stringify([cameras, recorders]);
     if (shown === this.#shown) return;
     this.#shown = shown;
     this.#panels.clear();
     this.#element.replaceChildren();
-    for (const node of cameras || []) {
+    for (const node of cameras) {
       const panel = new CameraPanel(node, this.#send);
       this.#panels.set(node, panel);
       this.#element.append(panel.element);

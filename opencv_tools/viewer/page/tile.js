@@ -1,3 +1,17 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
 import { age, number, size, rate } from './text.js';
 
 const WIDTHS = [160, 240, 320, 480, 640, 960, 1280, 1920]; // steps of the server
@@ -86,7 +100,7 @@ export class Tile {
     connection.send({ got: sequence });
   }
 
-  /** Return the age of the picture in seconds: as it was drawn if the next is due later, else now. */
+  /** Return the age of the picture in seconds: when it was drawn, or now if the next is late. */
   #currentAge(now) {
     if (this.#ages.length) {
       this.#ages.sort((one, other) => one - other);
@@ -119,7 +133,8 @@ export class Tile {
       ['Age', hasPicture ? age(this.#currentAge(connection.now)) : ''],
       ['Lost', status.frames ? number(status.lost) : ''],
       ['Broken', status.broken ? `${number(status.broken)} left out` : ''],
-      ['Shown', sent && `${size(sent)}, ${sent.passed_through ? 'unchanged' : `quality ${sent.quality}`}, ${rate(sent.rate)}`],
+      ['Shown', sent && [size(sent), sent.passed_through ? 'unchanged' : `quality ${sent.quality}`,
+        rate(sent.rate)].join(', ')],
       ['Link', status.link && `${number(status.link)} Mbit/s`],
     ];
     this.#showFacts(facts.filter(([, text]) => text));

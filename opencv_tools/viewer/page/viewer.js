@@ -1,13 +1,25 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
+import { arrange } from './grid.js';
 import { Tile } from './tile.js';
 
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
 const SETTLE_MS = 200;
-const GAP = 16; // pixels between tiles
-const CAPTION = 52; // pixels of the texts below a picture
-const LEAST_TILE = 280; // width in pixels
 
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
@@ -158,35 +170,6 @@ function step(distance) {
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
 
-/**
- * Arrange the tiles so that all of them are on the screen, as large as possible.
- *
- * If the pictures were too small, the tiles have the width of a column, and the page scrolls.
- */
-function arrange(count, ratio) {
-  const width = cameras.clientWidth;
-  const below = document.querySelector('footer').offsetHeight + GAP;
-  const height = innerHeight - part('content').offsetTop - GAP - below;
-  const one = tiles.get(selected);
-  const caption = one ? one.element.offsetHeight - one.link.offsetHeight : CAPTION;
-  const least = one ? 1 : LEAST_TILE;
-  let best = { score: 0 };
-  for (let columns = 1; columns <= count; columns += 1) {
-    const rows = Math.ceil(count / columns);
-    const tile = Math.min((width + GAP) / columns - GAP,
-      ((height + GAP) / rows - GAP - caption) * ratio);
-    const score = tile * Math.sqrt(count / (rows * columns)); // few gaps in the last row
-    if (tile >= least && score > best.score) best = { score, columns, tile };
-  }
-  if (!best.score) {
-    best.columns = Math.max(1, Math.min(count, Math.floor((width + GAP) / (LEAST_TILE + GAP))));
-    best.tile = (width + GAP) / best.columns - GAP;
-  }
-  cameras.style.setProperty('--ratio', ratio);
-  cameras.style.setProperty('--columns', best.columns);
-  cameras.style.setProperty('--tile', `${best.tile}px`);
-}
-
 /** Show the state of the page; the facts of each tile follow. */
 function showAll() {
   const state = mood === 'live' && isPaused ? 'paused' : mood;
@@ -215,8 +198,8 @@ function showAll() {
   ratios.sort((one, other) => one - other);
   const one = tiles.get(selected)?.status;
   showPanel();
-  arrange(selected ? 1 : tiles.size,
-    one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9);
+  arrange(tiles.size, one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9,
+    tiles.get(selected));
   ask();
 }
 
@@ -311,7 +294,8 @@ document.addEventListener('keydown', (event) => {
 });
 document.addEventListener('visibilitychange', ask);
 addEventListener('resize', showAll);
-addEventListener('popstate', () => select(new URL(location).searchParams.get('topic') ?? '', false));
+addEventListener('popstate',
+  () => select(new URL(location).searchParams.get('topic') ?? '', false));
 part('back').addEventListener('click', (event) => {
   event.preventDefault();
   select('');
