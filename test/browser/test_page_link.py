@@ -29,8 +29,8 @@ import pytest
 
 RATE = 30.0
 FILES = 30
-DRAWN = 100
-GROUP = 20  # frames of which the median age is taken
+DRAWN = 60
+GROUP = 10  # frames of which the median age is taken
 
 
 @pytest.fixture
