@@ -25,6 +25,8 @@ import time
 
 START_SECONDS = 30.0
 _POLL_SECONDS = 0.02
+_MODULES = {'publisher': 'basic_image_publisher', 'subscriber': 'basic_image_subscriber',
+            'viewer': 'image_viewer'}
 
 # Each test has a domain from 1 to 100; the namespace keeps one benchmark from another.
 _DOMAIN = {'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -44,11 +46,11 @@ class NodeProcess:
         """
         Start it, with its console in a file.
 
-        :param name: ``publisher`` or ``subscriber``.
+        :param name: ``publisher``, ``subscriber`` or ``viewer``.
         :param folder: where the file is.
         :param parameters: of the node.
         """
-        command = [sys.executable, '-m', f'opencv_tools.basic_image_{name}', '--ros-args',
+        command = [sys.executable, '-m', f'opencv_tools.{_MODULES[name]}', '--ros-args',
                    '-r', f'__ns:={NAMESPACE}']
         for parameter, value in parameters.items():
             command += ['-p', f'{parameter}:={value}']

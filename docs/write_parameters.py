@@ -24,7 +24,8 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 
-from opencv_tools import basic_image_publisher, basic_image_subscriber, image_filter
+from opencv_tools import (
+    basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
 from opencv_tools.ros.parameters import Parameter
 
 PAGE = Path(__file__).with_name('parameters.md')
@@ -63,7 +64,8 @@ def parameters_page() -> str:
         _INTRODUCTION,
         _section('img_publisher', 'image_publisher', basic_image_publisher.PARAMETERS),
         _section('img_subscriber', 'image_subscriber', basic_image_subscriber.PARAMETERS),
-        _section('img_filter', 'image_filter', image_filter.PARAMETERS)))
+        _section('img_filter', 'image_filter', image_filter.PARAMETERS),
+        _section('img_viewer', 'image_viewer', image_viewer.PARAMETERS)))
 
 
 def _section(executable: str, node: str, table: Sequence[Parameter]) -> str:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Start one publisher and one subscriber with the parameters of a file."""
+"""Start a publisher, a subscriber and, if wanted, a viewer with the parameters of a file."""
 
 from pathlib import Path
 
@@ -28,8 +28,10 @@ from opencv_tools.ros.command_line import check_params_file
 ARGUMENTS = {
     'image_publisher': {'source': 'Camera number, file, folder, URL or pattern'},
     'image_subscriber': {'output_dir': 'Folder of the recorded files'},
+    'image_viewer': {},
 }
-EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subscriber'}
+EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subscriber',
+               'image_viewer': 'img_viewer'}
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
@@ -42,6 +44,8 @@ def start_nodes(context: LaunchContext) -> list[Node]:
     check_params_file(params_file)
     nodes = []
     for name, executable in EXECUTABLES.items():
+        if name == 'image_viewer' and LaunchConfiguration('viewer').perform(context) == 'false':
+            continue
         values = {argument: LaunchConfiguration(argument).perform(context)
                   for argument in ARGUMENTS[name]}
         overrides = {argument: ParameterValue(value, value_type=str)
@@ -54,16 +58,18 @@ def start_nodes(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch description: arguments and both nodes."""
+    """Return the launch description: arguments and nodes."""
     config = Path(get_package_share_directory('opencv_tools'), 'config', 'camera.yaml')
     arguments = [
         DeclareLaunchArgument(argument, default_value='', description=description)
         for described in ARGUMENTS.values() for argument, description in described.items()]
     return LaunchDescription([
         *arguments,
+        DeclareLaunchArgument('viewer', default_value='false', choices=['false', 'true'],
+                              description='Whether to show the images in a browser'),
         DeclareLaunchArgument('namespace', default_value='',
-                              description='Namespace of both nodes and their topics'),
+                              description='Namespace of the nodes and their topics'),
         DeclareLaunchArgument('params_file', default_value=str(config),
-                              description='YAML file with the parameters of both nodes'),
+                              description='YAML file with the parameters of the nodes'),
         OpaqueFunction(function=start_nodes),
     ])

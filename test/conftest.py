@@ -53,8 +53,8 @@ EXAMPLES = Path(__file__).parent.parent / 'examples'
 DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
 #: Folders of tests that run only within a command of their own, and the variable that it sets.
-OWN_COMMAND = {'camera': 'OPENCV_TOOLS_CAMERA_MACHINE', 'network': 'OPENCV_TOOLS_NETWORK',
-               'interop': 'OPENCV_TOOLS_INTEROP'}
+OWN_COMMAND = {'browser': 'OPENCV_TOOLS_BROWSER', 'camera': 'OPENCV_TOOLS_CAMERA_MACHINE',
+               'network': 'OPENCV_TOOLS_NETWORK', 'interop': 'OPENCV_TOOLS_INTEROP'}
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
 # `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.

@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Entry point of both executables: parse arguments, run the node, return an exit status."""
+"""Entry point of the nodes: parse arguments, run the node, return an exit status."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 import re
 import signal
+import socket
 import sys
+from threading import Thread
 import time
 from types import FrameType
 from typing import Protocol
@@ -35,20 +38,18 @@ from opencv_tools.ros.priority import explain_refusal
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
-# Exit statuses of both executables.
+# Exit statuses of the nodes.
 EXIT_OK = 0
 EXIT_FAILURE = 1
 EXIT_USAGE = 2
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-# Maximum delay of Python's signal handlers, which run when the executor returns.
-_SIGNAL_SECONDS = 0.1
 _FORCE_QUIT_SECONDS = 1.0
 
 
@@ -243,8 +244,9 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
     executor.add_node(node)
     node.done.add_done_callback(lambda _: executor.wake())
     try:
-        while not (signals.received or node.done.done()):
-            executor.spin_once(timeout_sec=_SIGNAL_SECONDS)
+        with _woken_by_signals(executor):
+            while not (signals.received or node.done.done()):
+                executor.spin_once()
     finally:
         try:
             status = node.close()
@@ -252,6 +254,28 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
             signals.end()
             node.destroy_node()
     return status
+
+
+@contextmanager
+def _woken_by_signals(executor: Executor) -> Iterator[None]:
+    """Wake the executor at each signal, because Python's handlers run when it returns."""
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+
+    def wake() -> None:
+        while reader.recv(1):
+            executor.wake()
+
+    thread = Thread(target=wake, name='signals', daemon=True)
+    thread.start()
+    previous = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(previous)
+        writer.close()
+        thread.join()
+        reader.close()
 
 
 def _describe_bad_arguments(err: RuntimeError) -> str:

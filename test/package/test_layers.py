@@ -31,7 +31,9 @@ MODULES = sorted(
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
 PURE = ('opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.regular_files',
-        'opencv_tools.recording.naming', 'opencv_tools.robot')
+        'opencv_tools.recording.naming', 'opencv_tools.robot', 'opencv_tools.viewer.access',
+        'opencv_tools.viewer.errors', 'opencv_tools.viewer.link_rate',
+        'opencv_tools.viewer.page_files', 'opencv_tools.viewer.protocol')
 ALLOWED = {
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.regular_files': set(),
@@ -57,6 +59,15 @@ ALLOWED = {
         'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
     'opencv_tools.ros.shared_frames.memory': {'opencv_tools.ros.shared_frames', 'iceoryx2'},
     'opencv_tools.standard_streams': set(),
+    'opencv_tools.viewer': {
+        'opencv_tools.viewer', 'opencv_tools.cv_bridge', 'opencv_tools.image',
+        'opencv_tools.image_codecs', 'opencv_tools.logs', 'opencv_tools.recording',
+        'opencv_tools.ros', 'cv2', 'rcl_interfaces', 'rclpy', 'std_srvs', 'tornado'},
+    'opencv_tools.viewer.access': {'opencv_tools.viewer.errors'},
+    'opencv_tools.viewer.errors': set(),
+    'opencv_tools.viewer.link_rate': {'opencv_tools.viewer.protocol'},
+    'opencv_tools.viewer.page_files': set(),
+    'opencv_tools.viewer.protocol': {'opencv_tools.viewer.errors'},
     'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
                            'opencv_tools.regular_files', 'opencv_tools.standard_streams',
                            'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
@@ -72,9 +83,11 @@ FORBIDDEN = {
         'opencv_tools.recording'),
     'opencv_tools.ros.publisher': ('opencv_tools.ros.subscriber', 'opencv_tools.recording'),
     'opencv_tools.ros.subscriber': ('opencv_tools.ros.publisher', 'opencv_tools.capture'),
+    'opencv_tools.viewer': ('opencv_tools.ros.publisher',),
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
-         'opencv_tools.basic_image_subscriber', 'opencv_tools.image_filter')
+         'opencv_tools.basic_image_subscriber', 'opencv_tools.image_filter',
+         'opencv_tools.image_viewer')
 
 
 def imported(module: str) -> set[str]:

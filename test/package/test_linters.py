@@ -37,7 +37,7 @@ RELEASED = {
 SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
     'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
-    'python3-tqdm', 'python3-yaml'}
+    'python3-tornado', 'python3-tqdm', 'python3-yaml'}
 CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'docs', 'setup.py')
 
 
@@ -152,4 +152,7 @@ def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
           'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
           'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
-          'opencv_tools/cv_bridge.py', 'opencv_tools/robot')
+          'opencv_tools/cv_bridge.py', 'opencv_tools/robot', 'opencv_tools/viewer/access.py',
+          'opencv_tools/viewer/encoding.py', 'opencv_tools/viewer/link_rate.py',
+          'opencv_tools/viewer/page_files.py', 'opencv_tools/viewer/protocol.py',
+          'opencv_tools/viewer/snapshot_file.py')

@@ -24,7 +24,8 @@ import re
 import shlex
 
 from documentation import Block, ROOT
-from opencv_tools import basic_image_publisher, basic_image_subscriber, image_filter
+from opencv_tools import (
+    basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
 from opencv_tools.robot import cli
 from opencv_tools.ros.parameters import Parameter
 import pytest
@@ -32,9 +33,10 @@ import yaml
 
 PARAMETERS = {'img_publisher': basic_image_publisher.PARAMETERS,
               'img_subscriber': basic_image_subscriber.PARAMETERS,
-              'img_filter': image_filter.PARAMETERS}
+              'img_filter': image_filter.PARAMETERS,
+              'img_viewer': image_viewer.PARAMETERS}
 NODES = {'/image_publisher': 'img_publisher', '/image_subscriber': 'img_subscriber',
-         '/image_filter': 'img_filter'}
+         '/image_filter': 'img_filter', '/image_viewer': 'img_viewer'}
 ROBOT_COMMANDS = ('robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf')
 LAUNCH_FILES = {path.name: path.read_text() for path in (ROOT / 'launch').glob('*.launch.py')}
 MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', (ROOT / 'Makefile').read_text(), re.MULTILINE)[0]

@@ -121,6 +121,11 @@ class FrameSubscription:
         """Name of the subscribed topic after remapping."""
         return self._subscription.topic_name
 
+    @property
+    def is_latched(self) -> bool:
+        """Whether the publishers keep their last messages for later subscriptions."""
+        return bool(self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
         if not self._has_image_topic:
@@ -197,9 +202,8 @@ class FrameSubscription:
         self._choose_topic()
         self._adapt_qos()
         # A latched topic may have published its only image already.
-        latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._no_frames_warning.check(
-            elapsed, latched and self._has_frames and bool(self._publishers))
+            elapsed, self.is_latched and self._has_frames and bool(self._publishers))
 
     def _choose_topic(self) -> None:
         """Change the topic if it has no publisher, or no frames yet and another one is better."""

@@ -35,7 +35,8 @@ TRANSPORTS = {
 
 _NAMED_TOPICS = 5
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
-_UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+#: Name of a publishing node that was not discovered yet, or that is no node of ROS.
+UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _describe_silent(
 
 
 def _describe_node(info: TopicEndpointInfo) -> str:
-    if info.node_name == _UNKNOWN_NODE:
+    if info.node_name == UNKNOWN_NODE:
         return 'not a ROS node'
     return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
 

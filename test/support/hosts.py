@@ -121,11 +121,13 @@ def new_host(address: str = '127.0.0.1', shared_memory: str = '256m') -> Iterato
 
 
 @contextmanager
-def two_hosts(loss: str) -> Iterator[tuple[Host, Host]]:
+def linked_hosts(rate: str, burst: str, latency: str) -> Iterator[tuple[Host, Host]]:
     """
-    Give two hosts at the ends of a cable of 100 Mbit/s that loses one in a thousand.
+    Create two hosts with a link between them.
 
-    :param loss: of what, in ``LOSSES``.
+    :param rate: rate of the link, as ``tc`` reads it.
+    :param burst: size of its bucket.
+    :param latency: longest time of a packet in its queue.
     """
     with new_host('10.77.0.1') as near, new_host('10.77.0.2') as far:
         near.run('ip', 'link', 'add', INTERFACE, 'type', 'veth',
@@ -134,6 +136,18 @@ def two_hosts(loss: str) -> Iterator[tuple[Host, Host]]:
             host.run('ip', 'address', 'add', f'{host.address}/24', 'dev', INTERFACE)
             host.connect()
             host.run('tc', 'qdisc', 'add', 'dev', INTERFACE, 'root',
-                     'tbf', 'rate', '100mbit', 'burst', '128kb', 'latency', '100ms')
-            host.apply_rules(LOSSES[loss])
+                     'tbf', 'rate', rate, 'burst', burst, 'latency', latency)
         yield near, far
+
+
+@contextmanager
+def two_hosts(loss: str) -> Iterator[tuple[Host, Host]]:
+    """
+    Create two hosts with a link of 100 Mbit/s that loses one in a thousand.
+
+    :param loss: lost units, a key of ``LOSSES``.
+    """
+    with linked_hosts('100mbit', '128kb', '100ms') as hosts:
+        for host in hosts:
+            host.apply_rules(LOSSES[loss])
+        yield hosts

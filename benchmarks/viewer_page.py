@@ -1,0 +1,237 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Age of the pictures of the viewer in a browser, from the publisher's stamp to pixels in the page.
+
+The page and MJPEG in ``<img>`` of the same server are measured in turn, in the same way: every few
+milliseconds the stamp is read from the pixels. Then the page is at the end of a link of 8 Mbit/s,
+beside a page on a quick link.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+
+import cv2
+from figures import add_json_option, Figure, write_figures
+from node_process import enter_domain, NAMESPACE
+import numpy as np
+from opencv_tools.frames import FrameNode, main as run_node
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / 'test' / 'support'))
+from chromium import BROWSER, Browser, new_browser, Page, wait_until  # noqa: E402, I100
+from hosts import linked_hosts  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+
+CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
+RATE = 30.0
+TOPIC = f'{NAMESPACE}/video_frames'
+CANVAS = f"[data-topic='{TOPIC}'] canvas"
+SETTLE_SECONDS = 3.0
+BITS = 16  # of a stamp in ms, as squares in the upper rows of a frame
+SQUARE = 80  # pixels
+TURN_MS = 1 << BITS
+
+# Reads the stamp from an element that shows frames, and notes the age when the stamp is new.
+_WATCH = """
+window.watch = (element) => {
+  const probe = Object.assign(document.createElement('canvas'), { width: BITS, height: 1 });
+  const context = probe.getContext('2d', { willReadFrequently: true });
+  window.ages = [];
+  let last = -1;
+  setInterval(() => {
+    const width = element.naturalWidth || element.width;
+    const square = width / BITS;
+    if (!width) return;
+    for (let bit = 0; bit < BITS; bit += 1) {
+      context.drawImage(element, (bit + 0.5) * square, square / 2, 1, 1, bit, 0, 1, 1);
+    }
+    const { data } = context.getImageData(0, 0, BITS, 1);
+    let stamp = 0;
+    for (let bit = 0; bit < BITS; bit += 1) stamp += (data[4 * bit + 1] > 127) * 2 ** bit;
+    if (stamp === last) return;
+    last = stamp;
+    ages.push((performance.timeOrigin + performance.now() - stamp + TURN) % TURN);
+  }, 2);
+};
+""".replace('BITS', str(BITS)).replace('TURN', str(TURN_MS))
+
+
+class Camera(FrameNode):
+    """Publish a clip, each frame with its stamp in the pixels."""
+
+    def __init__(self, topic: str) -> None:
+        """Read the clip."""
+        super().__init__('camera')
+        capture = cv2.VideoCapture(str(CLIP))
+        self._frames = []
+        while (read := capture.read())[0]:
+            self._frames.append(read[1])
+        self._publisher = self.publish_frames(topic)
+        self._count = 0
+        self.create_timer(1 / RATE, self._publish)
+
+    def _publish(self) -> None:
+        image = self._frames[self._count % len(self._frames)].copy()
+        self._count += 1
+        now = self.get_clock().now()
+        bits = now.nanoseconds // 1_000_000 % TURN_MS >> np.arange(BITS) & 1
+        image[:SQUARE, :BITS * SQUARE] = np.repeat(255 * bits, SQUARE)[None, :, None]
+        self._publisher.publish(image, Header(stamp=now.to_msg()))
+
+
+@contextmanager
+def started(folder: Path, *command: str, within: Sequence[str] = ()) -> Iterator[Path]:
+    """Run a command for the duration of the block; the path of its console."""
+    console = folder / f'{time.monotonic_ns()}.log'
+    with console.open('w') as lines:
+        process = subprocess.Popen([*within, *command], stdin=subprocess.DEVNULL, stderr=lines)
+    try:
+        yield console
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@contextmanager
+def camera_and_viewer(
+        folder: Path, address: str, within: Sequence[str] = ()) -> Iterator[str]:
+    """Run both nodes for the duration of the block; the address of the page."""
+    with started(folder, sys.executable, str(Path(__file__)), '--publish', TOPIC,
+                 within=within), \
+            started(folder, sys.executable, '-m', 'opencv_tools.image_viewer', '--ros-args',
+                    '-p', 'port:=0', '-p', f'address:={address}', within=within) as console:
+        found = wait_until(lambda: re.search(r'Open (\S+) in a browser', console.read_text()))
+        yield found[1]
+
+
+def watch(page: Page, selector: str, seconds: float) -> np.ndarray:
+    """Return the ages in ms of the pictures that an element shows, after a while."""
+    page.wait_for(f'document.querySelector("{selector}")?.hidden === false')
+    page.evaluate(f'watch(document.querySelector("{selector}"))')
+    time.sleep(SETTLE_SECONDS)
+    page.evaluate('ages.length = 0')
+    time.sleep(seconds)
+    return np.array(page.evaluate('ages'))
+
+
+def open_page(browser: Browser, url: str, **options: object) -> Page:
+    """Open the page of the topic."""
+    words = ''.join(f'&{name}={value}' for name, value in options.items())
+    token = url.partition('?')[2]
+    return browser.new_page(f'{url.partition("?")[0]}?topic={TOPIC}{words}&{token}', 1440, 900)
+
+
+def describe(name: str, ages: np.ndarray, seconds: float) -> str:
+    """Return a line of the ages."""
+    p50, p95, p99 = np.percentile(ages, (50, 95, 99))
+    return (f'{name:34} p50 {p50:6.1f} ms, p95 {p95:6.1f} ms, p99 {p99:6.1f} ms, '
+            f'{len(ages) / seconds:5.1f} Hz')
+
+
+def goal(name: str, value: float, most: float, unit: str = 'ms') -> Figure:
+    """Return a figure that must not be larger than a limit."""
+    return Figure('viewer_page', name, value, unit, f'at most {most:g}', value <= most)
+
+
+def measure_ages(folder: Path, seconds: float) -> list[Figure]:
+    """Measure the ages in the page and in ``<img>``, in turn, of the same server."""
+    with camera_and_viewer(folder, '127.0.0.1') as url, new_browser(script=_WATCH) as browser:
+        page = open_page(browser, url, width=1280)
+        ages = watch(page, CANVAS, seconds)
+        page.close()
+        page = browser.new_page(f'{url}healthz')
+        page.evaluate('const picture = new Image(); document.body.append(picture); '
+                      f'picture.src = "/stream?topic={TOPIC}&width=1280"; true')
+        mjpeg = watch(page, 'img', seconds)
+    print(describe('page, 720p30', ages, seconds))
+    print(describe('MJPEG in <img>, 720p30', mjpeg, seconds))
+    (p50, p99), (mjpeg50, mjpeg99) = (np.percentile(each, (50, 99)) for each in (ages, mjpeg))
+    return [goal('age in the page, 720p30, p50', float(p50), 15),
+            goal('age in the page, 720p30, p99', float(p99), 40),
+            Figure('viewer_page', 'age of MJPEG in <img>, p50', float(mjpeg50), 'ms'),
+            Figure('viewer_page', 'age of MJPEG in <img>, p99', float(mjpeg99), 'ms'),
+            Figure('viewer_page', 'MJPEG to page, p50', float(mjpeg50 / p50), 'x')]
+
+
+def measure_slow_link(folder: Path, seconds: float) -> list[Figure]:
+    """Measure the ages at the end of a slow link, beside a page on a quick link."""
+    with ExitStack() as stack:
+        near, far = stack.enter_context(linked_hosts('8mbit', '64kb', '200ms'))
+        url = stack.enter_context(camera_and_viewer(folder, near.address, near.within))
+        quick_browser = stack.enter_context(new_browser(near.within, _WATCH))
+        slow_browser = stack.enter_context(new_browser(far.within, _WATCH))
+        quick = open_page(quick_browser, url)
+        alone = watch(quick, CANVAS, seconds / 4)
+        slow = open_page(slow_browser, url)
+        slow.wait_for(f'document.querySelector("{CANVAS}")?.hidden === false')
+        quick.evaluate('ages.length = 0')
+        begin = time.monotonic()
+        ages = watch(slow, CANVAS, seconds)
+        beside = np.array(quick.evaluate('ages'))
+        elapsed = time.monotonic() - begin
+        shown = slow.evaluate(f'document.querySelector("{CANVAS}").closest(".tile")'
+                              '.querySelector("[data-fact=shown] dd")?.textContent')
+    third = len(ages) // 3
+    growth = float(np.median(ages[-third:]) - np.median(ages[:third]))
+    kept = len(beside) / elapsed / (len(alone) / (seconds / 4))
+    print(describe('page behind 8 Mbit/s', ages, seconds) + f', {shown}')
+    print(describe('quick page beside it', beside, elapsed))
+    return [goal('age behind 8 Mbit/s, p50', float(np.percentile(ages, 50)), 150),
+            goal('age behind 8 Mbit/s, p95', float(np.percentile(ages, 95)), 250),
+            goal('growth of the age in the last third', growth, 25),
+            Figure('viewer_page', 'rate of a quick page, beside a slow one to alone', kept, 'x',
+                   'at least 0.95', kept >= 0.95)]
+
+
+def main() -> int:
+    """Print the figures; publish the frames for ``--publish``."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
+    parser.add_argument('--publish', metavar='TOPIC', help=argparse.SUPPRESS)
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.publish:
+        return run_node(lambda: Camera(options.publish), sys.argv[:1])
+    enter_domain()
+    os.environ['PATH'] += ':/usr/sbin:/sbin'  # where Debian keeps tc
+    figures = []
+    with tempfile.TemporaryDirectory() as folder:
+        if shutil.which(BROWSER) is None:
+            print(f'{BROWSER} is missing: sudo apt install {BROWSER}')
+        else:
+            figures += measure_ages(Path(folder), options.seconds)
+            if os.geteuid() == 0 and shutil.which('tc'):
+                figures += measure_slow_link(Path(folder), options.seconds)
+            else:
+                print('a slow link needs root and tc: sudo apt install iproute2')
+    if options.json:
+        write_figures(options.json, figures)
+    return int(any(figure.met is False for figure in figures))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

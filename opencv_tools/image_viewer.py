@@ -1,0 +1,94 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node ``image_viewer``: shows image topics in browsers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+
+from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
+from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.errors import ViewerError
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import Graph
+from opencv_tools.viewer.parameters import PARAMETERS, ViewerSettings
+from rclpy.node import Node
+from rclpy.task import Future
+
+
+class ImageViewer(Node):
+    """Serve a page with all image topics."""
+
+    def __init__(self) -> None:
+        """
+        Start the server; it subscribes when somebody looks.
+
+        :raises ParameterError: the value of a parameter is invalid.
+        :raises ViewerError: the server cannot start.
+        """
+        super().__init__('image_viewer', automatically_declare_parameters_from_overrides=True)
+        try:
+            from opencv_tools.viewer.server import ViewerServer
+        except ModuleNotFoundError as err:
+            if not str(err.name).startswith('tornado'):
+                raise
+            raise ViewerError('img_viewer needs Tornado: install it with sudo apt install '
+                              'python3-tornado, or with pip install tornado') from err
+        settings = ViewerSettings(**declare_parameters(self, PARAMETERS))
+        log = self.get_logger()
+        self.done = Future()
+        self._graph = Graph(self, settings.patterns, settings.transport, log,
+                            Control(self) if settings.control else None)
+        self._server = ViewerServer(
+            settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self), log,
+            self._fail)
+        for name in unknown_parameters(self, PARAMETERS):
+            log.warning(describe_unknown(name, PARAMETERS))
+        log.info(f'Open {self._server.url} in a browser')
+
+    def close(self) -> int:
+        """
+        Close all pages and unsubscribe.
+
+        :returns: the exit status.
+        """
+        self._server.close()
+        self._graph.close_all()
+        return EXIT_FAILURE if self.done.done() else EXIT_OK
+
+    def _fail(self) -> None:
+        self.done.set_result(EXIT_FAILURE)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """
+    Run the node.
+
+    :param args: command line, program name first; None for the command line of the process.
+    :returns: 0 on success, 1 if the server cannot start, 2 for invalid parameters or arguments.
+    """
+    executable = Executable(
+        name='img_viewer', node='image_viewer', parameters=PARAMETERS,
+        description='Show image topics in a browser.',
+        example='-p address:=0.0.0.0 -p port:=8080')
+    status = run(executable, lambda _: ImageViewer(), args, failures=(ViewerError,))
+    keep_exit_status()
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,145 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Access to the viewer: tokens, hosts and origins."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+import hmac
+import ipaddress
+import re
+import secrets
+import socket
+from urllib.parse import urlsplit
+
+from opencv_tools.viewer.errors import RequestError
+
+#: Value of the parameter ``token`` that creates a token if one is necessary.
+AUTOMATIC = 'auto'
+
+_TOKEN = re.compile(r'[A-Za-z0-9_.~-]{8,200}')
+_TOKEN_BYTES = 18
+_HOST = re.compile(r'([A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(?::[0-9]{1,5})?')
+
+
+def check_token(text: str) -> None:
+    """
+    Check the parameter ``token``.
+
+    :raises ValueError: the text cannot be a token.
+    """
+    if text not in ('', AUTOMATIC) and not _TOKEN.fullmatch(text):
+        raise ValueError('give 8 to 200 letters, digits or - _ . ~, an empty text or auto')
+
+
+def is_loopback(address: str) -> bool:
+    """Return whether only programs of this machine can reach an address."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address == 'localhost'
+
+
+def local_names() -> frozenset[str]:
+    """Return the names of this machine."""
+    name = socket.gethostname().lower()
+    return frozenset({'localhost', name, name.partition('.')[0],
+                      f'{name.partition(".")[0]}.local'})
+
+
+@dataclass(frozen=True)
+class Access:
+    """
+    Rules for requests.
+
+    :param token: secret text that a request must have; '' for none.
+    :param hosts: names that the header ``Host`` may have, besides addresses.
+    """
+
+    token: str
+    hosts: Collection[str]
+
+    @classmethod
+    def create(cls, token: str, address: str, control: bool, allowed_hosts: str) -> Access:
+        """
+        Return the rules for the values of the parameters.
+
+        :param token: parameter ``token``.
+        :param address: parameter ``address``.
+        :param control: parameter ``control``.
+        :param allowed_hosts: parameter ``allowed_hosts``, names separated by commas.
+        """
+        if token == AUTOMATIC:
+            is_needed = control or not is_loopback(address)
+            token = secrets.token_urlsafe(_TOKEN_BYTES) if is_needed else ''
+        names = {name.strip().lower() for name in allowed_hosts.split(',') if name.strip()}
+        return cls(token, local_names() | names)
+
+    def check_host(self, host: str) -> None:
+        """
+        Check the header ``Host``, because a foreign name may be made to resolve to this machine.
+
+        :param host: value of the header.
+        :raises RequestError: the name is not allowed.
+        """
+        name = _host_name(host)
+        if name in self.hosts or _is_address(name):
+            return
+        raise RequestError(f'the host {name[:80]!r} is not a name of this machine: use its '
+                           'address, or add the name to the parameter allowed_hosts', 403)
+
+    def check_token(self, *given: str | None) -> None:
+        """
+        Check the token of a request.
+
+        :param given: texts of which one must be the token.
+        :raises RequestError: none of them is the token.
+        """
+        # Each text is compared, so that the time does not depend on the first one.
+        matches = [hmac.compare_digest((text or '').encode(errors='replace'), self.token.encode())
+                   for text in given]
+        if self.token and not any(matches):
+            raise RequestError(
+                'a token is needed: open the address that the node has printed', 403)
+
+
+def is_same_origin(origin: str | None, host: str) -> bool:
+    """
+    Return whether a page of this server opens a WebSocket.
+
+    :param origin: header ``Origin``; None from programs that are not browsers.
+    :param host: header ``Host``.
+    """
+    if origin is None:
+        return True
+    try:
+        return urlsplit(origin).netloc.lower() == host.lower()
+    except ValueError:
+        return False
+
+
+def _host_name(host: str) -> str:
+    """Return the name or address in a header ``Host``, without its port; '' if it is invalid."""
+    parts = _HOST.fullmatch(host)
+    return parts[1].strip('[]').rstrip('.').lower() if parts else ''
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

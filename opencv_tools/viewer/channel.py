@@ -1,0 +1,157 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of one topic for one page, as many as the page answers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from opencv_tools.viewer.encoding import Picture, PictureOptions
+from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.link_rate import LinkRate
+from opencv_tools.viewer.protocol import step_width, ViewOptions
+from opencv_tools.viewer.stream import Stream
+
+# A frame may be sent before it is due by this part of the period, because frames have a jitter.
+_EARLY = 0.5
+_RATE_PICTURES = 16
+
+
+class Channel:
+    """
+    Send the newest frame of a stream, when the page has drawn the previous picture.
+
+    There is no queue. Frames that arrive meanwhile are skipped.
+    """
+
+    def __init__(
+        self, stream: Stream, options: ViewOptions, send: Callable[[NewFrame, Picture], int],
+    ) -> None:
+        """
+        Create a channel and send the newest frame.
+
+        :param stream: stream of the topic.
+        :param options: wishes of the viewer, without zeros except for the width.
+        :param send: sends a picture and returns its sequence number.
+        """
+        self.stream = stream
+        self._send = send
+        self._loop = asyncio.get_running_loop()
+        self._unanswered: dict[int, tuple[float, int]] = {}
+        self._sent_at: deque[float] = deque(maxlen=_RATE_PICTURES)
+        self._last: tuple[Picture, int] | None = None
+        self._number = 0
+        self._due = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_encoding = False
+        self._is_closed = False
+        self.set_options(options)
+        stream.watchers.add(self.frame_arrived)
+
+    def set_options(self, options: ViewOptions) -> None:
+        """Change the wishes of the viewer, and send the newest frame with them."""
+        self._options = options
+        self._width = options.width if options.fixed else step_width(options.width)
+        self._link: LinkRate | None = None
+        self._source_width = 0
+        self._number = 0
+        self.frame_arrived()
+
+    def close(self) -> None:
+        """Send nothing any more."""
+        self._is_closed = True
+        self.stream.watchers.discard(self.frame_arrived)
+        if self._timer:
+            self._timer.cancel()
+
+    def frame_arrived(self) -> None:
+        """Send the newest frame, unless the page is busy or the frame is not due."""
+        frame = self.stream.feed.newest
+        window = self._link.window if self._link else 1
+        if (frame is None or frame.number == self._number or self._is_encoding
+                or self._is_closed or self._timer or len(self._unanswered) >= window):
+            return
+        now, period = self._loop.time(), 1 / self._options.rate
+        wait = self._due - _EARLY * period - now
+        if wait > 0:
+            self._timer = self._loop.call_later(wait, self._end_wait)
+            return
+        self._due = max(self._due, now) + period
+        self._number = frame.number
+        self._is_encoding = True
+        future = self.stream.picture(frame, self._picture_options())
+        future.add_done_callback(lambda done: self._encoded(frame, done))
+
+    def answered(self, sequence: int) -> bool:
+        """Use an answer of the page; return whether it belongs to this channel."""
+        if sequence not in self._unanswered:
+            return False
+        sent_at, size = self._unanswered.pop(sequence)
+        now = self._loop.time()
+        if self._link:
+            period = max(1 / self._options.rate, 1 / (self.stream.feed.rate or 1000))
+            self._link.answered(size, now - sent_at, period, now)
+        self.frame_arrived()
+        return True
+
+    def status(self) -> dict[str, Any]:
+        """Return the state of this channel for its page."""
+        link = self._link.bytes_per_second if self._link else None
+        sent = None
+        if self._last:
+            picture, quality = self._last
+            sent = {'width': picture.width, 'height': picture.height, 'quality': quality,
+                    'rate': round(self._rate(), 1), 'passed_through': picture.is_kept,
+                    'bytes': len(picture.data)}
+        return {'sent': sent, 'link': None if link is None else round(link * 8e-6, 2)}
+
+    def _end_wait(self) -> None:
+        self._timer = None
+        self.frame_arrived()
+
+    def _picture_options(self) -> PictureOptions:
+        options = self._options
+        width, quality = self._width, options.quality
+        if self._link:
+            width, quality = self._link.width, self._link.quality
+            width = 0 if width >= self._source_width else width
+        keep = not options.fixed and not (self._link and self._link.is_lowered)
+        return PictureOptions(width, quality, limits=options.limits, keep=keep)
+
+    def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | None]) -> None:
+        self._is_encoding = False
+        picture = None if future.cancelled() or self._is_closed else future.result()
+        if picture:
+            self._send_picture(frame, picture)
+        self.frame_arrived()
+
+    def _send_picture(self, frame: NewFrame, picture: Picture) -> None:
+        source_width = picture.source_size[0]
+        if self._link is None or source_width != self._source_width:
+            self._source_width = source_width
+            width = min(self._width or source_width, source_width)
+            self._link = LinkRate(width, self._options.quality, self._options.fixed)
+        now = self._loop.time()
+        self._unanswered[self._send(frame, picture)] = now, len(picture.data)
+        self._sent_at.append(now)
+        self._last = picture, self._link.quality
+
+    def _rate(self) -> float:
+        """Return the rate of the last pictures in Hz."""
+        recent = [at for at in self._sent_at if self._loop.time() - at < 5]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0

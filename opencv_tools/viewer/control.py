@@ -1,0 +1,178 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Control of cameras and recorders: parameters, pauses and saved frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import time
+from typing import Any
+
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.ros.timers import create_steady_timer
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.parameter_json import parameter_json, value_from_json, value_json
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import (
+    DescribeParameters, GetParameters, ListParameters, SetParameters)
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+_SECONDS = 5.0
+_RETRY_SECONDS = 0.05
+# An answer is lost if its server does not know the client yet, so a new client waits.
+_DISCOVERY_SECONDS = 0.3
+_MAX_CLIENTS = 64
+_MAX_PARAMETERS = 500
+_MAX_NODES = 50
+_SAVE, _CAPTURE = '/save', '/set_capture'
+_TRIGGER, _SET_BOOL = 'std_srvs/srv/Trigger', 'std_srvs/srv/SetBool'
+_HIDDEN = ('qos_overrides.', 'start_type_description_service', 'use_sim_time')
+
+
+class Control:
+    """
+    Call services of cameras and recorders; all methods run in the executor.
+
+    Only nodes that publish images, or that have ``~/save``, are called.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """
+        Create an object without clients.
+
+        :param node: node of the clients.
+        """
+        self._node = node
+        self._group = ReentrantCallbackGroup()
+        self._clients: dict[str, tuple[Client, float]] = {}
+        self._cameras: dict[str, bool] = {}
+        self._recorders: list[str] = []
+
+    def nodes(self, publishing: Iterable[str]) -> dict[str, list[str]]:
+        """
+        Return the nodes that can be controlled.
+
+        :param publishing: names of the nodes that publish images.
+        """
+        services = dict(self._node.get_service_names_and_types())
+        self._recorders = sorted(
+            name.removesuffix(_SAVE) for name, types in services.items()
+            if name.endswith(_SAVE) and _TRIGGER in types)[:_MAX_NODES]
+        self._cameras = {
+            name: _SET_BOOL in services.get(_capture_service(name), ())
+            for name in sorted(set(publishing))[:_MAX_NODES]
+            if f'{name}/describe_parameters' in services}
+        return {'cameras': list(self._cameras), 'recorders': self._recorders}
+
+    async def parameters(self, camera: Any) -> dict[str, Any]:
+        """Return the parameters of a camera."""
+        self._check(camera, self._cameras)
+        names = (await self._call(ListParameters, f'{camera}/list_parameters',
+                                  ListParameters.Request())).result.names
+        names = [name for name in names if not name.startswith(_HIDDEN)][:_MAX_PARAMETERS]
+        described = await self._call(DescribeParameters, f'{camera}/describe_parameters',
+                                     DescribeParameters.Request(names=names))
+        values = await self._values(camera, names)
+        found = map(parameter_json, described.descriptors, values)
+        return {'parameters': {'node': camera, 'parameters': [item for item in found if item],
+                               'capture': self._cameras[camera]}}
+
+    async def set(self, camera: Any, name: Any, value: Any) -> dict[str, Any]:  # noqa: A003
+        """Set a parameter of a camera, and return its value."""
+        self._check(camera, self._cameras)
+        if not isinstance(name, str):
+            raise RequestError('the name of the parameter is missing')
+        present = await self._values(camera, [name])
+        if not present:
+            raise RequestError(f'{camera} has no parameter {printable(name)}')
+        changed = Parameter(name=name, value=value_from_json(value, present[0]))
+        (result,) = (await self._call(
+            SetParameters, f'{camera}/set_parameters',
+            SetParameters.Request(parameters=[changed]))).results
+        (now,) = await self._values(camera, [name])
+        return {'set': {'node': camera, 'name': name, 'value': value_json(now),
+                        'ok': result.successful, 'message': printable(result.reason)}}
+
+    async def capture(self, camera: Any, is_on: Any) -> dict[str, Any]:
+        """Pause or resume a camera."""
+        self._check(camera, [name for name, can_pause in self._cameras.items() if can_pause])
+        answer = await self._call(
+            SetBool, _capture_service(camera), SetBool.Request(data=is_on is True))
+        return {'capture': {'node': camera, 'ok': answer.success,
+                            'message': printable(answer.message)}}
+
+    async def save(self, recorder: Any) -> dict[str, Any]:
+        """Save a frame."""
+        self._check(recorder, self._recorders)
+        answer = await self._call(Trigger, recorder + _SAVE, Trigger.Request())
+        return {'save': {'node': recorder, 'ok': answer.success,
+                         'message': printable(answer.message, MAX_PATH)}}
+
+    def _check(self, name: Any, known: Iterable[str]) -> None:
+        if not isinstance(name, str) or name not in known:
+            raise RequestError(f'{printable(name)} cannot be controlled')
+
+    async def _values(self, camera: str, names: list[str]) -> list[Any]:
+        answer = await self._call(GetParameters, f'{camera}/get_parameters',
+                                  GetParameters.Request(names=names))
+        return list(answer.values)
+
+    async def _call(self, service_type: Any, name: str, request: Any) -> Any:
+        """
+        Call a service.
+
+        :raises RequestError: the service has not answered.
+        """
+        client, ready_at = self._client(service_type, name)
+        answered = Future(executor=self._node.executor)
+        deadline = time.monotonic() + _SECONDS
+        sent: list[Future] = []
+
+        def proceed() -> None:
+            now = time.monotonic()
+            if not sent and now >= ready_at and client.service_is_ready():
+                sent.append(client.call_async(request))
+                sent[0].add_done_callback(lambda done: answered.set_result(done.result()))
+            elif now >= deadline and not answered.done():
+                answered.set_result(None)
+
+        timer = create_steady_timer(self._node, _RETRY_SECONDS, proceed)
+        proceed()
+        answer = await answered
+        self._node.destroy_timer(timer)
+        if answer is None:
+            for future in sent:
+                client.remove_pending_request(future)
+            raise RequestError(f'{printable(name)} has not answered within {_SECONDS:g} s')
+        return answer
+
+    def _client(self, service_type: Any, name: str) -> tuple[Client, float]:
+        """Return a client, and the time from which its server knows it."""
+        if name not in self._clients:
+            while len(self._clients) >= _MAX_CLIENTS:
+                oldest, _ = self._clients.pop(next(iter(self._clients)))
+                self._node.destroy_client(oldest)
+            client = self._node.create_client(service_type, name, callback_group=self._group)
+            self._clients[name] = client, time.monotonic() + _DISCOVERY_SECONDS
+        return self._clients[name]
+
+
+def _capture_service(node: str) -> str:
+    """Return the name of ``set_capture`` in the namespace of a node."""
+    return node.rpartition('/')[0] + _CAPTURE

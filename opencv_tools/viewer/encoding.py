@@ -1,0 +1,186 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures for a browser from image messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, KW_ONLY
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridge, cvtColorForDisplay
+from opencv_tools.image.cdr import WireCompressedImage, WireImage, WireMessage
+from opencv_tools.image.compressed import decoded_encoding, parse_format
+from opencv_tools.image.display import finite_limits
+from opencv_tools.image.encodings import Encoding, find_encoding
+from opencv_tools.image.errors import CodecError
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image_codecs import check_complete, convert_image, decode_image, encode_image
+
+_BRIDGE = CvBridge()
+# OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
+_REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
+            8: cv2.IMREAD_REDUCED_COLOR_8}
+_BROWSER_PIXELS = 2**27
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """
+    Size and quality of a picture.
+
+    :param width: largest width in pixels; 0 for the full size.
+    :param quality: JPEG quality, 1 to 100.
+    :param limits: numbers that become black and white; None for those of the image.
+    :param height: largest height in pixels; 0 for no limit.
+    :param keep: whether a JPEG that need not be scaled is kept byte for byte.
+    """
+
+    width: int
+    quality: int
+    _: KW_ONLY
+    limits: tuple[float, float] | None = None
+    height: int = 0
+    keep: bool = True
+
+    def width_for(self, width: int, height: int) -> int:
+        """Return the width of the picture of an image with some size."""
+        limits = [self.width or width, width]
+        if self.height and height:
+            limits.append(max(1, width * self.height // height))
+        return min(limits)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """
+    A JPEG for a browser.
+
+    :param data: content of the JPEG file.
+    :param width: width in pixels.
+    :param height: height in pixels.
+    :param source_size: width and height of the image in pixels.
+    :param encoding: encoding or format of the image.
+    :param limits: numbers that became black and white; None for ordinary colours.
+    :param is_kept: whether the data are those of the message.
+    """
+
+    data: bytes
+    width: int
+    height: int
+    source_size: tuple[int, int]
+    encoding: str
+    limits: tuple[float, float] | None = None
+    is_kept: bool = False
+
+
+def encode_picture(message: WireMessage, options: PictureOptions) -> Picture:
+    """
+    Convert an image message to a JPEG.
+
+    :param message: raw or compressed image.
+    :param options: size and quality.
+    :returns: the picture, which is never larger than the image.
+    :raises ImageError: the message is not a valid image.
+    :raises CvBridgeError: the message is not a valid image, or its encoding cannot be shown.
+    """
+    if isinstance(message, WireImage):
+        encoding = find_encoding(message.encoding)
+        check_size(message.width, message.height, MAX_PIXELS)
+        return _encode_pixels(_BRIDGE.imgmsg_to_cv2(message), encoding, options,
+                              (message.width, message.height), encoding.name)
+    return _encode_compressed(message, options)
+
+
+def _encode_compressed(message: WireCompressedImage, options: PictureOptions) -> Picture:
+    content = bytes(message.data)
+    described = parse_format(message.format).codec[:20]
+    if not content.startswith(JPEG_SOI):
+        size = image_size(content)
+        image = decode_image(content)
+        return _encode_pixels(image, decoded_encoding(image, message.format), options, size,
+                              described)
+    width, height = jpeg_size(content)
+    check_size(width, height, _BROWSER_PIXELS)
+    check_complete(content)
+    wanted = options.width_for(width, height)
+    if options.keep and wanted == width:
+        return Picture(data=content, width=width, height=height, source_size=(width, height),
+                       encoding=described, is_kept=True)
+    factor = width // wanted
+    flag = _REDUCED.get(max((step for step in _REDUCED if step <= factor), default=1),
+                        cv2.IMREAD_COLOR)
+    try:
+        decoded = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
+    except cv2.error as err:
+        raise CodecError(f'{len(content)} bytes cannot be decoded as JPEG: {err.err}') from err
+    if decoded is None:
+        raise CodecError(f'{len(content)} bytes are not a JPEG that OpenCV can read')
+    return _encode_pixels(decoded, find_encoding('bgr8'), options, (width, height), described)
+
+
+def _encode_pixels(
+    image: NDArray[Any], encoding: Encoding, options: PictureOptions, size: tuple[int, int],
+    described: str,
+) -> Picture:
+    """Scale, convert and encode an array."""
+    if not image.size:
+        raise CodecError(f'the image is empty ({size[0]}x{size[1]})')
+    limits = None
+    if encoding.kind in ('bayer', 'yuv'):
+        target = find_encoding('bgr8')
+        if np.dtype(encoding.dtype).itemsize > 1:
+            image = convert_image(image, encoding, find_encoding('bgr16'))
+            encoding = find_encoding('bgr16')
+        else:
+            image, encoding = convert_image(image, encoding, target), target
+    width = options.width_for(image.shape[1], image.shape[0])
+    if np.dtype(encoding.dtype) == np.uint8:
+        image = _scale(image, width)
+    else:
+        image = _pick(image, width)
+        if encoding.channels == 1 and encoding.name != '32SC1':
+            limits = options.limits or _limits(image, encoding)
+    name = 'mono8' if encoding.channels == 1 and encoding.name != '32SC1' else 'bgr8'
+    low, high = limits or (0.0, 0.0)
+    shown = (np.full(image.shape[:2], 128, np.uint8) if limits and low == high else
+             cvtColorForDisplay(image, encoding.name, name, False, low, high))
+    return Picture(data=encode_image(shown, '.jpg', options.quality).tobytes(),
+                   width=shown.shape[1], height=shown.shape[0], source_size=size,
+                   encoding=described, limits=limits)
+
+
+def _limits(image: NDArray[Any], encoding: Encoding) -> tuple[float, float]:
+    """Return the smallest and largest number; 0 in an image of integers means no depth."""
+    measured = image[image > 0] if encoding.name == '16UC1' else image
+    return finite_limits(measured)
+
+
+def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:
+    """Return an image of bytes with another width."""
+    rows, columns = image.shape[:2]
+    if width == columns:
+        return image
+    size = width, max(1, round(rows * width / columns))
+    return cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_LINEAR)
+
+
+def _pick(image: NDArray[Any], width: int) -> NDArray[Any]:
+    """Return every n-th pixel, because a mean of depths or labels has no meaning."""
+    step = -(-image.shape[1] // width)
+    return image[::step, ::step]

@@ -1,0 +1,213 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Image topics of the graph and the subscriptions to them, used in the executor only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatchcase
+import itertools
+import re
+from typing import Any
+
+from opencv_tools.image.text import printable
+from opencv_tools.logs import Log
+from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
+from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.ros.subscriber.topic_discovery import UNKNOWN_NODE
+from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.protocol import COMPRESSED
+from rclpy.node import Node
+
+#: Maximum number of topics in the list.
+MAX_TOPICS = 200
+# Names of topics whose numbers are remembered.
+_MAX_NUMBERS = 10_000
+
+_NAME = re.compile(r'/[A-Za-z0-9_/]+')
+# Number of frames that the middleware keeps while the executor is busy.
+_DEPTH = 3
+_TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed'}
+# Codecs of other transports, whose messages are not images that OpenCV can decode.
+_OTHER_TRANSPORTS = ('/compressedDepth', '/theora', '/zstd', '/ffmpeg')
+
+
+@dataclass(kw_only=True)
+class ViewTopic:
+    """
+    An image topic, raw and compressed together.
+
+    :param number: number of the topic, which never changes.
+    :param name: name of the topic, without ``/compressed``.
+    :param transports: published transports, ``raw`` and ``compressed``.
+    :param nodes: names of the publishing nodes.
+    :param publishers: number of publishers.
+    """
+
+    number: int
+    name: str
+    transports: list[str] = field(default_factory=list)
+    nodes: list[str] = field(default_factory=list)
+    publishers: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the values of the protocol."""
+        values = asdict(self)
+        return {'id': values.pop('number'), **values}
+
+
+@dataclass(frozen=True)
+class FeedState:
+    """
+    State of a subscription.
+
+    :param reason: reason why no frame arrives; '' while frames arrive.
+    :param lost: number of frames lost between the publisher and this node.
+    :param is_latched: whether the publishers keep their last frame for new subscriptions.
+    """
+
+    reason: str
+    lost: int
+    is_latched: bool
+
+
+@dataclass(frozen=True)
+class GraphState:
+    """
+    Topics and subscriptions at one moment.
+
+    :param topics: topics by name, in alphabetical order.
+    :param feeds: states of the subscriptions by topic.
+    :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
+        control.
+    """
+
+    topics: dict[str, ViewTopic]
+    feeds: dict[str, FeedState]
+    nodes: dict[str, list[str]]
+
+
+class Graph:
+    """Find the image topics, and subscribe to those that somebody looks at."""
+
+    def __init__(self, node: Node, patterns: Sequence[str], transport: str, log: Log,
+                 control: Control | None) -> None:
+        """
+        Create a graph without subscriptions.
+
+        :param node: node that receives the frames.
+        :param patterns: names of topics, with ``*`` for any text; empty for all topics.
+        :param transport: ``auto``, ``raw`` or ``compressed``; auto prefers compressed images.
+        :param log: log for the subscriptions.
+        :param control: control of other nodes, if it is allowed.
+        """
+        self._node = node
+        self._patterns = patterns
+        self._transport = transport
+        self._log = log
+        self.control = control
+        self._numbers: dict[str, int] = {}
+        self._next_number = itertools.count(1)
+        self._open: dict[str, tuple[Feed, FrameSubscription, str]] = {}
+
+    def topics(self) -> dict[str, ViewTopic]:
+        """Return the published image topics, and those that somebody looks at."""
+        found: dict[str, ViewTopic] = {}
+        for name, types in sorted(self._node.get_topic_names_and_types()):
+            if not _NAME.fullmatch(name) or MESSAGE_TYPES.keys().isdisjoint(types):
+                continue
+            if name.endswith(_OTHER_TRANSPORTS):
+                continue
+            base = name.removesuffix(COMPRESSED) or name
+            if len(found) < MAX_TOPICS and self._is_wanted(base):
+                self._add_publishers(found, base, name)
+        for name in self._open.keys() - found.keys():
+            found[name] = self._topic(name)
+        return dict(sorted(found.items()))
+
+    def open(self, name: str, feed: Feed) -> None:  # noqa: A003
+        """Subscribe to a topic; its frames go to a feed."""
+        if name not in self._open:
+            self._subscribe(name, feed, self._best_transport(self.topics().get(name)))
+
+    def close(self, name: str, feed: Feed) -> None:
+        """Unsubscribe the feed of a topic."""
+        if name in self._open and self._open[name][0] is feed:
+            self._open.pop(name)[1].destroy()
+
+    def close_all(self) -> None:
+        """Unsubscribe from all topics."""
+        for name, (feed, _, _) in tuple(self._open.items()):
+            self.close(name, feed)
+
+    def state(self) -> GraphState:
+        """Return the topics and the states of the subscriptions; adapt the transports."""
+        topics = self.topics()
+        for name, (feed, subscription, transport) in tuple(self._open.items()):
+            best = self._best_transport(topics[name])
+            if topics[name].publishers and best != transport:
+                subscription.destroy()
+                self._subscribe(name, feed, best)
+        return GraphState(topics, {
+            name: FeedState(self._reason(topics[name], feed, subscription),
+                            subscription.losses.count, subscription.is_latched)
+            for name, (feed, subscription, _) in self._open.items()
+        }, self.control.nodes(node for topic in topics.values() for node in topic.nodes)
+            if self.control else {})
+
+    def _subscribe(self, name: str, feed: Feed, transport: str) -> None:
+        subscription = FrameSubscription(
+            self._node, name, transport, _DEPTH, self._log, feed.put, feed.count_broken)
+        self._open[name] = feed, subscription, transport
+
+    def _reason(self, topic: ViewTopic, feed: Feed, subscription: FrameSubscription) -> str:
+        if not feed.is_quiet or (feed.frames and topic.publishers and subscription.is_latched):
+            return ''
+        if not topic.publishers:
+            return f'no publisher on {printable(topic.name)}: it has ended, or the network is cut'
+        return subscription.explain_no_frames()
+
+    def _best_transport(self, topic: ViewTopic | None) -> str:
+        if self._transport != 'auto' or not topic or not topic.transports:
+            return self._transport
+        return 'compressed' if 'compressed' in topic.transports else 'raw'
+
+    def _is_wanted(self, name: str) -> bool:
+        return not self._patterns or any(fnmatchcase(name, wanted) for wanted in self._patterns)
+
+    def _topic(self, name: str) -> ViewTopic:
+        if name not in self._numbers:
+            self._numbers[name] = next(self._next_number)
+            if len(self._numbers) > _MAX_NUMBERS:
+                del self._numbers[next(iter(self._numbers))]
+        return ViewTopic(number=self._numbers[name], name=name)
+
+    def _add_publishers(self, found: dict[str, ViewTopic], base: str, name: str) -> None:
+        """Add the publishers of a raw or compressed topic to the image topic."""
+        for info in self._node.get_publishers_info_by_topic(name):
+            transport = _TRANSPORTS.get(info.topic_type)
+            if transport is None or self._transport not in ('auto', transport):
+                continue
+            if base not in found:
+                found[base] = self._topic(base)
+            topic = found[base]
+            node = printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
+            topic.publishers += name == base or 'raw' not in topic.transports
+            if transport not in topic.transports:
+                topic.transports.append(transport)
+            if node not in topic.nodes and info.node_name != UNKNOWN_NODE:
+                topic.nodes.append(node)

@@ -1,0 +1,260 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Streams and viewers of the server, and what they know about the graph."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor
+from typing import Any, Protocol
+
+from opencv_tools.image.text import printable
+from opencv_tools.logs import Log
+from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import FeedState, Graph, GraphState
+from opencv_tools.viewer.parameters import ViewerSettings
+from opencv_tools.viewer.protocol import finite, ViewOptions
+from opencv_tools.viewer.stream import Stream
+
+# Time after the last viewer until the subscription ends, for a reload of the page.
+_LINGER_SECONDS = 2.0
+_POLL_SECONDS = 1.0
+_NAMED_TOPICS = 5
+_GOING_AWAY = 1001  # status of WebSockets
+_CLOSE_SECONDS = 1.0
+
+
+class Viewer(Protocol):
+    """An open page."""
+
+    def update(self, changed: dict[str, Any]) -> None:
+        """Send the state, and the lists that have changed."""
+
+    def close(self, code: int | None = None, reason: str | None = None) -> None:
+        """Close the connection to the page."""
+
+
+class Hub:
+    """
+    Open a stream while somebody looks at it.
+
+    All methods run in the loop of the server.
+    """
+
+    def __init__(
+        self, settings: ViewerSettings, graph: Graph, calls: ExecutorCalls, pool: Executor,
+        log: Log,
+    ) -> None:
+        """
+        Create a hub without streams.
+
+        :param settings: values of the parameters.
+        :param graph: image topics, used in the executor.
+        :param calls: calls in the executor.
+        :param pool: threads that encode.
+        :param log: log of the node.
+        """
+        self.settings = settings
+        self.viewers: set[Viewer] = set()
+        self.state = GraphState({}, {}, {})
+        self._graph = graph
+        self._calls = calls
+        self._pool = pool
+        self._log = log
+        self._loop = asyncio.get_running_loop()
+        self._guests = 0
+        self._streams: dict[str, Stream] = {}
+        self._users: dict[str, int] = {}
+        self._pending: asyncio.Future[GraphState] | None = None
+        self._poll: asyncio.Task[None] | None = None
+
+    # Viewers
+
+    def check_room(self) -> None:
+        """
+        Check that another viewer may come.
+
+        :raises RequestError: there are too many.
+        """
+        count = len(self.viewers) + self._guests
+        if count >= self.settings.viewers:
+            raise RequestError(f'{count} pages look already: close one, or raise the parameter '
+                               'viewers', 503)
+
+    def add_guest(self) -> None:
+        """Count a viewer that is not a page."""
+        self.check_room()
+        self._guests += 1
+
+    def remove_guest(self) -> None:
+        """Count the end of a viewer that is not a page."""
+        self._guests -= 1
+
+    def add_viewer(self, viewer: Viewer) -> None:
+        """Send the state to a page from now on."""
+        self.viewers.add(viewer)
+        if self._poll is None or self._poll.done():
+            self._poll = asyncio.ensure_future(self._update_viewers())
+
+    async def close(self) -> None:
+        """Close all pages."""
+        if self._poll:
+            self._poll.cancel()
+        for viewer in tuple(self.viewers):
+            viewer.close(_GOING_AWAY, 'the node has ended')
+        deadline = self._loop.time() + _CLOSE_SECONDS
+        while self.viewers and self._loop.time() < deadline:
+            await asyncio.sleep(_CLOSE_SECONDS / 50)
+
+    # Streams
+
+    async def acquire(self, name: str) -> Stream:
+        """
+        Return the stream of a topic; the caller releases it.
+
+        :param name: name of the topic.
+        :raises RequestError: there is no such image topic.
+        """
+        if name not in self._streams:
+            if name not in self.state.topics:
+                await self.refresh()
+            if name not in self.state.topics:
+                raise RequestError(self._describe_unknown(name), 404)
+        stream = self._streams.get(name)
+        if stream is None:
+            stream = self._streams[name] = Stream(name, self._loop, self._pool, self._log)
+            feed = stream.feed
+            self._calls.post(lambda: self._graph.open(name, feed))
+        self._users[name] = self._users.get(name, 0) + 1
+        return stream
+
+    def release(self, stream: Stream) -> None:
+        """Unsubscribe two seconds after the last user of a stream."""
+        self._users[stream.name] -= 1
+        if not self._users[stream.name]:
+            self._loop.call_later(_LINGER_SECONDS, self._close_unused, stream)
+
+    def options(self, wishes: ViewOptions) -> ViewOptions:
+        """Return the wishes of a viewer within the parameters of the node."""
+        settings = self.settings
+        widths = [width for width in (wishes.width, settings.width) if width]
+        return ViewOptions(
+            width=min(widths, default=0), quality=wishes.quality or settings.quality,
+            rate=min(wishes.rate or settings.rate, settings.rate), fixed=wishes.fixed,
+            limits=wishes.limits)
+
+    # State
+
+    async def refresh(self) -> GraphState:
+        """Read the state of the graph in the executor; simultaneous calls share one reading."""
+        if self._pending is None:
+            self._pending = self._loop.create_future()
+            self._calls.post(self._read_state)
+        return await asyncio.shield(self._pending)
+
+    async def control(
+        self, choose: Callable[[Control], Coroutine[Any, Any, dict[str, Any]]],
+    ) -> dict[str, Any]:
+        """
+        Control another node.
+
+        :param choose: calls a method of the control.
+        :returns: the answer for the page.
+        :raises RequestError: control is off, or the node does not answer.
+        """
+        control = self._graph.control
+        if control is None:
+            raise RequestError('control is off: start the node with control:=true', 403)
+        answered: asyncio.Future[dict[str, Any] | RequestError] = self._loop.create_future()
+        self._calls.start(choose(control), lambda answer: self._loop.call_soon_threadsafe(
+            _set_result, answered, answer))
+        answer = await answered
+        if isinstance(answer, RequestError):
+            raise answer
+        return answer
+
+    def lists(self) -> dict[str, Any]:
+        """Return the topics, and the nodes that can be controlled, by the name of the message."""
+        topics = [topic.as_json() for topic in self.state.topics.values()]
+        return {'topics': topics, **({'nodes': self.state.nodes} if self.state.nodes else {})}
+
+    def status(self, stream: Stream) -> dict[str, Any]:
+        """Return the state of a stream of the protocol."""
+        feed, picture = stream.feed, stream.last_picture
+        known = self.state.feeds.get(stream.name, FeedState('', 0, False))
+        topic = self.state.topics.get(stream.name)
+        width, height = picture.source_size if picture else (0, 0)
+        limits = picture.limits if picture else None
+        quiet = feed.quiet_seconds
+        return {
+            'id': topic.number if topic else 0, 'name': stream.name, 'width': width,
+            'height': height, 'encoding': picture.encoding if picture else '',
+            'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
+            'broken': stream.broken, 'encodings': stream.encodings, 'reason': known.reason,
+            'range': limits and [finite(limit) for limit in limits],
+            'quiet': None if quiet is None else round(quiet, 2)}
+
+    def full_json(self) -> list[dict[str, Any]]:
+        """Return the list of topics with the state of those that somebody looks at."""
+        topics: list[dict[str, Any]] = self.lists()['topics']
+        for topic in topics:
+            stream = self._streams.get(topic['name'])
+            if stream:
+                topic |= {'status': self.status(stream), 'viewers': self._users[stream.name]}
+        return topics
+
+    def _describe_unknown(self, name: str) -> str:
+        names = list(self.state.topics)
+        if not names:
+            return f'{printable(name)} is not an image topic; no images are published'
+        more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
+        return (f'{printable(name)} is not an image topic; the image topics are '
+                f'{", ".join(names[:_NAMED_TOPICS])}{more}')
+
+    def _read_state(self) -> None:
+        """Read the state, in the executor."""
+        state = self._graph.state()
+        self._loop.call_soon_threadsafe(self._set_state, state)
+
+    def _set_state(self, state: GraphState) -> None:
+        self.state = state
+        if self._pending:
+            _set_result(self._pending, state)
+        self._pending = None
+
+    def _close_unused(self, stream: Stream) -> None:
+        name = stream.name
+        if self._streams.get(name) is stream and not self._users[name]:
+            del self._streams[name], self._users[name]
+            self._calls.post(lambda: self._graph.close(name, stream.feed))
+
+    async def _update_viewers(self) -> None:
+        """Send the state to all pages once a second, while there are any."""
+        while self.viewers:
+            before = self.lists()
+            await self.refresh()
+            changed = {name: value for name, value in self.lists().items()
+                       if value != before.get(name)}
+            for viewer in tuple(self.viewers):
+                viewer.update(changed)
+            await asyncio.sleep(_POLL_SECONDS)
+
+
+def _set_result(future: asyncio.Future[Any], result: Any) -> None:
+    if not future.done():  # the page may have been closed
+        future.set_result(result)

@@ -1,0 +1,165 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+const FIRST_RETRY_MS = 500;
+const LAST_RETRY_MS = 5000;
+const PING_MS = 5000;
+const SILENCE_MS = 12000; // longer than two pings
+const ANSWER_MS = 3000;
+const CLOCK_SAMPLES = 8;
+const FIRST_PINGS = 4;
+
+/** Return the time of the page in seconds; changes of the system clock have no effect. */
+function now() {
+  return (performance.timeOrigin + performance.now()) / 1000;
+}
+
+/** Difference between the clocks of server and page, from the quickest of the last pings. */
+class Clock {
+  #samples = [];
+
+  add(sent, received, server) {
+    this.#samples.push({ roundTrip: received - sent, offset: server - (sent + received) / 2 });
+    this.#samples.splice(0, this.#samples.length - CLOCK_SAMPLES);
+  }
+
+  get count() {
+    return this.#samples.length;
+  }
+
+  get offset() {
+    return this.#samples.reduce((best, one) => (one.roundTrip < best.roundTrip ? one : best),
+      this.#samples[0] ?? { offset: 0 }).offset;
+  }
+}
+
+/** WebSocket of the page, which connects again by itself while somebody looks at the page. */
+export class Connection {
+  #listener;
+  #socket = null;
+  #clock = new Clock();
+  #retryMs = FIRST_RETRY_MS;
+  #retry = 0;
+  #heard = 0;
+
+  /**
+   * Connect.
+   *
+   * @param listener has connected(), disconnected(sentence), received(message) and
+   *   frame(view of the bytes).
+   */
+  constructor(listener) {
+    this.#listener = listener;
+    setInterval(() => this.#check(SILENCE_MS), PING_MS);
+    document.addEventListener('visibilitychange', () => this.#look());
+    addEventListener('online', () => this.#look());
+    this.#open();
+  }
+
+  get isOpen() {
+    return this.#socket?.readyState === WebSocket.OPEN;
+  }
+
+  /** Time of the server in seconds. */
+  get now() {
+    return now() + this.#clock.offset;
+  }
+
+  send(message) {
+    if (this.isOpen) this.#socket.send(JSON.stringify(message));
+  }
+
+  #open() {
+    clearTimeout(this.#retry);
+    this.#heard = now();
+    const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
+    const socket = new WebSocket(`${scheme}//${location.host}/ws`);
+    socket.binaryType = 'arraybuffer';
+    socket.onmessage = (event) => this.#receive(event.data);
+    socket.onclose = (event) => this.#close(event.reason);
+    this.#socket = socket;
+  }
+
+  #receive(data) {
+    this.#heard = now();
+    if (data instanceof ArrayBuffer) {
+      this.#listener.frame(data);
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.hello) {
+      this.#retryMs = FIRST_RETRY_MS;
+      this.#clock = new Clock();
+      this.#ping();
+      this.#listener.connected(message.hello);
+    } else if (message.pong) {
+      this.#clock.add(message.pong, now(), message.now);
+      if (this.#clock.count < FIRST_PINGS) this.#ping();
+    } else {
+      this.#listener.received(message);
+    }
+  }
+
+  #ping() {
+    this.send({ ping: now() });
+  }
+
+  #close(sentence = '') {
+    const socket = this.#socket;
+    if (socket) {
+      socket.onmessage = socket.onclose = null;
+      socket.close();
+    }
+    this.#socket = null;
+    this.#listener.disconnected(sentence);
+    clearTimeout(this.#retry);
+    if (document.hidden) return;
+    this.#retry = setTimeout(() => this.#open(), this.#retryMs);
+    this.#retryMs = Math.min(2 * this.#retryMs, LAST_RETRY_MS);
+    this.#explain();
+  }
+
+  /** Ask why the server refuses the WebSocket, which the browser does not tell. */
+  async #explain() {
+    const timeout = new AbortController();
+    const timer = setTimeout(() => timeout.abort(), ANSWER_MS);
+    try {
+      const answer = await fetch('/topics', { cache: 'no-store', signal: timeout.signal });
+      if (!answer.ok && !this.isOpen) this.#listener.disconnected((await answer.text()).trim());
+    } catch {
+      // The server does not answer, as the page says already.
+    } finally {
+      clearTimeout(timer);
+    }
+  }
+
+  #check(silenceMs) {
+    if (!this.#socket || document.hidden) return;
+    if (now() - this.#heard > silenceMs / 1000) this.#close();
+    else this.#ping();
+  }
+
+  /** Connect at once when the page is shown again; a socket may have died meanwhile. */
+  #look() {
+    if (document.hidden) return;
+    this.#retryMs = FIRST_RETRY_MS;
+    if (!this.#socket) {
+      this.#open();
+    } else if (this.isOpen) {
+      this.#heard = now();
+      this.#ping();
+      setTimeout(() => this.#check(ANSWER_MS / 2), ANSWER_MS);
+    }
+  }
+}

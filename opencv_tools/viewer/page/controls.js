@@ -1,0 +1,258 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+const LONGEST_SLIDER = 10000; // a longer range is a field, because a pixel would be many steps
+
+/** Return a new element with a class and text. */
+function make(name, style = '', text = '') {
+  const element = document.createElement(name);
+  element.className = style;
+  element.textContent = text;
+  return element;
+}
+
+/** Return words of a parameter's name: exposure_time_absolute is "exposure time absolute". */
+function words(name) {
+  return name.replaceAll('_', ' ');
+}
+
+/** Return a field for a number. */
+function makeNumber({ type, minimum, maximum, step }) {
+  const input = make('input');
+  input.type = 'number';
+  input.min = minimum ?? '';
+  input.max = maximum ?? '';
+  input.step = step || (type === 'integer' ? 1 : 'any');
+  return input;
+}
+
+/** Return the input for a parameter. */
+function makeInput(parameter) {
+  const { type, minimum, maximum, choices } = parameter;
+  if (!choices.length && (type === 'integer' || type === 'double')) {
+    const input = makeNumber(parameter);
+    const isRange = minimum !== null && maximum !== null && maximum - minimum <= LONGEST_SLIDER;
+    if (isRange) input.type = 'range';
+    return input;
+  }
+  const input = make(choices.length ? 'select' : 'input');
+  if (choices.length) {
+    for (const [value, text] of choices) input.append(new Option(text, JSON.stringify(value)));
+  } else if (type === 'bool') {
+    input.type = 'checkbox';
+    input.setAttribute('role', 'switch');
+  }
+  return input;
+}
+
+function read(input, { type, choices }) {
+  if (choices.length) return JSON.parse(input.value);
+  if (type === 'bool') return input.checked;
+  return type === 'string' ? input.value : input.valueAsNumber;
+}
+
+function write(input, { type, choices }, value) {
+  if (choices.length) input.value = JSON.stringify(value);
+  else if (type === 'bool') input.checked = value;
+  else input.value = value;
+}
+
+/** One parameter of a node: a slider, menu, switch or field. */
+class Row {
+  #parameter;
+  #send;
+  #input;
+  #field = null; // beside a slider, for exact numbers
+  #isSending = false;
+  #next = null; // input that has changed meanwhile
+
+  constructor(parameter, send) {
+    this.#parameter = parameter;
+    this.#send = send;
+    this.#input = makeInput(parameter);
+    const kind = { checkbox: 'switch', range: 'slider', number: 'number' }[this.#input.type];
+    this.element = make('label', kind ?? 'field');
+    this.element.title = parameter.description;
+    this.element.append(make('span', '', words(parameter.name)), this.#input);
+    if (kind === 'slider') {
+      this.#field = makeNumber(parameter);
+      this.#input.before(this.#field);
+      this.#field.addEventListener('change', () => this.#set(this.#field));
+    }
+    for (const input of this.element.querySelectorAll('input, select')) {
+      input.setAttribute('aria-label', words(parameter.name));
+      input.disabled = parameter.read_only;
+    }
+    this.isSimple = !parameter.read_only
+      && (kind === 'slider' || kind === 'switch' || parameter.choices.length > 0);
+    // A slider sends while it moves, but no faster than the camera answers.
+    this.#input.addEventListener(kind === 'slider' ? 'input' : 'change',
+      () => this.#set(this.#input));
+    this.update(parameter);
+  }
+
+  #set(input) {
+    const value = read(input, this.#parameter);
+    if (Number.isNaN(value)) return;
+    this.#show(value);
+    this.#next = this.#isSending && input;
+    if (this.#isSending) return;
+    this.#isSending = true;
+    this.#send(this.#parameter.name, value);
+  }
+
+  /** Show the value that the node has after a request. */
+  answered(value) {
+    this.#isSending = false;
+    if (this.#next) this.#set(this.#next);
+    else this.#show(value);
+  }
+
+  /** Show the value of the node, unless somebody changes it here. */
+  update({ value }) {
+    const { activeElement: active } = document;
+    const isTyping = this.element.contains(active) && active.matches('input:not([type=checkbox])');
+    if (!this.#isSending && !isTyping) this.#show(value);
+  }
+
+  #show(value) {
+    write(this.#input, this.#parameter, value);
+    if (this.#field) this.#field.value = value;
+  }
+}
+
+/** Parameters of one node that publishes images, and the switch of its camera. */
+class CameraPanel {
+  element = make('section', 'node');
+  #rows = new Map();
+  #shape = '';
+
+  constructor(node, send) {
+    this.node = node;
+    this.send = send;
+    this.element.append(make('h2', '', node));
+  }
+
+  update({ parameters, capture }) {
+    const shape = JSON.stringify([capture, parameters.map((one) => ({ ...one, value: 0 }))]);
+    if (shape !== this.#shape) this.#build(parameters, capture);
+    this.#shape = shape;
+    for (const parameter of parameters) this.#rows.get(parameter.name).update(parameter);
+  }
+
+  #build(parameters, capture) {
+    this.element.replaceChildren(make('h2', '', this.node));
+    if (capture) this.element.append(this.#captureButtons());
+    const others = make('details');
+    others.append(make('summary', '', 'Other parameters'));
+    this.#rows.clear();
+    for (const parameter of parameters) {
+      const row = new Row(parameter, (name, value) => this.send({ set: this.node, name, value }));
+      this.#rows.set(parameter.name, row);
+      (row.isSimple ? this.element : others).append(row.element);
+    }
+    if (others.children.length > 1) this.element.append(others);
+  }
+
+  #captureButtons() {
+    const buttons = make('p', 'buttons');
+    for (const [on, text] of [[true, 'Start camera'], [false, 'Stop camera']]) {
+      const button = make('button', '', text);
+      button.type = 'button';
+      button.addEventListener('click', () => this.send({ capture: this.node, on }));
+      buttons.append(button);
+    }
+    return buttons;
+  }
+
+  answered({ name, value }) {
+    this.#rows.get(name)?.answered(value);
+  }
+}
+
+/** The controls of the cameras and recorders, if the node allows them. */
+export class Controls {
+  #element;
+  #send;
+  #notify;
+  #isEnabled = false;
+  #nodes = { cameras: [], recorders: [] };
+  #panels = new Map();
+  #shown = '';
+
+  /**
+   * Begin without controls.
+   *
+   * @param element parent of the controls.
+   * @param send sends a message to the server.
+   * @param notify shows a sentence.
+   */
+  constructor(element, send, notify) {
+    this.#element = element;
+    this.#send = send;
+    this.#notify = notify;
+  }
+
+  get isEmpty() {
+    return this.#element.childElementCount === 0;
+  }
+
+  /** Begin a connection, with or without controls. */
+  enable(isEnabled) {
+    this.#isEnabled = isEnabled;
+    this.#nodes = { cameras: [], recorders: [] };
+    this.#shown = '';
+  }
+
+  /** Show the controls of those nodes that publish a topic, and the recorders. */
+  show(publishers) {
+    const { cameras: all, recorders: some } = this.#nodes;
+    const cameras = this.#isEnabled ? all.filter((one) => publishers.includes(one)) : [];
+    const recorders = this.#isEnabled && publishers.length ? some : [];
+    const shown = JSON.stringify([cameras, recorders]);
+    if (shown === this.#shown) return;
+    this.#shown = shown;
+    this.#panels.clear();
+    this.#element.replaceChildren();
+    for (const node of cameras) {
+      const panel = new CameraPanel(node, this.#send);
+      this.#panels.set(node, panel);
+      this.#element.append(panel.element);
+      this.#send({ parameters: node });
+    }
+    for (const node of recorders) this.#element.append(this.#recorder(node));
+  }
+
+  #recorder(node) {
+    const section = make('section', 'node');
+    const button = make('button', '', 'Record the next picture');
+    button.type = 'button';
+    button.addEventListener('click', () => this.#send({ save: node }));
+    section.append(make('h2', '', node), button);
+    return section;
+  }
+
+  /** Handle a message of the server that concerns controls. */
+  receive({ nodes, parameters, set, capture, save }) {
+    if (nodes) this.#nodes = nodes;
+    if (parameters) this.#panels.get(parameters.node)?.update(parameters);
+    if (set) {
+      this.#panels.get(set.node)?.answered(set);
+      if (set.ok) this.#send({ parameters: set.node }); // others may depend on this one
+      else this.#notify(set.message);
+    }
+    const done = capture ?? save;
+    if (done) this.#notify(done.message || (done.ok ? 'Done' : 'Not done'));
+  }
+}

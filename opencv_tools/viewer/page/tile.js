@@ -1,0 +1,157 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+import { age, number, size, rate } from './text.js';
+
+const WIDTHS = [160, 240, 320, 480, 640, 960, 1280, 1920]; // steps of the server
+const HEAD_BYTES = 24;
+const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
+const AGES = 30;
+
+/** Picture of one topic with its facts. */
+export class Tile {
+  element = document.getElementById('tile').content.firstElementChild.cloneNode(true);
+  status = null;
+  topic = null;
+  range = null;
+  inView = false;
+  refusal = '';
+  #asked = '';
+  #drawn = { sequence: -1, from: 0, at: 0 };
+  #ages = [];
+  #age = NaN;
+  #part = (name) => this.element.querySelector(name);
+
+  constructor(name) {
+    this.name = name;
+    this.element.dataset.topic = name;
+    this.#part('.name').textContent = name;
+    this.#part('.name').title = name;
+    this.canvas = this.#part('canvas');
+    this.canvas.setAttribute('aria-label', `Picture of ${name}`);
+    this.link = this.#part('.frame');
+    this.context = this.canvas.getContext('2d', { alpha: false });
+  }
+
+  /** Pixels of the screen that the picture can have, as a step of the server; 0 for all. */
+  get width() {
+    const pixels = this.link.clientWidth * devicePixelRatio;
+    return WIDTHS.find((step) => step >= pixels) ?? 0;
+  }
+
+  /** Forget what was asked, because the connection is a new one or the topic appeared. */
+  reset() {
+    this.#asked = '';
+    this.#drawn.sequence = -1;
+    this.refusal = '';
+  }
+
+  /**
+   * Ask the server for pictures, or for none, if that is not what it was asked last.
+   *
+   * @param connection to ask.
+   * @param wanted whether somebody looks.
+   * @param fixed width, quality and rate of the address bar.
+   */
+  ask(connection, wanted, fixed) {
+    if (!connection.isOpen || this.refusal) return;
+    const request = { subscribe: this.name, width: this.width, ...fixed };
+    if (this.range) request.range = this.range;
+    const asked = wanted ? JSON.stringify(request) : '';
+    if (asked === this.#asked) return;
+    connection.send(wanted ? request : { unsubscribe: this.name });
+    this.#asked = asked;
+  }
+
+  /** Draw a frame, then answer the server, which sends the next one. */
+  async draw(connection, bytes) {
+    const head = new DataView(bytes);
+    const sequence = head.getUint32(4);
+    const stamp = head.getFloat64(8);
+    const sent = head.getFloat64(16);
+    try {
+      const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],
+        { type: 'image/jpeg' }));
+      if (sequence > this.#drawn.sequence) {
+        if (this.canvas.width !== picture.width) this.canvas.width = picture.width;
+        if (this.canvas.height !== picture.height) this.canvas.height = picture.height;
+        this.context.drawImage(picture, 0, 0);
+        this.#drawn = { sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now };
+        this.#ages.push(this.#drawn.at - this.#drawn.from);
+        this.#ages.splice(0, this.#ages.length - AGES);
+        this.canvas.hidden = false;
+        this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent } }));
+      }
+      picture.close();
+    } catch {
+      // A broken picture is left out; the next one may be good.
+    }
+    connection.send({ got: sequence });
+  }
+
+  /** Return the age of the picture in seconds: when it was drawn, or now if the next is late. */
+  #currentAge(now) {
+    if (this.#ages.length) {
+      this.#ages.sort((one, other) => one - other);
+      this.#age = this.#ages[this.#ages.length >> 1];
+      this.#ages = [];
+    }
+    const period = 1 / (this.status?.sent?.rate || 1);
+    return now - this.#drawn.at < Math.max(1, 3 * period) ? this.#age : now - this.#drawn.from;
+  }
+
+  /**
+   * Show the facts.
+   *
+   * @param connection for its clock.
+   * @param mood 'live', 'paused' or 'lost', of the whole page.
+   */
+  show(connection, mood) {
+    const status = this.status ?? {};
+    const reason = this.refusal || status.reason || '';
+    const hasPicture = !this.canvas.hidden;
+    this.element.classList.toggle('quiet', Boolean(reason) || mood === 'lost');
+    this.#part('.reason').hidden = !reason;
+    this.#part('.reason').textContent = reason;
+    this.#part('.wait').hidden = hasPicture;
+    const { sent } = status;
+    const facts = [
+      ['Size', size(status)],
+      ['Encoding', status.encoding],
+      ['Rate', rate(status.rate)],
+      ['Age', hasPicture ? age(this.#currentAge(connection.now)) : ''],
+      ['Lost', status.frames ? number(status.lost) : ''],
+      ['Broken', status.broken ? `${number(status.broken)} left out` : ''],
+      ['Shown', sent && [size(sent), sent.passed_through ? 'unchanged' : `quality ${sent.quality}`,
+        rate(sent.rate)].join(', ')],
+      ['Link', status.link && `${number(status.link)} Mbit/s`],
+    ];
+    this.#showFacts(facts.filter(([, text]) => text));
+  }
+
+  #showFacts(facts) {
+    const list = this.#part('.facts');
+    while (list.children.length > facts.length) list.lastElementChild.remove();
+    facts.forEach(([name, text], place) => {
+      const row = list.children[place] ?? list.appendChild(document.createElement('div'));
+      if (row.children.length === 0) {
+        row.append(document.createElement('dt'), document.createElement('dd'));
+      }
+      row.dataset.fact = name.toLowerCase();
+      row.firstElementChild.textContent = name;
+      row.lastElementChild.textContent = text;
+      row.lastElementChild.title = text;
+    });
+  }
+}

@@ -1,0 +1,317 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+import { Connection } from './connection.js';
+import { Controls } from './controls.js';
+import { arrange } from './grid.js';
+import { Tile } from './tile.js';
+
+const REFRESH_MS = 500;
+const NOTICE_MS = 8000;
+const SETTLE_MS = 200;
+
+const part = (id) => document.getElementById(id);
+const cameras = part('cameras');
+const address = new URL(location);
+address.searchParams.delete('token');
+history.replaceState(null, '', address);
+
+const tiles = new Map();
+const numbers = new Map(); // of topics, as in the head of a frame
+let selected = address.searchParams.get('topic') ?? '';
+let host = '';
+let mood = 'lost';
+let isPaused = false;
+let noticeTimer = 0;
+
+const fixed = Object.fromEntries(['width', 'quality', 'rate']
+  .filter((name) => address.searchParams.has(name))
+  .map((name) => [name, Number(address.searchParams.get(name)) || 0]));
+if ('width' in fixed || 'quality' in fixed) fixed.fixed = true;
+
+const connection = new Connection({
+  connected(hello) {
+    host = hello.host;
+    mood = 'live';
+    for (const tile of tiles.values()) tile.reset();
+    controls.enable(hello.control);
+    notify('');
+    showAll();
+  },
+  disconnected(sentence) {
+    mood = 'lost';
+    if (sentence) notify(sentence, false);
+    showAll();
+  },
+  received(message) {
+    if (message.topics) listTopics(message.topics);
+    for (const status of message.status ?? []) {
+      const tile = tiles.get(status.name);
+      if (tile) {
+        tile.status = status;
+        numbers.set(status.id, tile);
+      }
+    }
+    if (message.status) showAll();
+    if (message.error) complain(message);
+    controls.receive(message);
+  },
+  frame(bytes) {
+    const tile = numbers.get(new DataView(bytes).getUint32(0));
+    if (tile) tile.draw(connection, bytes);
+    else connection.send({ got: new DataView(bytes).getUint32(4) });
+  },
+});
+
+const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
+
+const inView = new IntersectionObserver((entries) => {
+  for (const entry of entries) tiles.get(entry.target.dataset.topic).inView = entry.isIntersecting;
+  ask();
+}, { rootMargin: '100px' });
+let settle = 0;
+const sizes = new ResizeObserver(() => {
+  clearTimeout(settle);
+  settle = setTimeout(ask, SETTLE_MS);
+});
+
+/** Show a sentence below the head of the page; '' removes it. */
+function notify(sentence, disappears = true) {
+  const notice = part('notice');
+  notice.textContent = sentence;
+  notice.hidden = !sentence;
+  clearTimeout(noticeTimer);
+  if (sentence && disappears) noticeTimer = setTimeout(() => notify(''), NOTICE_MS);
+}
+
+function complain({ error, topic }) {
+  const tile = tiles.get(topic);
+  if (tile) tile.refusal = error;
+  else notify(error);
+  showAll();
+}
+
+function addTile(name) {
+  const tile = new Tile(name);
+  tiles.set(name, tile);
+  tile.link.addEventListener('click', (event) => {
+    if (event.ctrlKey || event.metaKey || event.shiftKey) return;
+    event.preventDefault();
+    if (!selected) select(name);
+  });
+  inView.observe(tile.element);
+  sizes.observe(tile.link);
+  return tile;
+}
+
+/** Create and remove tiles so that they are those of the topics, in the same order. */
+function listTopics(topics) {
+  const names = topics.map((topic) => topic.name);
+  if (selected && !names.includes(selected)) names.push(selected);
+  for (const [name, tile] of tiles) {
+    if (!names.includes(name)) {
+      tile.element.remove();
+      tiles.delete(name);
+    }
+  }
+  numbers.clear();
+  for (const topic of topics) {
+    const tile = tiles.get(topic.name) ?? addTile(topic.name);
+    if (tile.refusal) tile.reset();
+    tile.topic = topic;
+    numbers.set(topic.id, tile);
+  }
+  names.sort().forEach((name, place) => {
+    const { element } = tiles.get(name) ?? addTile(name);
+    if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
+  });
+  showAll();
+}
+
+/** Ask for the pictures that somebody sees. */
+function ask() {
+  for (const tile of tiles.values()) {
+    tile.ask(connection, tile.inView && !isPaused && !document.hidden, fixed);
+  }
+}
+
+/** Show one topic alone, or all topics for ''. */
+function select(name, isNew = true) {
+  const last = selected;
+  selected = name;
+  if (isNew) {
+    const url = new URL(location);
+    url.searchParams.delete('range');
+    if (name) url.searchParams.set('topic', name);
+    else url.searchParams.delete('topic');
+    history.pushState(null, '', url);
+  }
+  if (!name && document.fullscreenElement) document.exitFullscreen();
+  if (name && !tiles.has(name)) listTopics([...tiles.values()].map((tile) => tile.topic));
+  showAll();
+  scrollTo(0, 0);
+  if (!name) tiles.get(last)?.link.focus();
+}
+
+function step(distance) {
+  const names = [...tiles.keys()].sort();
+  const place = names.indexOf(selected);
+  if (names.length) select(names[(place + distance + names.length) % names.length]);
+}
+
+/** Show the state of the page; the facts of each tile follow. */
+function showAll() {
+  const state = mood === 'live' && isPaused ? 'paused' : mood;
+  const words = { live: 'Live', paused: 'Paused', lost: host ? 'Reconnecting' : 'Connecting' };
+  part('state').dataset.state = state;
+  if (part('state').textContent !== words[state]) part('state').textContent = words[state];
+  document.body.dataset.view = selected ? 'one' : 'all';
+  const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
+  part('title').textContent = title;
+  part('title').title = title;
+  document.title = selected && host ? `${selected} – ${host}` : title;
+  part('pause').setAttribute('aria-pressed', String(isPaused));
+  part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
+  part('previous').hidden = part('next').hidden = tiles.size < 2;
+  part('empty').hidden = tiles.size > 0 || mood !== 'live';
+  const ratios = [];
+  for (const [name, tile] of tiles) {
+    const url = new URL(location);
+    url.searchParams.set('topic', name);
+    tile.element.hidden = Boolean(selected) && name !== selected;
+    if (selected) tile.link.removeAttribute('href');
+    else tile.link.href = url;
+    tile.show(connection, state);
+    if (tile.status?.width) ratios.push(tile.status.width / tile.status.height);
+  }
+  ratios.sort((one, other) => one - other);
+  const one = tiles.get(selected)?.status;
+  showPanel();
+  arrange(tiles.size, one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9,
+    tiles.get(selected));
+  ask();
+}
+
+function showPanel() {
+  const tile = tiles.get(selected);
+  const range = tile?.status?.range;
+  part('range').hidden = !range;
+  if (range) {
+    part('automatic').checked = !tile.range;
+    for (const [place, id] of ['low', 'high'].entries()) {
+      part(id).readOnly = !tile.range;
+      if (!tile.range) part(id).value = Number(range[place].toPrecision(4));
+    }
+  }
+  controls.show(tile?.topic?.nodes ?? []);
+  part('panel').hidden = !range && controls.isEmpty;
+}
+
+/** Use the limits of the form for the picture, and keep them in the address. */
+function setRange() {
+  const tile = tiles.get(selected);
+  const limits = [part('low').valueAsNumber, part('high').valueAsNumber];
+  const isValid = limits.every(Number.isFinite) && limits[0] !== limits[1];
+  part('high').setCustomValidity(isValid ? '' : 'Give two different numbers.');
+  if (!tile || !part('range').reportValidity()) return;
+  tile.range = part('automatic').checked ? null : limits;
+  const url = new URL(location);
+  if (tile.range) url.searchParams.set('range', limits.join());
+  else url.searchParams.delete('range');
+  history.replaceState(null, '', url);
+  showAll();
+}
+
+function pause() {
+  isPaused = !isPaused;
+  showAll();
+}
+
+/** Save the newest picture of a topic in the format of the recorder. */
+async function save(name) {
+  try {
+    const answer = await fetch(`/snapshot?topic=${encodeURIComponent(name)}&format=original`);
+    if (!answer.ok) throw new Error((await answer.text()).trim());
+    const file = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
+    const link = document.createElement('a');
+    link.href = URL.createObjectURL(await answer.blob());
+    link.download = file ? file[1] : 'picture';
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), NOTICE_MS);
+    notify(`Saved ${link.download}`);
+  } catch (error) {
+    notify(error.message);
+  }
+}
+
+function fillScreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else tiles.get(selected)?.link.requestFullscreen();
+}
+
+/** Move the focus in the grid. */
+function moveFocus(distance) {
+  const links = [...cameras.querySelectorAll('.frame')];
+  const place = links.indexOf(document.activeElement);
+  links[place < 0 ? 0 : Math.min(links.length - 1, Math.max(0, place + distance))]?.focus();
+}
+
+function focused() {
+  return document.activeElement?.closest('.tile')?.dataset.topic ?? '';
+}
+
+const across = () => Number(cameras.style.getPropertyValue('--columns'));
+const KEYS = {
+  'ArrowLeft': () => (selected ? step(-1) : moveFocus(-1)),
+  'ArrowRight': () => (selected ? step(1) : moveFocus(1)),
+  'ArrowUp': () => !selected && moveFocus(-across()),
+  'ArrowDown': () => !selected && moveFocus(across()),
+  'Escape': () => selected && select(''),
+  ' ': pause,
+  's': () => (selected || focused()) && save(selected || focused()),
+  'f': () => selected && fillScreen(),
+};
+
+document.addEventListener('keydown', (event) => {
+  const isTyping = event.target.closest('input, select, textarea');
+  const isPressing = event.key === ' ' && event.target.closest('button');
+  const action = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!action || isPressing || event.ctrlKey || event.metaKey || event.altKey
+    || (isTyping && event.key !== 'Escape')) return;
+  event.preventDefault();
+  action();
+});
+document.addEventListener('visibilitychange', ask);
+addEventListener('resize', showAll);
+addEventListener('popstate',
+  () => select(new URL(location).searchParams.get('topic') ?? '', false));
+part('back').addEventListener('click', (event) => {
+  event.preventDefault();
+  select('');
+});
+part('previous').addEventListener('click', () => step(-1));
+part('next').addEventListener('click', () => step(1));
+part('pause').addEventListener('click', pause);
+part('save').addEventListener('click', () => save(selected));
+part('full').addEventListener('click', fillScreen);
+part('full').hidden = !document.fullscreenEnabled;
+part('range').addEventListener('change', setRange);
+part('range').addEventListener('submit', (event) => event.preventDefault());
+setInterval(() => document.hidden || showAll(), REFRESH_MS);
+
+const limits = (address.searchParams.get('range') ?? '').split(',').map(Number);
+if (selected && limits.length === 2 && limits.every(Number.isFinite)) {
+  addTile(selected).range = limits;
+}
+showAll();

@@ -1,0 +1,164 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages of the WebSocket between the server and the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+import math
+import struct
+from typing import Any
+
+from opencv_tools.viewer.errors import RequestError
+
+#: Version of the protocol.
+VERSION = 1
+#: Maximum size of a message of the page in bytes.
+MAX_MESSAGE_BYTES = 4096
+
+#: Widths in pixels that pictures are scaled to; few, so that viewers share encodings.
+WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
+
+#: End of the name of a topic with compressed images.
+COMPRESSED = '/compressed'
+
+_HEAD = struct.Struct('>IIdd')
+_MAX_WIDTH = 65_535
+_MAX_NAME = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """
+    Wishes of a viewer of a topic.
+
+    :param width: largest useful width in pixels; 0 for the full size.
+    :param quality: highest JPEG quality, 1 to 100; 0 for that of the node.
+    :param rate: highest rate in Hz; 0 for that of the node.
+    :param fixed: whether width and quality stay as they are on a slow link.
+    :param limits: numbers that become black and white; None for those of each picture.
+    """
+
+    width: int = 0
+    quality: int = 0
+    rate: float = 0.0
+    fixed: bool = False
+    limits: tuple[float, float] | None = None
+
+
+def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: bytes) -> bytes:
+    """
+    Return the binary message of a picture.
+
+    :param topic: number of the topic.
+    :param sequence: number of the message, which the page answers.
+    :param stamp: stamp of the frame in seconds.
+    :param sent: time of sending in seconds of the system clock.
+    :param picture: content of a JPEG file.
+    """
+    return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + picture
+
+
+def unpack_frame(message: bytes) -> tuple[int, int, float, float, bytes]:
+    """Return the arguments of ``pack_frame`` from a binary message."""
+    return (*_HEAD.unpack_from(message), message[_HEAD.size:])
+
+
+def parse_message(text: str | bytes) -> dict[str, Any]:
+    """
+    Read a text message of the page.
+
+    :raises RequestError: the message is not an object of JSON.
+    """
+    if isinstance(text, bytes):
+        raise RequestError('a binary message is not expected from a page')
+    try:
+        message = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as err:
+        raise RequestError(f'the message is not JSON: {str(err)[:80]}') from err
+    if not isinstance(message, dict):
+        raise RequestError('the message is not an object of JSON')
+    return message
+
+
+def topic_of(name: Any) -> str:
+    """
+    Return the name of a topic from a message or a URL, without ``/compressed``.
+
+    :raises RequestError: it is not a text, or too long.
+    """
+    if not isinstance(name, str) or not 0 < len(name) <= _MAX_NAME:
+        raise RequestError('the name of a topic is missing or too long')
+    name = name if name.startswith('/') else f'/{name}'
+    return name.removesuffix(COMPRESSED) or name
+
+
+def parse_options(message: dict[str, Any]) -> ViewOptions:
+    """
+    Read the wishes of a viewer.
+
+    :param message: values of a message or of the query of a URL.
+    :raises RequestError: a value is invalid.
+    """
+    limits = message.get('range')
+    if limits is not None:
+        if not isinstance(limits, list) or len(limits) != 2:
+            raise RequestError('range is not a list of two numbers')
+        limits = (_number(limits[0], 'range', -math.inf, math.inf),
+                  _number(limits[1], 'range', -math.inf, math.inf))
+    return ViewOptions(
+        width=int(_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
+        quality=int(_number(message.get('quality', 0), 'quality', 0, 100)),
+        rate=_number(message.get('rate', 0), 'rate', 0, 1000),
+        fixed=message.get('fixed', False) is True, limits=limits)
+
+
+def number_of(text: str, name: str, low: float, high: float) -> float:
+    """
+    Read a number in a URL.
+
+    :param text: value.
+    :param name: name of the value, for the message.
+    :param low: smallest valid number.
+    :param high: largest valid number.
+    :raises RequestError: the value is invalid.
+    """
+    try:
+        return _number(float(text), name, low, high)
+    except ValueError:
+        return _number(text, name, low, high)
+
+
+def step_width(width: int) -> int:
+    """Return the smallest of ``WIDTHS`` that is not less than a width; 0 above all of them."""
+    return next((step for step in WIDTHS if 0 < width <= step), 0)
+
+
+def finite(value: float) -> float | None:
+    """Return a number that JSON can hold, or None."""
+    return value if math.isfinite(value) else None
+
+
+def _number(value: Any, name: str, low: float, high: float) -> float:
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high or abs(value) > 1e300:
+        raise RequestError(f'{name} is {str(value)[:40]!r}: give a number'
+                           + (f' from {low:g} to {high:g}' if math.isfinite(high) else ''))
+    return float(value)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f'{name} is not a number of JSON')

@@ -1,0 +1,212 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The server of the viewer, in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+import logging
+import os
+import socket
+import ssl
+from threading import Event, Thread
+
+from opencv_tools.image.text import printable
+from opencv_tools.logs import Log, Throttle
+from opencv_tools.viewer.access import Access
+from opencv_tools.viewer.errors import ViewerError
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.graph import Graph
+from opencv_tools.viewer.hub import Hub
+from opencv_tools.viewer.page_files import read_page
+from opencv_tools.viewer.page_socket import PageSocket
+from opencv_tools.viewer.parameters import ViewerSettings
+from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
+from opencv_tools.viewer.web import (
+    FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
+from opencv_tools.viewer.web_video_server import (
+    SnapshotHandler, StreamHandler, StreamViewerHandler)
+from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
+from tornado.netutil import bind_sockets
+from tornado.web import Application
+
+_ENCODERS = 2
+_END_SECONDS = 5.0
+_IDLE_SECONDS = 20
+_PING_SECONDS = 10
+_MAX_HEADER_BYTES = 16_384
+_MAX_BODY_BYTES = 4096
+# Connections that are not WebSockets; a browser opens six.
+_MAX_CONNECTIONS = 256
+
+
+class ViewerServer:
+    """Serve the page from a thread of its own."""
+
+    def __init__(
+        self, settings: ViewerSettings, node: str, graph: Graph, calls: ExecutorCalls, log: Log,
+        on_failure: Callable[[], object],
+    ) -> None:
+        """
+        Listen on the port.
+
+        :param settings: values of the parameters.
+        :param node: full name of the node.
+        :param graph: image topics, used in the executor.
+        :param calls: calls in the executor.
+        :param log: log of the node.
+        :param on_failure: called in the thread if the server ends by itself.
+        :raises ViewerError: the port, the address or the certificate cannot be used.
+        """
+        self._settings = settings
+        self._node = node
+        self._graph = graph
+        self._calls = calls
+        self._log = log
+        self._on_failure = on_failure
+        self._tls = _load_certificate(settings)
+        self._sockets = _listen(settings.address, settings.port)
+        self._port: int = self._sockets[0].getsockname()[1]
+        self._access = Access.create(
+            settings.token, settings.address, settings.control, settings.allowed_hosts)
+        _pass_on_errors(log)
+        self._loop = asyncio.new_event_loop()
+        self._end = asyncio.Event()
+        self._has_started = Event()
+        self._thread = Thread(target=self._run, name='viewer', daemon=True)
+        self._thread.start()
+        self._has_started.wait()
+
+    @property
+    def url(self) -> str:
+        """Address of the page with its token, as a browser of another machine needs it."""
+        address = self._settings.address
+        if address in ('0.0.0.0', '::'):
+            address = socket.gethostname()
+        elif ':' in address:
+            address = f'[{address}]'
+        token = f'?token={self._access.token}' if self._access.token else ''
+        return f'{"https" if self._tls else "http"}://{address}:{self._port}/{token}'
+
+    def close(self) -> None:
+        """Close all connections and end the thread."""
+        with suppress(RuntimeError):  # it has ended by itself
+            self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join(_END_SECONDS)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        except Exception as err:  # noqa: B902 (the node must not go on without its server)
+            self._log.error(f'the server has failed: {type(err).__name__}: {printable(err)}')
+        finally:
+            self._has_started.set()
+            if not self._end.is_set():
+                self._on_failure()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        with ThreadPoolExecutor(_ENCODERS, 'encoder') as pool:
+            hub = Hub(self._settings, self._graph, self._calls, pool, self._log)
+            site = Site(hub, self._access, read_page(), self._node, self._port,
+                        self._tls is not None)
+            server = _Server(
+                _application(site), ssl_options=self._tls,
+                max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,
+                body_timeout=_IDLE_SECONDS, idle_connection_timeout=_IDLE_SECONDS)
+            server.add_sockets(self._sockets)
+            self._has_started.set()
+            await self._end.wait()
+            server.stop()
+            await hub.close()
+            await asyncio.wait_for(server.close_all_connections(), _END_SECONDS)
+
+
+class _Server(HTTPServer):
+    """A server with a limited number of connections."""
+
+    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
+        if len(self._connections) >= _MAX_CONNECTIONS:
+            stream.close()
+        else:
+            super().handle_stream(stream, address)
+
+
+class _NodeHandler(logging.Handler):
+    """Log errors of Tornado as one line of the node."""
+
+    def __init__(self, log: Log) -> None:
+        super().__init__(logging.ERROR)
+        self._log = log
+        self._throttle = Throttle()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if self._throttle.passes():
+            err = record.exc_info[1] if record.exc_info else None
+            self._log.error(f'{printable(record.getMessage().partition(chr(10))[0])}'
+                            + (f': {type(err).__name__}: {printable(err)}' if err else ''))
+
+
+def _application(site: Site) -> Application:
+    keywords = {'site': site}
+    return Application([
+        ('/', IndexHandler, keywords),
+        ('/page/([A-Za-z0-9_.-]+)', FileHandler, keywords),
+        ('/ws', PageSocket, keywords),
+        ('/topics', TopicsHandler, keywords),
+        ('/healthz', HealthHandler, keywords),
+        ('/snapshot', SnapshotHandler, keywords),
+        ('/stream', StreamHandler, keywords),
+        ('/stream_viewer', StreamViewerHandler, keywords),
+    ], default_handler_class=UnknownHandler, default_handler_args=keywords,
+        log_function=lambda _: None, websocket_ping_interval=_PING_SECONDS,
+        websocket_ping_timeout=_PING_SECONDS, websocket_max_message_size=MAX_MESSAGE_BYTES)
+
+
+def _listen(address: str, port: int) -> list[socket.socket]:
+    try:
+        return bind_sockets(port, address)
+    except socket.gaierror as err:
+        raise ViewerError(f'address {address!r} is unknown: {err.strerror}; set address to an '
+                          'address of this machine') from err
+    except (OSError, UnicodeError) as err:
+        reason = os.strerror(err.errno) if isinstance(err, OSError) and err.errno else str(err)
+        raise ViewerError(f'port {port} of {address} cannot be used: {reason}; set port or '
+                          'address') from err
+
+
+def _load_certificate(settings: ViewerSettings) -> ssl.SSLContext | None:
+    if not settings.certificate:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        context.load_cert_chain(settings.certificate, settings.key or None, lambda: '')
+    except (OSError, ValueError) as err:
+        raise ViewerError(f'certificate {settings.certificate} and key '
+                          f'{settings.key or settings.certificate} cannot be used: {err}') from err
+    return context
+
+
+def _pass_on_errors(log: Log) -> None:
+    """Log errors of Tornado and asyncio with the node; requests are never logged."""
+    for name in ('tornado', 'asyncio'):
+        logger = logging.getLogger(name)
+        logger.handlers = [_NodeHandler(log)]
+        logger.propagate = False

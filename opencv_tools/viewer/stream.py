@@ -1,0 +1,142 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of one topic for all its viewers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import suppress
+from functools import partial
+from typing import ParamSpec, TypeVar
+
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import printable
+from opencv_tools.logs import Log, Throttle
+from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
+from opencv_tools.viewer.feed import Feed, NewFrame
+
+_P = ParamSpec('_P')
+_T = TypeVar('_T')
+
+
+class Stream:
+    """
+    Encode the newest frame of a topic, once for each size and quality.
+
+    All methods run in the loop of the server. The pool encodes.
+    """
+
+    def __init__(self, name: str, loop: asyncio.AbstractEventLoop, pool: Executor,
+                 log: Log) -> None:
+        """
+        Create a stream without viewers.
+
+        :param name: name of the topic.
+        :param loop: loop of the server.
+        :param pool: threads that encode.
+        :param log: log for broken images.
+        """
+        self.name = name
+        self.feed = Feed(self._notify)
+        #: Functions that are called after each frame.
+        self.watchers: set[Callable[[], object]] = set()
+        #: The last picture that was encoded; None before the first one.
+        self.last_picture: Picture | None = None
+        #: Number of encodings so far.
+        self.encodings = 0
+        self._loop = loop
+        self._pool = pool
+        self._log = log
+        self._throttle = Throttle()
+        self._broken = 0
+        self._broken_number = 0
+        self._is_notified = False
+        self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | None]]] = {}
+
+    @property
+    def broken(self) -> int:
+        """Return the number of messages that are not valid images."""
+        return self.feed.broken + self._broken
+
+    def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | None]:
+        """
+        Return the picture of a frame; viewers with the same options share it.
+
+        :param frame: newest frame.
+        :param options: size and quality.
+        :returns: future of the picture; None if the image is broken.
+        """
+        number, future = self._pictures.get(options, (0, None))
+        if future is None or number != frame.number:
+            self.encodings += 1
+            future = asyncio.ensure_future(self._encode(frame, options))
+            self._pictures = {key: value for key, value in self._pictures.items()
+                              if value[0] == frame.number}
+            self._pictures[options] = frame.number, future
+        return future
+
+    async def next_frame(self, after: int, seconds: float) -> NewFrame | None:
+        """
+        Wait for a frame.
+
+        :param after: number of the last frame that is too old.
+        :param seconds: maximum time in seconds.
+        :returns: the newest frame, or None.
+        """
+        arrived = asyncio.Event()
+        self.watchers.add(arrived.set)
+        try:
+            deadline = self._loop.time() + seconds
+            while self.feed.frames <= after:
+                arrived.clear()
+                await asyncio.wait_for(arrived.wait(), deadline - self._loop.time())
+        except asyncio.TimeoutError:
+            return None
+        finally:
+            self.watchers.discard(arrived.set)
+        return self.feed.newest
+
+    async def in_pool(self, function: Callable[_P, _T], *args: _P.args,
+                      **keywords: _P.kwargs) -> _T:
+        """Return the result of a function that a thread of the pool calls."""
+        call = partial(function, *args, **keywords)
+        return await self._loop.run_in_executor(self._pool, call)
+
+    def _notify(self) -> None:
+        """Wake the loop, in the executor; once for all frames that it has not seen yet."""
+        if not self._is_notified:
+            self._is_notified = True
+            with suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._frame_arrived)
+
+    def _frame_arrived(self) -> None:
+        self._is_notified = False
+        for watcher in tuple(self.watchers):
+            watcher()
+
+    async def _encode(self, frame: NewFrame, options: PictureOptions) -> Picture | None:
+        try:
+            self.last_picture = await self.in_pool(encode_picture, frame.message, options)
+        except (CvBridgeError, ImageError) as err:
+            if self._broken_number != frame.number:
+                self._broken_number = frame.number
+                self._broken += 1
+            if self._throttle.passes():
+                self._log.warning(f'frame of {self.name} left out: {printable(err)}')
+            return None
+        return self.last_picture

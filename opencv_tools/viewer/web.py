@@ -1,0 +1,208 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Handlers of HTTP: the page, its files and the list of topics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from opencv_tools.image.text import printable
+from opencv_tools.viewer.access import Access
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.hub import Hub
+from opencv_tools.viewer.page_files import INDEX, PageFile, TOKEN_FORM
+from tornado.web import HTTPError, RequestHandler
+
+_SENTENCES = {404: 'there is no such page', 405: 'only GET is allowed'}
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self' ws://{host} wss://{host}; manifest-src 'self'; form-action 'self'; "
+    "base-uri 'none'; frame-ancestors 'none'")
+# Policy of texts.
+_NO_POLICY = "default-src 'none'; frame-ancestors 'none'"
+
+
+@dataclass(frozen=True)
+class Site:
+    """
+    Everything that the handlers need.
+
+    :param hub: streams and viewers.
+    :param access: rules for requests.
+    :param page: files of the page by name.
+    :param node: full name of the node.
+    :param port: port of the server.
+    :param is_secure: whether the connection is encrypted.
+    """
+
+    hub: Hub
+    access: Access
+    page: Mapping[str, PageFile]
+    node: str
+    port: int
+    is_secure: bool
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie with the token; cookies of all ports of a host are shared."""
+        return f'img_viewer_{self.port}'
+
+
+class Refusal(HTTPError):
+    """An answer with a status of HTTP and one sentence."""
+
+    def __init__(self, err: RequestError) -> None:
+        """Store the status and the sentence."""
+        super().__init__(err.status)
+        self.sentence = str(err)
+
+
+class SiteHandler(RequestHandler):
+    """A handler that checks the host and the token of each request."""
+
+    site: Site
+    needs_token = True
+
+    def initialize(self, site: Site) -> None:
+        """Store the site."""
+        self.site = site
+
+    def prepare(self) -> None:
+        """Refuse a request of a foreign host or without the token."""
+        host = self.request.headers.get('Host', '')
+        try:
+            self.site.access.check_host(host)
+            self.set_header('Content-Security-Policy', _POLICY.format(host=host))
+            if self.needs_token:
+                self.check_token()
+        except RequestError as err:
+            raise Refusal(err) from err
+
+    def check_token(self) -> None:
+        """
+        Check the token in the cookie, in the URL or in the header ``Authorization``.
+
+        :raises RequestError: none of them is the token.
+        """
+        authorization = self.request.headers.get('Authorization', '')
+        self.site.access.check_token(
+            self.get_cookie(self.site.cookie), self.get_query_argument('token', None),
+            authorization.removeprefix('Bearer '))
+
+    def keep_token(self) -> None:
+        """Keep the token of the URL in a cookie; the token was checked."""
+        token = self.site.access.token
+        if token and self.get_query_argument('token', None) == token:
+            self.set_cookie(self.site.cookie, token, httponly=True, samesite='Strict',
+                            secure=self.site.is_secure)
+
+    def set_default_headers(self) -> None:
+        """Set the headers that protect the page."""
+        self.clear_header('Server')
+        self.set_header('X-Content-Type-Options', 'nosniff')
+        self.set_header('Referrer-Policy', 'no-referrer')
+        self.set_header('Cross-Origin-Resource-Policy', 'same-site')
+        self.set_header('Cache-Control', 'no-store')
+        self.set_header('Content-Security-Policy', _NO_POLICY)
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """Write one sentence."""
+        err = kwargs.get('exc_info', (None, None))[1]
+        sentence = getattr(err, 'sentence', _SENTENCES.get(status_code, self._reason))
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(f'{printable(sentence, 1000)}\n')
+
+    def compute_etag(self) -> None:
+        """Compute no hash of pictures, which are never asked for again."""
+
+    def write_file(self, file: PageFile) -> None:
+        """Write a file of the page."""
+        self.set_header('Content-Type', file.content_type)
+        self.set_header('Cache-Control', 'no-cache')
+        self.set_header('ETag', file.tag)
+        if self.check_etag_header():
+            self.set_status(304)
+            self.finish()
+        else:
+            self.finish(file.content)
+
+
+class UnknownHandler(SiteHandler):
+    """All other addresses."""
+
+    def prepare(self) -> None:
+        """Refuse the request."""
+        super().prepare()
+        raise HTTPError(404)
+
+
+class IndexHandler(SiteHandler):
+    """The page, and the form for the token."""
+
+    needs_token = False
+
+    def get(self) -> None:
+        """Write the page, and keep a token of the URL in a cookie."""
+        try:
+            self.check_token()
+        except RequestError as err:
+            if TOKEN_FORM not in self.site.page:
+                raise Refusal(err) from err
+            self.set_status(err.status)
+            self._write_page(TOKEN_FORM)
+            return
+        self.keep_token()
+        self._write_page(INDEX)
+
+    def _write_page(self, name: str) -> None:
+        file = self.site.page[name]
+        self.set_header('Content-Type', file.content_type)
+        self.finish(file.content)
+
+
+class FileHandler(SiteHandler):
+    """A file of the page; none of them is secret."""
+
+    needs_token = False
+
+    def get(self, name: str) -> None:
+        """Write the file."""
+        file = self.site.page.get(name)
+        if file is None or name in (INDEX, TOKEN_FORM):
+            raise HTTPError(404)
+        self.write_file(file)
+
+
+class TopicsHandler(SiteHandler):
+    """The image topics as JSON."""
+
+    async def get(self) -> None:
+        """Write the list, with the state of topics that somebody looks at."""
+        await self.site.hub.refresh()
+        self.finish({'node': self.site.node, 'topics': self.site.hub.full_json()})
+
+
+class HealthHandler(SiteHandler):
+    """A sign of life."""
+
+    needs_token = False
+
+    async def get(self) -> None:
+        """Write ``ok`` when the executor of the node answers."""
+        await self.site.hub.refresh()
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish('ok\n')

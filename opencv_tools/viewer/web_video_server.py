@@ -1,0 +1,219 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The addresses of web_video_server: snapshots and streams."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+import secrets
+from urllib.parse import urlencode
+
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.errors import ImageError
+from opencv_tools.viewer.encoding import Picture, PictureOptions
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.graph import FeedState
+from opencv_tools.viewer.protocol import number_of, topic_of
+from opencv_tools.viewer.snapshot_file import encode_original
+from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.web import Refusal, SiteHandler
+from tornado.escape import xhtml_escape
+from tornado.iostream import StreamClosedError
+
+_FRAME_SECONDS = 5.0
+# Chromium shows a part of a stream when the next part begins, so the last one is repeated.
+_REPEAT_SECONDS = 0.2
+# Time in which a part must have been taken by the network.
+_FLUSH_SECONDS = 30.0
+_TYPES = ('mjpeg', 'ros_compressed')
+# Browsers search the pictures for the boundary, so it must not occur in them.
+_BOUNDARY_BYTES = 15
+
+
+class StreamingHandler(SiteHandler):
+    """A handler that looks at a topic without the page."""
+
+    @asynccontextmanager
+    async def stream(self) -> AsyncIterator[Stream]:
+        """
+        Look at the topic of the URL.
+
+        :raises Refusal: there is no such topic, or too many viewers.
+        """
+        hub = self.site.hub
+        try:
+            name = topic_of(self.get_query_argument('topic', None))
+            hub.add_guest()
+        except RequestError as err:
+            raise Refusal(err) from err
+        try:
+            stream = await hub.acquire(name)
+            try:
+                yield stream
+            finally:
+                hub.release(stream)
+        except RequestError as err:
+            raise Refusal(err) from err
+        finally:
+            hub.remove_guest()
+
+    def picture_options(self) -> PictureOptions:
+        """
+        Return the size and quality of the URL.
+
+        :raises Refusal: a number is invalid.
+        """
+        settings = self.site.hub.settings
+        try:
+            width, height, quality = (
+                int(number_of(self.get_query_argument(name, '0'), name, 0, high))
+                for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
+        except RequestError as err:
+            raise Refusal(err) from err
+        widths = [limit for limit in (width, settings.width) if limit]
+        return PictureOptions(min(widths, default=0), quality or settings.quality, height=height,
+                              keep=not quality)
+
+    async def first_frame(self, stream: Stream) -> NewFrame:
+        """
+        Wait for the next frame; a latched topic need not send another one.
+
+        :raises RequestError: no frame has arrived.
+        """
+        known = self.site.hub.state.feeds.get(stream.name)
+        if known and known.is_latched and stream.feed.newest:
+            return stream.feed.newest
+        frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
+        if frame:
+            return frame
+        state = await self.site.hub.refresh()
+        reason = state.feeds.get(stream.name, FeedState('', 0, False)).reason
+        raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
+
+
+class SnapshotHandler(StreamingHandler):
+    """One picture, as JPEG or as the recorder would write it."""
+
+    async def get(self) -> None:
+        """Write the next frame."""
+        is_original = self.get_query_argument('format', 'jpg') == 'original'
+        options = self.picture_options()
+        async with self.stream() as stream:
+            frame = await self.first_frame(stream)
+            header = frame.message.header
+            self.set_header('X-Timestamp', f'{header.sec}.{header.nanosec:09d}')
+            if is_original:
+                await self._write_original(stream, frame)
+            else:
+                self._write_picture(await stream.picture(frame, options))
+
+    def _write_picture(self, picture: Picture | None) -> None:
+        if picture is None:
+            raise RequestError('the frame is not a valid image', 503)
+        self.set_header('Content-Type', 'image/jpeg')
+        self.finish(picture.data)
+
+    async def _write_original(self, stream: Stream, frame: NewFrame) -> None:
+        try:
+            name, content = await stream.in_pool(
+                encode_original, frame.message, stream.name, frame.receive_ns)
+        except (CvBridgeError, ImageError) as err:
+            raise RequestError(f'the frame cannot be saved: {err}', 503) from err
+        self.set_header('Content-Type', 'application/octet-stream')
+        self.set_header('Content-Disposition', f'attachment; filename="{name}"')
+        self.finish(content)
+
+
+class StreamHandler(StreamingHandler):
+    """Pictures as ``multipart/x-mixed-replace``."""
+
+    _is_closed = False
+
+    async def get(self) -> None:
+        """Write pictures until the browser closes the connection."""
+        kind = self.get_query_argument('type', 'mjpeg')
+        if kind not in _TYPES:
+            raise Refusal(RequestError(
+                f'type {kind[:40]!r} is not available: use {" or ".join(_TYPES)}'))
+        options = self.picture_options()
+        async with self.stream() as stream:
+            frame = await self.first_frame(stream)
+            boundary = secrets.token_hex(_BOUNDARY_BYTES)
+            self.set_header('Content-Type', f'multipart/x-mixed-replace;boundary={boundary}')
+            await self._write_parts(stream, frame, options, boundary)
+
+    def on_connection_close(self) -> None:
+        """End the stream."""
+        self._is_closed = True
+
+    async def _write_parts(
+        self, stream: Stream, frame: NewFrame, options: PictureOptions, boundary: str,
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        period = 1 / self.site.hub.settings.rate
+        due = loop.time()
+        part = b''
+        is_repeated = True
+        while not self._is_closed:
+            picture = await stream.picture(frame, options)
+            if picture:
+                part = (f'--{boundary}\r\nContent-Type: image/jpeg\r\n'
+                        f'Content-Length: {len(picture.data)}\r\n\r\n').encode() + (
+                            picture.data + b'\r\n')
+                is_repeated = False
+                if not await self._write_part(part):
+                    return
+            due = max(due, loop.time()) + period
+            await asyncio.sleep(due - period / 2 - loop.time())
+            newer = None
+            while newer is None and not self._is_closed:
+                newer = await stream.next_frame(frame.number, _REPEAT_SECONDS)
+                if newer is None and not is_repeated:
+                    is_repeated = True
+                    if not await self._write_part(part):
+                        return
+            frame = newer or frame
+
+    async def _write_part(self, part: bytes) -> bool:
+        """Write a part; return False if the browser is gone or reads nothing."""
+        self.write(part)
+        try:
+            await asyncio.wait_for(self.flush(), _FLUSH_SECONDS)
+        except (StreamClosedError, asyncio.TimeoutError):
+            self.detach().close()
+            return False
+        return True
+
+
+class StreamViewerHandler(SiteHandler):
+    """A page with one stream."""
+
+    def get(self) -> None:
+        """Write the page."""
+        try:
+            name = topic_of(self.get_query_argument('topic', None))
+        except RequestError as err:
+            raise Refusal(err) from err
+        self.keep_token()
+        given = {key: self.get_query_argument(key, '')
+                 for key in ('type', 'width', 'height', 'quality')}
+        address = '/stream?' + urlencode(
+            {'topic': name, **{key: value for key, value in given.items() if value}})
+        self.finish(f'<!doctype html>\n<html lang="en">\n<title>{xhtml_escape(name)}</title>\n'
+                    f'<h1>{xhtml_escape(name)}</h1>\n'
+                    f'<img src="{xhtml_escape(address)}" alt="{xhtml_escape(name)}">\n')

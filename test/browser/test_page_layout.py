@@ -1,0 +1,194 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Layout of the page: nothing overlaps, nothing is cut off, all texts can be read and named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from chromium import Browser, Page
+import numpy as np
+from pages import Camera, Viewer
+import pytest
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+SIZES = [(1280, 800), (390, 844)]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LEAST_CONTRAST = 4.5  # of WCAG 2, level AA
+
+# What a reader sees: pictures, lines of text and things to press. Texts for screen readers alone
+# are clipped to nothing.
+_BOXES = """
+(() => {
+  const boxes = [];
+  const add = (name, element, rect) => {
+    const clipped = element.closest('[class]')
+      && getComputedStyle(element).clipPath !== 'none';
+    if (rect.width > 0 && rect.height > 0 && !clipped) {
+      boxes.push({name, left: rect.left, top: rect.top + scrollY, right: rect.right,
+                  bottom: rect.bottom + scrollY,
+                  pressed: element.closest('a, button, label')?.outerHTML.slice(0, 80) ?? ''});
+    }
+  };
+  for (const element of document.querySelectorAll('canvas, button, .button, input, select')) {
+    add(element.tagName + ' ' + (element.id || element.className), element,
+        element.getBoundingClientRect());
+  }
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const text = walker.currentNode;
+    const parent = text.parentElement;
+    if (!text.data.trim() || parent.closest('script, noscript, template, option')) continue;
+    const range = document.createRange();
+    range.selectNodeContents(text);
+    const isCut = getComputedStyle(parent).overflow === 'hidden';
+    for (const rect of isCut ? [parent.getBoundingClientRect()] : range.getClientRects()) {
+      add(text.data.trim().slice(0, 40), parent, rect);
+    }
+  }
+  return boxes;
+})()
+"""
+
+# Texts with the colours of letters and background, as red, green and blue.
+_COLORS = """
+[...document.querySelectorAll('h1, h2, p, dt, dd, button, a.button, label, kbd, code, output')]
+  .filter((element) => element.offsetWidth > 0 && element.textContent.trim() && !element.disabled)
+  .map((element) => {
+    let around = element;
+    while (getComputedStyle(around).backgroundColor === 'rgba(0, 0, 0, 0)') {
+      around = around.parentElement;
+    }
+    const numbers = (text) => text.match(/[0-9.]+/g).slice(0, 3).map(Number);
+    return [element.textContent.trim().slice(0, 40), numbers(getComputedStyle(element).color),
+            numbers(getComputedStyle(around).backgroundColor)];
+  })
+"""
+
+
+def overlaps(one: dict[str, float], other: dict[str, float]) -> bool:
+    """Return whether two boxes have more than a pixel in common."""
+    return (min(one['right'], other['right']) - max(one['left'], other['left']) > 1
+            and min(one['bottom'], other['bottom']) - max(one['top'], other['top']) > 1)
+
+
+def check_layout(page: Page, width: int) -> None:
+    """Check that no two boxes overlap, except a label within its button, and that all are seen."""
+    boxes = page.evaluate(_BOXES)
+    assert len(boxes) > 2
+    for place, one in enumerate(boxes):
+        assert one['left'] >= -0.5 and one['right'] <= width + 0.5, one
+        for other in boxes[place + 1:]:
+            within = one['pressed'] and one['pressed'] == other['pressed']
+            assert within or not overlaps(one, other), (one, other)
+    assert page.evaluate('document.documentElement.scrollWidth') <= width
+
+
+def luminance(color: list[float]) -> float:
+    """Return the relative luminance of a colour, as defined by WCAG 2."""
+    parts = np.array(color) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def check_contrast(page: Page) -> None:
+    """Check that all texts can be read."""
+    texts = page.evaluate(_COLORS)
+    assert texts
+    for text, color, background in texts:
+        dark, bright = sorted((luminance(color), luminance(background)))
+        contrast = (bright + 0.05) / (dark + 0.05)
+        assert contrast >= LEAST_CONTRAST, (text, color, background, contrast)
+
+
+def check_names(page: Page) -> None:
+    """Check that a screen reader has a name for everything that can be pressed or looked at."""
+    page.call('Accessibility.enable')
+    nodes = page.call('Accessibility.getFullAXTree')['nodes']
+    named = {'button', 'link', 'img', 'switch', 'slider', 'spinbutton', 'combobox', 'textbox'}
+    roles = [node['role']['value'] for node in nodes if not node['ignored']]
+    assert named & set(roles)
+    for node in nodes:
+        if not node['ignored'] and node['role']['value'] in named:
+            assert node['name']['value'].strip(), node
+
+
+def check_all(page: Page) -> None:
+    """Check the page at both sizes, light and dark."""
+    for width, height in SIZES:
+        page.resize(width, height)
+        page.wait_for(f'innerWidth === {width}')
+        page.evaluate('new Promise((done) => setTimeout(done, 600))')  # the page arranges tiles
+        check_layout(page, width)
+        for scheme in ('light', 'dark'):
+            page.prefer(scheme)
+            check_contrast(page)
+    check_names(page)
+
+
+@pytest.mark.parametrize('count', [0, 1, 8])
+def test_grid(count: int, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    cameras = [Camera(camera, f'/camera_{number}/image_raw', LATCHED) for number in range(count)]
+    for number, one in enumerate(cameras):
+        one.publish(number)
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.getElementById("state").dataset.state === "live"')
+    for number, one in enumerate(cameras):
+        page.wait_for(f'numberOf({one.topic!r}) === {number}')
+    page.wait_for(f'document.querySelectorAll(".facts div").length >= {count}')
+    assert page.evaluate('document.getElementById("empty").hidden') == (count > 0)
+    check_all(page)
+
+
+def test_stalled_camera_and_long_texts(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    name = '/' + 'a_camera_with_a_very_long_name/' * 5 + 'image'
+    front, rear = Camera(camera, name), Camera(camera, '/rear')
+    page = browser.new_page(viewer.url)
+    front.show(page, 1)
+    rear.show(page, 2)
+    camera.destroy_publisher(front.publisher)
+    page.wait_for(f'tileOf({name!r}).querySelector(".reason").offsetWidth > 0')
+    check_all(page)
+    page.evaluate(f'tileOf({name!r}).querySelector(".frame").click()')
+    check_all(page)
+
+
+def test_one_camera_with_range(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = Camera(camera, '/depth', LATCHED)
+    depth.publish_image(np.arange(320 * 240, dtype=np.uint16).reshape(240, 320), '16UC1')
+    Camera(camera, '/other')
+    page = browser.new_page(f'{viewer.url}?topic=/depth')
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    check_all(page)
+
+
+def test_page_that_asks_for_the_token(
+        start_viewer: Callable[..., Viewer], browser: Browser) -> None:
+    viewer = start_viewer(token='a-secret-text')
+    page = browser.new_page(viewer.url.partition('?')[0])
+    assert page.evaluate('document.title') == 'Token needed'
+    check_all(page)
+
+
+def test_all_of_a_picture_is_on_the_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front = Camera(camera, '/portrait', LATCHED)
+    front.publish_image(np.zeros((1200, 300, 3), np.uint8), 'bgr8')
+    page = browser.new_page(f'{viewer.url}?topic=/portrait')
+    page.wait_for('factOf("/portrait", "size") === "300 \u00d7 1200"')
+    for width, height in SIZES:
+        page.resize(width, height)
+        page.wait_for(f'innerWidth === {width} && tileOf("/portrait").getBoundingClientRect()'
+                      f'.bottom <= {height}')
+        assert page.evaluate('tileOf("/portrait").querySelector("canvas").offsetWidth') > 100

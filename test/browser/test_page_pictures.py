@@ -1,0 +1,264 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Pictures in the page: their pixels, their facts, and when the page asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+from pathlib import Path
+import time
+from urllib.request import urlopen
+
+from chromium import Browser, Page, wait_until
+import cv2
+import numpy as np
+from pages import Camera, numbered_frame, Viewer
+import pytest
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sending import NANO
+
+TOPIC = '/front/video_frames'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def select(page: Page, topic: str) -> None:
+    """Click on the picture of a topic."""
+    page.evaluate(f'tileOf({topic!r}).querySelector(".frame").click()')
+
+
+def test_pixels_of_numbered_frames(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    for number in (1, 0x8000, 0xA5C3, 0):
+        front.show(page, number)
+    colors = [page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), {x}, 0.9)')
+              for x in (0.125, 0.375, 0.625)]
+    assert np.abs(np.array(colors) - 255 * np.eye(3)).max() < 16, colors
+    assert page.wait_for(f'factOf({TOPIC!r}, "size")') == '320 \u00d7 240'
+    assert page.evaluate(f'factOf({TOPIC!r}, "encoding")') == 'bgr8'
+    assert page.evaluate(f'factOf({TOPIC!r}, "lost")') == '0'
+    assert page.complaints() == []
+
+
+@pytest.mark.parametrize(('seconds', 'text'), [
+    (7300, '2 h'), (3 * 86400 + 60, '3 d'), (130, '2 min'),
+])
+def test_age_of_a_picture(
+        seconds: int, text: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 7, time.time_ns() - seconds * NANO)
+    page.wait_for(f'factOf({TOPIC!r}, "age") === {text!r}')
+
+
+def test_age_of_simulated_time(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 7, 12 * NANO)
+    assert page.wait_for(f'factOf({TOPIC!r}, "age")').endswith(('s', 'min'))
+
+
+def test_eight_topics_on_one_socket(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    cameras = [Camera(camera, f'/camera_{number}') for number in range(8)]
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.querySelectorAll(".tile").length === 8')
+    for number, one in enumerate(cameras):
+        one.show(page, 100 + number)
+    assert [page.evaluate(f'numberOf({one.topic!r})') for one in cameras] == [*range(100, 108)]
+    assert page.evaluate('sockets.length') == 1
+    with urlopen(f'{viewer.url}topics', timeout=60) as answer:
+        assert [topic['name'] for topic in json.load(answer)['topics']] == [
+            one.topic for one in cameras]
+
+
+def test_one_topic_and_the_keys(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    left, right = Camera(camera, '/left'), Camera(camera, '/right')
+    page = browser.new_page(viewer.url)
+    for one in (left, right):
+        one.show(page, 5)
+    select(page, '/left')
+    right.wait_for_no_viewer()
+    assert left.is_watched()
+    assert page.evaluate('tileOf("/right").offsetWidth') == 0
+    assert page.evaluate('document.title').startswith('/left')
+    page.press('ArrowRight')
+    left.wait_for_no_viewer()
+    right.show(page, 6)
+    assert page.evaluate('new URL(location).searchParams.get("topic")') == '/right'
+    page.press('Escape')
+    left.wait_for_viewer()
+    assert page.evaluate('new URL(location).searchParams.get("topic")') is None
+    page.evaluate('history.back()')
+    page.wait_for('document.title.startsWith("/right")')
+    left.wait_for_no_viewer()
+
+
+def test_focus_moves_with_the_arrows(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for name in 'abc':
+        Camera(camera, f'/{name}')
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.querySelectorAll(".tile").length === 3')
+    for key, name in (('ArrowRight', 'a'), ('ArrowRight', 'b'), ('ArrowRight', 'c'),
+                      ('ArrowRight', 'c'), ('ArrowLeft', 'b')):
+        page.press(key)
+        assert page.evaluate('document.activeElement.closest(".tile").dataset.topic') == f'/{name}'
+    page.press('Enter')
+    page.wait_for('document.title.startsWith("/b")')
+
+
+def test_hidden_page_asks_for_nothing(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    page.hide()
+    front.wait_for_no_viewer()
+    front.publish(2)
+    page.show()
+    front.show(page, 3)
+    assert page.evaluate('drawn.map(({ number }) => number)') == [1, 3]
+
+
+def test_picture_outside_the_screen_is_not_asked_for(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    cameras = [Camera(camera, f'/camera_{number}') for number in range(8)]
+    page = browser.new_page(viewer.url, width=390, height=844)
+    cameras[0].show(page, 1)
+    page.wait_for('document.querySelectorAll(".tile").length === 8')
+    cameras[7].wait_for_no_viewer()
+    page.evaluate('scrollTo(0, document.body.scrollHeight)')
+    cameras[7].show(page, 2)
+    cameras[0].wait_for_no_viewer()
+
+
+def test_paused_page_keeps_its_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    page.press(' ')
+    front.wait_for_no_viewer()
+    assert page.evaluate('document.getElementById("pause").getAttribute("aria-pressed")') == 'true'
+    assert page.evaluate('document.getElementById("state").textContent') == 'Paused'
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 1
+    page.press(' ')
+    front.show(page, 2)
+
+
+def test_reconnection_after_a_restart(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    front, viewer = Camera(camera, TOPIC), start_viewer()
+    page = browser.new_page(viewer.url)
+    front.show(page, 1)
+    viewer.process.interrupt()
+    assert viewer.process.finish() == 0
+    page.wait_for(f'tileOf({TOPIC!r}).classList.contains("quiet")')
+    assert page.evaluate('document.getElementById("state").textContent') == 'Reconnecting'
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 1
+    start_viewer(port=viewer.port)
+    front.show(page, 2)
+    page.wait_for(f'!tileOf({TOPIC!r}).classList.contains("quiet")')
+    assert page.evaluate('document.getElementById("state").textContent') == 'Live'
+
+
+def test_latched_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    latched = Camera(camera, '/map', LATCHED)
+    latched.publish(77)
+    page = browser.new_page(viewer.url)
+    page.wait_for('numberOf("/map") === 77')
+    page.go(viewer.url)
+    page.wait_for('numberOf("/map") === 77')
+
+
+def test_sentence_of_a_stalled_camera(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.wait_for_viewer()
+    sentence = page.wait_for(f'tileOf({TOPIC!r}).querySelector(".reason").textContent')
+    assert TOPIC in sentence
+    front.show(page, 1)
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector(".reason").hidden')
+    camera.destroy_publisher(front.publisher)
+    sentence = page.wait_for(f'tileOf({TOPIC!r}).querySelector(".reason").textContent')
+    assert 'no publisher' in sentence
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 1
+    assert 'grayscale' in page.evaluate(
+        f'getComputedStyle(tileOf({TOPIC!r}).querySelector("canvas")).filter')
+
+
+def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = Camera(camera, '/depth', LATCHED)
+    image = np.repeat(np.array([[0, 1000, 2000, 3000]], np.uint16), 80, 1).repeat(240, 0)
+    depth.publish_image(image, '16UC1')
+    page = browser.new_page(f'{viewer.url}?topic=/depth')
+    grays = ('[0.125, 0.375, 0.625, 0.875].map('
+             '(x) => pixel(tileOf("/depth").querySelector("canvas"), x, 0.5)[0])')
+    page.wait_for('numberOf("/depth") >= 0')
+    assert page.evaluate(grays) == pytest.approx([0, 0, 128, 255], abs=3)  # 0 is unknown
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    page.evaluate('document.getElementById("automatic").click()')
+    for name, value in (('low', 1000), ('high', 2000)):
+        page.evaluate(f'document.getElementById("{name}").value = {value}; '
+                      f'document.getElementById("{name}").dispatchEvent('
+                      'new Event("change", {bubbles: true}))')
+    page.wait_for(f'Math.abs({grays}[2] - 255) < 4')
+    assert page.evaluate(grays) == pytest.approx([0, 0, 255, 255], abs=3)
+    assert page.evaluate('new URL(location).searchParams.get("range")') == '1000,2000'
+    page.go(page.evaluate('location.href'))
+    page.wait_for('numberOf("/depth") >= 0')
+    assert page.evaluate(grays) == pytest.approx([0, 0, 255, 255], abs=3)
+
+
+def test_picture_of_another_size(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    front.publish_image(numbered_frame(2, 400, 600), 'bgr8')
+    page.wait_for(f'numberOf({TOPIC!r}) === 2')
+    page.wait_for(f'factOf({TOPIC!r}, "size") === "400 \u00d7 600"')
+
+
+def test_saved_picture(
+        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
+    latched = Camera(camera, '/map', LATCHED)
+    latched.publish(0xBEEF, 5 * NANO)
+    page = browser.new_page(f'{viewer.url}?topic=/map')
+    browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(tmp_path))
+    page.wait_for('numberOf("/map") === 0xBEEF')
+    page.press('s')
+    page.wait_for('document.getElementById("notice").textContent')
+    assert page.evaluate('document.getElementById("notice").textContent').startswith('Saved map_')
+    saved, = wait_until(lambda: [*tmp_path.glob('*.png')])
+    assert np.array_equal(cv2.imread(str(saved)), numbered_frame(0xBEEF))
+
+
+HOSTILE = '<img src=x onerror="window.attacked = true">'
+
+
+def test_hostile_texts(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.getElementById("state").dataset.state === "live"')
+    names = [f'/{HOSTILE}', '/"><script>window.attacked = true</script>', '/constructor',
+             '/__proto__', '/' + 'long_name_' * 20]
+    for message in (
+            {'topics': [{'id': number, 'name': name, 'transports': ['raw'], 'nodes': [HOSTILE],
+                         'publishers': 1} for number, name in enumerate(names)]},
+            {'status': [{'id': number, 'name': name, 'width': 64, 'height': 48, 'rate': 1.0,
+                         'encoding': HOSTILE, 'frames': 1, 'lost': 0, 'broken': 0, 'sent': None,
+                         'link': None, 'range': None, 'quiet': 1.0, 'reason': HOSTILE}
+                        for number, name in enumerate(names)]},
+            {'error': HOSTILE}):
+        page.evaluate(f'sockets[0].onmessage({{data: {json.dumps(json.dumps(message))}}})')
+    shown = page.evaluate('[...document.querySelectorAll(".name")].map((one) => one.textContent)')
+    assert sorted(shown) == sorted(names)
+    for place in ('[data-fact=encoding] dd', '#notice'):
+        assert page.evaluate(f'document.querySelector({place!r}).textContent') == HOSTILE
+    page.wait_for(f'[...document.querySelectorAll(".reason")].some('
+                  f'(one) => one.textContent.includes({HOSTILE!r}))')
+    assert page.evaluate('document.querySelectorAll("img, script:not([src])").length') == 0
+    assert page.evaluate('document.documentElement.scrollWidth <= innerWidth')
+    assert page.evaluate('window.attacked') is None

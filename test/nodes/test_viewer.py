@@ -1,0 +1,442 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of ``img_viewer`` as a page gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import subprocess
+import sys
+
+from conftest import NodeProcess
+import cv2
+import numpy as np
+from opencv_tools.image_codecs import encode_image
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import String
+from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
+
+Start = Callable[..., NodeProcess]
+GRAY = np.full((48, 64, 3), 90, np.uint8)
+
+
+@pytest.fixture
+def viewer(start: Start) -> NodeProcess:
+    """Start a viewer on any free port."""
+    return start('img_viewer', port=0)
+
+
+def gradient(width: int, height: int) -> np.ndarray:
+    """Return a colour image that a JPEG hardly changes."""
+    rows, columns = np.mgrid[:height, :width]
+    return np.dstack((columns * 255 // width, rows * 255 // height,
+                      np.full((height, width), 90))).astype(np.uint8)
+
+
+async def listed(page: Page, *names: str) -> None:
+    """Wait until topics are in the list."""
+    while not {topic['name'] for topic in await page.text('topics')} >= {*names}:
+        pass
+
+
+def test_raw_image_is_scaled(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front/image')
+    image = gradient(640, 480)
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        hello = await page.text('hello')
+        assert (hello['version'], hello['node'], hello['control']) == (1, '/image_viewer', False)
+        await listed(page, '/front/image')
+        await page.send(subscribe='/front/image', width=300)
+        await camera.seen()
+        camera.publish(image)
+        picture = await page.picture()
+        assert picture.stamp == 1.0
+        assert picture.sequence == 1
+        shown = picture.pixels
+        assert shown.shape == (240, 320, 3)  # the next of the shared widths
+        assert np.abs(shown.astype(int) - cv2.resize(image, (320, 240))).max() < 16
+        state = await page.status(lambda state: state['sent'])
+        assert (state['name'], state['width'], state['height'], state['encoding']) == (
+            '/front/image', 640, 480, 'bgr8')
+        assert (state['frames'], state['lost'], state['broken']) == (1, 0, 0)
+        assert state['id'] == picture.topic
+        assert (state['sent']['width'], state['sent']['passed_through']) == (320, False)
+
+    run_page(look())
+
+
+def test_compressed_images_pass_byte_for_byte(viewer: NodeProcess, node: Node) -> None:
+    raw, camera = Camera(node, 'image'), Camera(node, 'image/compressed', compressed=True)
+    jpegs = [encode_image(gradient(640, 480 - 2 * number), '.jpg').tobytes()
+             for number in range(5)]
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+        for jpeg in jpegs:
+            camera.publish_compressed(jpeg)
+            assert (await page.picture()).data == jpeg
+        assert raw.publisher.get_subscription_count() == 0
+
+    run_page(look())
+
+
+def test_viewers_share_encodings(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+    frames, widths = 5, (160, 160, 150, 320)
+
+    async def look() -> None:
+        pages = [await Page.connect(address_of(viewer)) for _ in widths]
+        for page, width in zip(pages, widths):
+            await listed(page, '/image')
+            await page.send(subscribe='/image', width=width)
+            await page.status(lambda state: state['name'] == '/image')
+        await camera.seen()
+        for number in range(1, frames + 1):
+            camera.publish(gradient(640, 480))
+            pictures = [await page.picture() for page in pages]
+            assert [picture.stamp for picture in pictures] == [number] * len(pages)
+            assert len({picture.data for picture in pictures}) == 2
+        state = await pages[0].status(lambda state: state['frames'] == frames)
+        assert state['encodings'] == 2 * frames
+
+    run_page(look())
+
+
+def test_busy_page_gets_the_newest_frame_and_delays_no_other(
+        viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+
+    async def look() -> None:
+        url = address_of(viewer)
+        busy, quick = await Page.connect(url), await Page.connect(url)
+        for page in (busy, quick):
+            await listed(page, '/image')
+            await page.send(subscribe='/image')
+            await page.status(lambda state: True)
+        await camera.seen()
+        camera.publish(GRAY)
+        first = await busy.picture(answers=False)
+        assert (await quick.picture()).stamp == first.stamp == 1
+        for number in range(2, 12):
+            camera.publish(GRAY)
+            assert (await quick.picture()).stamp == number
+        state = await busy.status(lambda state: state['frames'] == 11)
+        assert state['sent']['rate'] == 0  # a second picture would have arrived before this text
+        await busy.send(got=first.sequence)
+        second = await busy.picture()
+        assert (second.stamp, second.sequence) == (11, first.sequence + 1)
+
+    run_page(look())
+
+
+def test_page_that_reads_nothing_delays_no_other(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+    noise = np.random.default_rng(5).integers(0, 255, (1080, 1920, 3), np.uint8)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        deaf, quick = await Page.connect(url), await Page.connect(url)
+        await listed(quick, '/image')
+        await deaf.send(subscribe='/image', fixed=True, quality=100)
+        await quick.send(subscribe='/image', width=160)
+        await camera.seen()
+        stamps = []
+        for _ in range(20):
+            picture = await publishing(lambda: camera.publish(noise), quick.picture())
+            stamps.append(picture.stamp)
+        assert stamps == sorted(set(stamps))
+
+    run_page(look())
+
+
+def test_latched_picture_reaches_every_page(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'map', latched=True)
+    camera.publish(gradient(64, 48))
+
+    async def look() -> None:
+        url = address_of(viewer)
+        first, second = await Page.connect(url), await Page.connect(url)
+        for page in (first, second):
+            await listed(page, '/map')
+            await page.send(subscribe='/map')
+            assert (await page.picture()).stamp == 1
+        state = await first.status(lambda state: state['quiet'] > 2)
+        assert state['reason'] == ''  # there is nothing to wait for
+        answer = await fetch(url, '/snapshot?topic=/map')
+        assert answer.code == 200
+
+    run_page(look())
+
+
+def test_publisher_restarts_with_another_size_and_transport(
+        viewer: NodeProcess, node: Node) -> None:
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        camera = Camera(node, 'image')
+        await listed(page, '/image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+        camera.publish(gradient(640, 480))
+        assert (await page.picture()).pixels.shape == (480, 640, 3)
+        camera.destroy()
+        state = await page.status(lambda state: state['reason'])
+        assert state['reason'].startswith('no publisher on /image')
+        camera = Camera(node, 'image')
+        await camera.seen()
+        camera.publish(gradient(320, 200), 'rgb8')
+        assert (await page.picture()).pixels.shape == (200, 320, 3)
+        await page.status(lambda state: (state['width'], state['encoding']) == (320, 'rgb8'))
+        camera.destroy()
+        camera = Camera(node, 'image/compressed', compressed=True)
+        jpeg = encode_image(gradient(160, 120), '.jpg').tobytes()
+        picture = await publishing(lambda: camera.publish_compressed(jpeg), page.picture())
+        assert picture.data == jpeg
+
+    run_page(look())
+
+
+def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image/compressed', compressed=True)
+    jpeg = encode_image(gradient(320, 240), '.jpg').tobytes()
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+        for number, broken in enumerate((jpeg[:-100], b'', b'rubbish' * 1000), 1):
+            camera.publish_compressed(broken)
+            await page.status(lambda state, number=number: state['broken'] == number)
+        camera.publish_compressed(jpeg)
+        picture = await page.picture()
+        assert (picture.stamp, picture.data, picture.sequence) == (4, jpeg, 1)
+        assert (await page.status(lambda state: state['sent']))['broken'] == 3
+
+    run_page(look())
+    assert 'frame of /image left out' in viewer.output
+
+
+def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'depth')
+    depth = np.tile(np.linspace(1000, 3000, 64).astype(np.uint16), (48, 1))
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/depth')
+        await page.send(subscribe='/depth')
+        await camera.seen()
+        camera.publish(depth, '16UC1')
+        shown = (await page.picture()).pixels
+        assert shown[24, 0] < 8
+        assert shown[24, -1] > 247
+        assert (await page.status(lambda state: state['range']))['range'] == [1000, 3000]
+        await page.send(subscribe='/depth', range=[0, 6000])  # the same frame again
+        shown = (await page.picture()).pixels
+        assert abs(int(shown[24, -1]) - 128) < 8
+
+    run_page(look())
+
+
+def test_topics_of_another_type_and_unknown_topics(viewer: NodeProcess, node: Node) -> None:
+    chatter, camera = node.create_publisher(String, 'chatter', 10), Camera(node, 'image')
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        for name in ('/chatter', '/nothing', '/bad name', '/'):
+            await page.send(subscribe=name)
+            assert (await page.text('error')).endswith(
+                'is not an image topic; the image topics are /image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+        camera.publish(GRAY)
+        assert (await page.picture()).stamp == 1
+        assert chatter.get_subscription_count() == 0
+
+    run_page(look())
+
+
+def test_reason_of_silence_and_the_chosen_topics(start: Start, node: Node) -> None:
+    viewer = start('img_viewer', port=0, topics="'/front/*, rear'")
+    cameras = [Camera(node, name) for name in ('front/image', 'rear', 'rear/other')]
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/front/image', '/rear')
+        await page.send(subscribe='/rear')
+        state = await page.status(lambda state: state['reason'])
+        assert state['reason'].startswith('/rear has a publisher (node /plain), but no frame')
+        assert state['quiet'] is None
+        await page.send(subscribe='/rear/other')
+        assert 'the image topics are /front/image, /rear' in await page.text('error')
+
+    run_page(look())
+    assert cameras[2].publisher.get_subscription_count() == 0
+
+
+def test_rate_is_limited(start: Start, node: Node) -> None:
+    viewer = start('img_viewer', port=0, rate=2.0)
+    camera = Camera(node, 'image')
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        await page.send(subscribe='/image', rate=100)
+        await camera.seen()
+
+        async def read() -> list[float]:
+            return [(await page.picture()).sent for _ in range(6)]
+
+        sent = await publishing(lambda: camera.publish(GRAY), read())
+        assert sent[-1] - sent[0] >= 2.2  # five periods of 0.5 s, of which one may be halved
+
+    run_page(look())
+
+
+def test_opened_and_closed_pages_leave_nothing(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+    descriptors = Path('/proc', str(viewer.pid), 'fd')
+
+    def sockets() -> int:
+        links = []
+        for descriptor in descriptors.iterdir():
+            try:
+                links.append(str(descriptor.readlink()))
+            except FileNotFoundError:
+                continue
+        return sum(link.startswith('socket:') for link in links)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        page = await Page.connect(url)
+        await listed(page, '/image')
+        page.socket.close()
+        await page.close_code()
+        before = sockets()
+        for number in range(200):
+            page = await Page.connect(url)
+            await page.send(subscribe='/image', width=160)
+            if number % 50 == 0:
+                await page.text('status')
+            if number % 2:
+                page.socket.close()
+            else:
+                page.socket.stream.close()  # as a page that crashes
+        await until(lambda: sockets() <= before)
+        await until(lambda: camera.publisher.get_subscription_count() == 0)
+        page = await Page.connect(url)
+        await page.send(subscribe='/image')
+        await camera.seen()
+        camera.publish(GRAY)
+        assert (await page.picture()).sequence == 1
+
+    run_page(look())
+
+
+def test_pages_are_limited(start: Start) -> None:
+    viewer = start('img_viewer', port=0, viewers=2)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        pages = [await Page.connect(url) for _ in range(2)]
+        with pytest.raises(Exception, match='503'):
+            await Page.connect(url)
+        answer = await fetch(url, '/stream?topic=/image')
+        assert answer.code == 503
+        assert answer.body.decode().startswith('2 pages look already')
+        pages[0].socket.close()
+        await pages[0].close_code()
+        assert await (await Page.connect(url)).text('hello')
+
+    run_page(look())
+
+
+def test_rubbish_in_the_websocket(viewer: NodeProcess) -> None:
+    async def look() -> None:
+        url = address_of(viewer)
+        page = await Page.connect(url)
+        rubbish = ('', 'x', '[]', '{"got": "a"}', '{"got": 5}', '{"subscribe": 5}',
+                   '{"subscribe": "/a", "width": -1}', '{"unsubscribe": null}', '{}')
+        for text in rubbish:
+            await page.socket.write_message(text)
+            assert await page.text('error')
+        await page.send(ping=7)
+        assert await page.text('pong') == 7
+        await page.socket.write_message(bytes(100), binary=True)  # the tenth
+        assert await page.close_code() == 1008
+        page = await Page.connect(url)
+        await page.socket.write_message('x' * 5000)
+        assert await page.close_code() in (1009, None)  # Tornado may close without a code
+        assert (await fetch(url, '/healthz')).body == b'ok\n'
+
+    run_page(look())
+
+
+def test_open_pages_do_not_delay_the_end(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+        viewer.interrupt()
+        assert await page.close_code() == 1001
+
+    run_page(look())
+    assert viewer.finish() == 0
+
+
+@pytest.mark.process
+def test_tornado_is_missing(domain: int) -> None:
+    script = ('import sys; sys.modules.update(tornado=None); '
+              'from opencv_tools.image_viewer import main; sys.exit(main(["img_viewer"]))')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60, check=False)
+    assert finished.returncode == 1
+    assert 'Traceback' not in finished.stderr
+    assert 'img_viewer needs Tornado: install it with sudo apt install python3-tornado' in (
+        finished.stderr)
+
+
+def test_port_in_use(start: Start, viewer: NodeProcess) -> None:
+    port = address_of(viewer).rstrip('/').rpartition(':')[2]
+    second = start('img_viewer', port=port)
+    assert second.finish() == 1
+    assert f'port {port} of 127.0.0.1 cannot be used: Address already in use' in second.output
+    assert viewer.is_running()
+
+
+@pytest.mark.parametrize(('parameters', 'status', 'sentence'), [
+    ({'address': '192.0.2.1'}, 1, 'port 8080 of 192.0.2.1 cannot be used: Cannot assign'),
+    ({'address': 'no.such.host.invalid'}, 1, "address 'no.such.host.invalid' is unknown"),
+    ({'certificate': '/nowhere.pem'}, 1, 'certificate /nowhere.pem and key /nowhere.pem cannot'),
+    ({'key': '/nowhere.pem'}, 2, "key is '/nowhere.pem', but certificate is empty"),
+    ({'token': 'short'}, 2, "parameter token is 'short': give 8 to 200"),
+    ({'control': 'true', 'token': "''"}, 2, 'control is true and token is'),
+    ({'rate': '0.0'}, 2, 'parameter rate is 0.0: give a number from 0.1 to 240'),
+    ({'port': '70000'}, 2, 'parameter port is 70000')])
+def test_parameters_that_cannot_be_used(
+        start: Start, parameters: dict[str, str], status: int, sentence: str) -> None:
+    viewer = start('img_viewer', **parameters)
+    assert viewer.finish() == status
+    assert sentence in viewer.output

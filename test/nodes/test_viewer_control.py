@@ -1,0 +1,153 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Control of cameras and recorders through ``img_viewer``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from conftest import NodeProcess
+import pytest
+from viewing import address_of, Page, run_page
+
+Start = Callable[..., NodeProcess]
+
+
+@pytest.fixture
+def camera(start: Start) -> NodeProcess:
+    """Start a camera that can be controlled."""
+    return start('img_publisher', source='pattern:160x120@10', publish_rate=0.0)
+
+
+async def controlled(page: Page, **nodes: list[str]) -> None:
+    """Wait until nodes can be controlled."""
+    while True:
+        found = await page.text('nodes')
+        if all(set(names) <= set(found[kind]) for kind, names in nodes.items()):
+            return
+
+
+def test_parameters_of_a_camera(start: Start, camera: NodeProcess) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+
+    async def act() -> None:
+        url = address_of(viewer)
+        assert '?token=' in url  # also on the loopback address
+        page = await Page.connect(url)
+        assert (await page.text('hello'))['control'] is True
+        await controlled(page, cameras=['/image_publisher'])
+        await page.send(parameters='/image_publisher')
+        answer = await page.text('parameters')
+        assert (answer['node'], answer['capture']) == ('/image_publisher', True)
+        found: dict[str, Any] = {item['name']: item for item in answer['parameters']}
+        rotate = found['rotate']
+        assert (rotate['value'], [value for value, _ in rotate['choices']]) == (
+            0, [0, 90, 180, 270])
+        assert (found['jpeg_quality']['minimum'], found['jpeg_quality']['maximum']) == (1, 100)
+        assert found['source']['read_only']
+
+        async def set_value(name: Any, value: Any) -> dict[str, Any]:
+            await page.send(set='/image_publisher', name=name, value=value)
+            return await page.text('set')
+
+        assert await set_value('rotate', 90) == {
+            'node': '/image_publisher', 'name': 'rotate', 'value': 90, 'ok': True, 'message': ''}
+        await page.send(subscribe='/video_frames')
+        while (await page.picture()).pixels.shape != (160, 120, 3):
+            pass
+        refused = await set_value('rotate', 45)
+        assert (refused['ok'], refused['value']) == (False, 90)
+        assert refused['message'].startswith('parameter rotate is 45: give one of')
+        for name, value in (('rotate', '90'), ('nothing', 5), (None, 5), ('rotate', None),
+                            ('', 1), ('a' * 1000, 1), (['rotate'], 1)):
+            refused = await set_value(name, value)
+            assert (refused['ok'], bool(refused['message'])) == (False, True)
+
+    run_page(act())
+
+
+def test_pause_of_a_camera(start: Start, camera: NodeProcess) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, cameras=['/image_publisher'])
+        await page.send(subscribe='/video_frames')
+        await page.picture()
+        await page.send(capture='/image_publisher', on=False)
+        assert await page.text('capture') == {
+            'node': '/image_publisher', 'ok': True, 'message': 'paused'}
+        state = await page.status(lambda state: state['reason'])
+        assert 'may be paused' in state['reason']
+        await page.send(capture='/image_publisher', on=True)
+        assert (await page.text('capture'))['message'] == 'capturing'
+        await page.status(lambda state: not state['reason'])
+
+    run_page(act())
+
+
+def test_saved_frame(start: Start, camera: NodeProcess, tmp_path: Path) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+    start('img_subscriber', mode='on_request', output_dir=tmp_path / 'saved')
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, recorders=['/image_subscriber'])
+        await page.send(save='/image_subscriber')
+        answer = await page.text('save')
+        assert answer['ok'], answer
+        assert Path(answer['message']) == tmp_path / 'saved' / '000000.png'
+        assert Path(answer['message']).exists()
+
+    run_page(act())
+
+
+def test_only_cameras_and_recorders_are_controlled(start: Start) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await page.text('nodes')
+        for message in ({'parameters': '/image_viewer'}, {'save': '/image_viewer'},
+                        {'capture': '/image_viewer', 'on': True}, {'save': None},
+                        {'set': '/image_viewer', 'name': 'port', 'value': 1},
+                        {'parameters': ['/image_viewer']}, {'parameters': 'a' * 2000}):
+            await page.send(**message)
+            (kind, *_) = message
+            answer = await page.text(kind)
+            assert answer['ok'] is False
+            assert answer['message'].endswith('cannot be controlled')
+
+    run_page(act())
+
+
+def test_control_is_off_by_default(start: Start, camera: NodeProcess) -> None:
+    viewer = start('img_viewer', port=0, token='open-sesame')
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        assert (await page.text('hello'))['control'] is False
+        for message in ({'parameters': '/image_publisher'}, {'save': '/image_subscriber'},
+                        {'capture': '/image_publisher', 'on': False},
+                        {'set': '/image_publisher', 'name': 'rotate', 'value': 90}):
+            await page.send(**message)
+            (kind, *_) = message
+            assert (await page.text(kind))['message'] == (
+                'control is off: start the node with control:=true')
+
+    run_page(act())
+    assert 'paused' not in camera.output

@@ -1,0 +1,411 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Addresses, tokens, hosts and origins of ``img_viewer``."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import json
+from pathlib import Path
+import re
+import socket
+import subprocess
+from typing import Any
+from urllib.parse import urlsplit
+
+from conftest import DEADLINE, NodeProcess
+import cv2
+import numpy as np
+from opencv_tools.image_codecs import encode_image
+import pytest
+from rclpy.node import Node
+from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
+
+Start = Callable[..., NodeProcess]
+TOKEN = 'open-sesame'
+DEPTH = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
+
+
+@pytest.fixture
+def viewer(start: Start) -> NodeProcess:
+    """Start a viewer on any free port."""
+    return start('img_viewer', port=0)
+
+
+@pytest.fixture
+def guarded(start: Start) -> NodeProcess:
+    """Start a viewer with a token."""
+    return start('img_viewer', port=0, token=TOKEN)
+
+
+def test_token_is_needed_everywhere(guarded: NodeProcess) -> None:
+    async def ask() -> None:
+        url = address_of(guarded)
+        assert url.endswith(f'/?token={TOKEN}')
+        for path in ('/topics', '/snapshot?topic=/a', '/stream?topic=/a',
+                     '/stream_viewer?topic=/a', '/ws', '/unknown'):
+            for given in ('', 'wrong-token', TOKEN[:-1], TOKEN + 'x'):
+                joined = path + ('&' if '?' in path else '?') + f'token={given}'
+                answer = await fetch(url, joined)
+                assert (path, answer.code) == (path, 403)
+                assert answer.body == (
+                    b'a token is needed: open the address that the node has printed\n')
+                assert 'Set-Cookie' not in answer.headers
+        answer = await fetch(url, '/')
+        assert answer.code == 403
+        assert b'name="token"' in answer.body
+        assert (await fetch(url, '/healthz')).code == 200
+        with pytest.raises(Exception, match='403'):
+            await Page.connect(url.replace(TOKEN, 'wrong-token'))
+
+    run_page(ask())
+    assert 'wrong' not in guarded.output
+
+
+def test_token_of_the_url_becomes_a_cookie(guarded: NodeProcess) -> None:
+    async def ask() -> None:
+        url = address_of(guarded)
+        port = url.partition('/?')[0].rpartition(':')[2]
+        answer = await fetch(url, f'/?token={TOKEN}')
+        assert answer.code == 200
+        cookie = answer.headers['Set-Cookie']
+        assert cookie.startswith(f'img_viewer_{port}={TOKEN};')
+        assert {part.strip() for part in cookie.split(';')[1:]} == {
+            'HttpOnly', 'Path=/', 'SameSite=Strict'}
+        given = {'Cookie': cookie.partition(';')[0]}
+        assert (await fetch(url, '/', **given)).body == answer.body
+        assert (await fetch(url, '/topics', **given)).code == 200
+        assert (await fetch(url, '/topics', Authorization=f'Bearer {TOKEN}')).code == 200
+        page = await Page.connect(url.partition('?')[0], **given)
+        assert await page.text('hello')
+
+    run_page(ask())
+
+
+def test_other_addresses_have_a_token(start: Start) -> None:
+    viewers = [start('img_viewer', port=0, address='0.0.0.0') for _ in range(2)]
+    found = [re.fullmatch(r'http://([^/]+):\d+/\?token=([\w-]{20,})', address_of(viewer))
+             for viewer in viewers]
+    assert found[0] and found[1]
+    assert found[0][1] == socket.gethostname()
+    assert found[0][2] != found[1][2]
+
+
+@pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', 'localhost.evil.example'])
+def test_foreign_host_is_refused(viewer: NodeProcess, host: str) -> None:
+    async def ask() -> None:
+        url = address_of(viewer)
+        for path in ('/', '/page/viewer.js', '/topics', '/healthz', '/ws', '/unknown'):
+            answer = await fetch(url, path, Host=host)
+            assert (path, answer.code) == (path, 403)
+            assert b'is not a name of this machine' in answer.body
+        assert (await fetch(url, '/', Host='localhost')).code == 200
+
+    run_page(ask())
+
+
+def test_allowed_host(start: Start) -> None:
+    viewer = start('img_viewer', port=0, allowed_hosts='robot.example.org')
+    assert run_page(fetch(address_of(viewer), '/', Host='robot.example.org:80')).code == 200
+
+
+@pytest.mark.parametrize('origin', ['http://evil.example', 'null', 'http://127.0.0.1:1'])
+def test_foreign_origin_gets_no_websocket(viewer: NodeProcess, origin: str) -> None:
+    async def ask() -> None:
+        url = address_of(viewer)
+        with pytest.raises(Exception, match='403'):
+            await Page.connect(url, Origin=origin)
+        page = await Page.connect(url, Origin=url.rstrip('/'))
+        assert await page.text('hello')
+
+    run_page(ask())
+
+
+def test_headers_of_every_answer(viewer: NodeProcess) -> None:
+    async def ask() -> None:
+        url = address_of(viewer)
+        for path in ('/', '/page/viewer.js', '/topics', '/unknown', '/healthz'):
+            headers = (await fetch(url, path)).headers
+            policy = headers['Content-Security-Policy']
+            assert policy.startswith("default-src 'none'; ")
+            assert ("script-src 'self';" in policy) == (path != '/unknown')
+            assert 'unsafe' not in policy
+            assert "frame-ancestors 'none'" in policy
+            assert headers['X-Content-Type-Options'] == 'nosniff'
+            assert headers['Referrer-Policy'] == 'no-referrer'
+            assert headers['Cross-Origin-Resource-Policy'] == 'same-site'
+            assert 'Access-Control-Allow-Origin' not in headers
+            assert 'Server' not in headers
+
+    run_page(ask())
+
+
+def test_files_of_the_page(viewer: NodeProcess) -> None:
+    async def ask() -> None:
+        url = address_of(viewer)
+        answer = await fetch(url, '/page/viewer.js')
+        assert (answer.code, answer.headers['Content-Type']) == (
+            200, 'text/javascript; charset=utf-8')
+        again = await fetch(url, '/page/viewer.js', **{'If-None-Match': answer.headers['ETag']})
+        assert (again.code, again.body) == (304, b'')
+        for path in ('/page/', '/page', '/page/nothing.js', '/page/index.html',
+                     '/page/../server.py', '/page/%2e%2e/server.py', '/page/..%2fserver.py',
+                     '/page//etc/passwd', '/../../etc/passwd', '/viewer.js', '/static/x'):
+            answer = await fetch(url, path)
+            assert (path, answer.code, answer.body) == (path, 404, b'there is no such page\n')
+
+    run_page(ask())
+
+
+@pytest.mark.parametrize('method', ['POST', 'PUT', 'DELETE', 'PATCH', 'OPTIONS', 'HEAD'])
+def test_only_get_is_allowed(viewer: NodeProcess, method: str) -> None:
+    async def ask() -> None:
+        for path in ('/', '/topics', '/snapshot?topic=/a'):
+            assert (await fetch(address_of(viewer), path, method)).code == 405
+
+    run_page(ask())
+
+
+def test_hostile_requests(viewer: NodeProcess) -> None:
+    address_of(viewer)
+    port = int(address_of(viewer).rstrip('/').rpartition(':')[2])
+    for request in (b'\0' * 1000, b'GET / HTTP/1.1\r\n' + b'a: b\r\n' * 10_000,
+                    b'GET /' + b'a' * 100_000 + b' HTTP/1.1\r\n\r\n',
+                    b'POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n',
+                    b'GET /%ff?topic=%ff HTTP/1.1\r\nHost: localhost\r\n\r\n',
+                    b'GET / HTTP/1.1\r\n\r\n',
+                    b'GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n'):
+        with socket.create_connection(('127.0.0.1', port), timeout=60) as connection:
+            connection.sendall(request)
+            connection.shutdown(socket.SHUT_WR)
+            try:
+                answer = connection.recv(1000)
+            except ConnectionResetError:
+                answer = b''
+            assert answer == b'' or answer.startswith(b'HTTP/1.1 4'), request[:40]
+    assert run_page(fetch(address_of(viewer), '/healthz')).body == b'ok\n'
+    assert 'Traceback' not in viewer.output
+
+
+def test_topics_and_their_state(viewer: NodeProcess, node: Node) -> None:
+    camera, _ = Camera(node, 'image'), Camera(node, 'image/compressed', compressed=True)
+
+    async def ask() -> None:
+        url = address_of(viewer)
+
+        async def topics() -> list[dict[str, Any]]:
+            answer = json.loads((await fetch(url, '/topics')).body)
+            assert answer['node'] == '/image_viewer'
+            return answer['topics']
+
+        while [(topic['transports'], topic['nodes']) for topic in await topics()] != [
+                (['raw', 'compressed'], ['/plain'])]:
+            pass
+        (topic,) = await topics()
+        assert topic == {'id': 1, 'name': '/image', 'transports': ['raw', 'compressed'],
+                         'nodes': ['/plain'], 'publishers': 1}
+        page = await Page.connect(url)
+        await page.send(subscribe='/image')
+        await page.text('status')
+        (topic,) = await topics()
+        assert topic['viewers'] == 1
+        assert topic['status']['frames'] == 0
+        assert camera.publisher.get_subscription_count() == 0
+
+    run_page(ask())
+
+
+async def jpeg_sizes(url: str, camera: Camera, paths: list[str]) -> list[tuple[int, ...]]:
+    sizes = []
+    for path in paths:
+        answer = await publishing(lambda: camera.publish(DEPTH, 'mono16'), fetch(url, path))
+        assert (answer.code, answer.headers['Content-Type']) == (200, 'image/jpeg')
+        assert re.fullmatch(r'[1-9]\d*\.000000000', answer.headers['X-Timestamp'])
+        sizes.append(cv2.imdecode(np.frombuffer(answer.body, np.uint8), -1).shape[1::-1])
+    return sizes
+
+
+def test_snapshots(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/image')
+        assert await jpeg_sizes(url, camera, [
+            '/snapshot?topic=/image', '/snapshot?topic=image&width=32',
+            '/snapshot?topic=/image&height=12&quality=50', '/snapshot?topic=/image&width=1000',
+        ]) == [(64, 48), (32, 24), (16, 12), (64, 48)]
+        answer = await publishing(lambda: camera.publish(DEPTH, 'mono16'),
+                                  fetch(url, '/snapshot?topic=/image&format=original'))
+        name = re.fullmatch(r'attachment; filename="([\w.-]+)"',
+                            answer.headers['Content-Disposition'])
+        assert name
+        assert re.fullmatch(r'image_\d+\.000000000\.png', name[1])
+        stored = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert stored.dtype == np.uint16
+        assert np.array_equal(stored, DEPTH)
+
+    run_page(ask())
+
+
+@pytest.mark.parametrize(('encoding', 'suffix'), [('32FC1', 'tiff'), ('64FC2', 'npy')])
+def test_snapshot_in_the_first_lossless_format(
+        viewer: NodeProcess, node: Node, encoding: str, suffix: str) -> None:
+    camera = Camera(node, 'image')
+    image = np.random.default_rng(3).normal(size=(6, 8, 2))
+    image = image[..., 0].astype(np.float32) if encoding == '32FC1' else image
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/image')
+        answer = await publishing(lambda: camera.publish(image, encoding),
+                                  fetch(url, '/snapshot?topic=/image&format=original'))
+        assert answer.headers['Content-Disposition'].endswith(f'.{suffix}"')
+
+    run_page(ask())
+
+
+def test_snapshot_of_a_compressed_topic_is_unchanged(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image/compressed', compressed=True)
+    for suffix in ('.png', '.jpg'):
+        data = encode_image(DEPTH.astype(np.uint8), suffix).tobytes()
+
+        async def ask(data: bytes = data, suffix: str = suffix) -> None:
+            url = address_of(viewer)
+            await until_listed(url, '/image')
+            answer = await publishing(
+                lambda: camera.publish_compressed(data, suffix[1:]),
+                fetch(url, '/snapshot?topic=/image/compressed&format=original'))
+            assert answer.body == data
+            assert answer.headers['Content-Disposition'].endswith(f'{suffix}"')
+
+        run_page(ask())
+
+
+def test_snapshot_without_frames_has_the_reason(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/image')
+        answer = await fetch(url, '/snapshot?topic=/image')
+        assert answer.code == 503
+        assert answer.body.startswith(b'/image has a publisher (node /plain), but no frame')
+        answer = await publishing(lambda: camera.publish(DEPTH[:0], 'mono16'),
+                                  fetch(url, '/snapshot?topic=/image'))
+        assert (answer.code, answer.body) == (503, b'the frame is not a valid image\n')
+
+    run_page(ask())
+
+
+@pytest.mark.parametrize(('path', 'code', 'sentence'), [
+    ('/snapshot', 400, 'the name of a topic is missing'),
+    ('/snapshot?topic=/none', 404, '/none is not an image topic; no images are published'),
+    ('/snapshot?topic=/a&width=x', 400, "width is 'x': give a number from 0 to 65535"),
+    ('/snapshot?topic=/a&quality=101', 400, 'quality is'),
+    ('/stream?topic=/none', 404, '/none is not an image topic'),
+    ('/stream?topic=/a&type=vp8', 400, "type 'vp8' is not available: use mjpeg"),
+    ('/stream_viewer', 400, 'the name of a topic is missing')])
+def test_requests_that_cannot_be_fulfilled(
+        viewer: NodeProcess, path: str, code: int, sentence: str) -> None:
+    answer = run_page(fetch(address_of(viewer), path))
+    assert answer.code == code
+    assert answer.body.decode().startswith(sentence)
+    assert answer.headers['Content-Type'] == 'text/plain; charset=utf-8'
+
+
+async def until_listed(url: str, name: str) -> None:
+    while f'"{name}"'.encode() not in (await fetch(url, '/topics')).body:
+        pass
+
+
+async def read_parts(url: str, path: str, count: int) -> list[bytes]:
+    """Read parts of a stream as a browser does: the boundary ends a part."""
+    address = urlsplit(url)
+    reader, writer = await asyncio.open_connection(address.hostname, address.port)
+    writer.write(f'GET {path} HTTP/1.0\r\nHost: localhost\r\n\r\n'.encode())
+    head = (await reader.readuntil(b'\r\n\r\n')).decode()
+    boundary = re.search('^Content-Type: multipart/x-mixed-replace;boundary=(.{20,})\r$', head,
+                         re.MULTILINE)
+    assert boundary, head
+    begins = f'--{boundary[1]}\r\nContent-Type: image/jpeg\r\n'.encode()
+    parts = []
+    while len(parts) <= count:
+        part = await asyncio.wait_for(reader.readuntil(begins), DEADLINE)
+        parts.append(part.removesuffix(begins).partition(b'\r\n\r\n')[2].removesuffix(b'\r\n'))
+    writer.close()
+    return parts[1:]
+
+
+@pytest.mark.parametrize('kind', ['mjpeg', 'ros_compressed'])
+def test_stream_of_a_compressed_topic(viewer: NodeProcess, node: Node, kind: str) -> None:
+    camera = Camera(node, 'image/compressed', compressed=True)
+    jpegs = [encode_image(np.full((8, 8), value, np.uint8), '.jpg').tobytes()
+             for value in (0, 100, 200)]
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/image')
+        parts = await publishing(
+            lambda: camera.publish_compressed(jpegs[camera.number % 3]),
+            read_parts(url, f'/stream?topic=/image&type={kind}', 5))
+        assert set(parts) <= set(jpegs)
+        assert len(set(parts)) > 1
+        await until(lambda: camera.publisher.get_subscription_count() == 0)
+
+    run_page(ask())
+
+
+def test_last_picture_of_a_stream_is_repeated(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'map', latched=True)
+    camera.publish(np.zeros((48, 64), np.uint8), 'mono8')
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/map')
+        # A browser shows a part when the next one begins.
+        (part,) = await read_parts(url, '/stream?topic=/map&width=32', 1)
+        assert cv2.imdecode(np.frombuffer(part, np.uint8), -1).shape == (24, 32)
+
+    run_page(ask())
+
+
+def test_page_of_a_stream(viewer: NodeProcess) -> None:
+    answer = run_page(fetch(
+        address_of(viewer), '/stream_viewer?topic=/a&width=3&quality=%22%3E%3Cscript%3E'))
+    text = answer.body.decode()
+    assert 'src="/stream?topic=%2Fa&amp;width=3&amp;quality=%22%3E%3Cscript%3E"' in text
+    assert '<script' not in text
+
+
+def test_tls(start: Start, tmp_path: Path) -> None:
+    certificate, key = tmp_path / 'certificate.pem', tmp_path / 'key.pem'
+    subprocess.run(
+        ['openssl', 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256',
+         '-nodes', '-days', '2', '-subj', '/CN=localhost', '-keyout', str(key), '-out',
+         str(certificate)], check=True, capture_output=True, timeout=60)
+    viewer = start('img_viewer', port=0, token=TOKEN, certificate=certificate, key=key)
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        assert url.startswith('https://127.0.0.1:')
+        answer = await fetch(url, f'/?token={TOKEN}')
+        assert answer.code == 200
+        assert 'Secure' in answer.headers['Set-Cookie']
+        assert await (await Page.connect(url)).text('hello')
+
+    run_page(ask())
+    assert viewer.is_running()

@@ -1,0 +1,94 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tokens, hosts and origins."""
+
+from __future__ import annotations
+
+import socket
+
+from opencv_tools.viewer.access import Access, check_token, is_loopback, is_same_origin
+from opencv_tools.viewer.errors import RequestError
+import pytest
+
+
+@pytest.mark.parametrize(('address', 'expected'), [
+    ('127.0.0.1', True), ('127.1.2.3', True), ('::1', True), ('localhost', True),
+    ('0.0.0.0', False), ('::', False), ('192.168.0.7', False), ('robot', False)])
+def test_loopback_addresses(address: str, expected: bool) -> None:
+    assert is_loopback(address) is expected
+
+
+def test_token_is_created_where_others_can_reach_the_server() -> None:
+    assert Access.create('auto', '127.0.0.1', False, '').token == ''
+    tokens = {Access.create('auto', address, control, '').token
+              for address, control in (('0.0.0.0', False), ('127.0.0.1', True)) * 2}
+    assert len(tokens) == 4  # a new one for each start
+    for token in tokens:
+        check_token(token)
+        assert len(token) >= 20
+
+
+def test_own_token_and_no_token() -> None:
+    assert Access.create('secret_text', '127.0.0.1', False, '').token == 'secret_text'
+    assert Access.create('', '0.0.0.0', False, '').token == ''
+
+
+@pytest.mark.parametrize('text', ['short', 'with blank', 'a' * 201, 'per%cent', 'läuft_nicht'])
+def test_invalid_tokens(text: str) -> None:
+    with pytest.raises(ValueError, match='8 to 200'):
+        check_token(text)
+
+
+@pytest.mark.parametrize('given', [
+    (None, None, ''), ('', '', ''), ('secret_tex', None, ''), ('secret_text2', None, ''),
+    ('SECRET_TEXT', None, ''), ('secret_text\0', None, ''), ('\ud800', None, '')])
+def test_wrong_tokens_are_refused(given: tuple[str | None, ...]) -> None:
+    with pytest.raises(RequestError, match='a token is needed') as caught:
+        Access('secret_text', ()).check_token(*given)
+    assert caught.value.status == 403
+
+
+def test_one_right_token_is_enough() -> None:
+    access = Access('secret_text', ())
+    access.check_token(None, 'secret_text', '')
+    access.check_token('old_cookie', None, 'secret_text')
+    Access('', ()).check_token(None)
+
+
+@pytest.mark.parametrize('host', [
+    'localhost', 'localhost:8080', 'LOCALHOST:8080', 'localhost.:80', '127.0.0.1:8080',
+    '192.168.0.7', '[::1]:8080', '[fe80::1]', 'robot.example.org', socket.gethostname(),
+    f'{socket.gethostname().partition(".")[0]}.local:8080'])
+def test_allowed_hosts(host: str) -> None:
+    Access.create('', '0.0.0.0', False, ' Robot.Example.org, other').check_host(host)
+
+
+@pytest.mark.parametrize('host', [
+    '', 'evil.example', 'localhost.evil.example:8080', 'localhost@evil.example',
+    'evil.example@localhost', 'localhost:80:80', 'localhost/', 'localhost; x', '[::1',
+    '127.0.0.1.evil.example', '1.2.3.4.5', 'a' * 300])
+def test_foreign_hosts_are_refused(host: str) -> None:
+    with pytest.raises(RequestError, match='not a name of this machine') as caught:
+        Access.create('', '127.0.0.1', False, '').check_host(host)
+    assert caught.value.status == 403
+
+
+@pytest.mark.parametrize(('origin', 'host', 'expected'), [
+    (None, 'localhost:8080', True), ('http://localhost:8080', 'localhost:8080', True),
+    ('https://Robot:1', 'robot:1', True), ('http://localhost:8081', 'localhost:8080', False),
+    ('http://evil.example', 'localhost:8080', False), ('null', 'localhost:8080', False),
+    ('', 'localhost:8080', False), ('http://[', 'localhost:8080', False)])
+def test_origins(origin: str | None, host: str, expected: bool) -> None:
+    assert is_same_origin(origin, host) is expected

@@ -1,0 +1,163 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of every encoding, scaled and unscaled, and broken images."""
+
+from __future__ import annotations
+
+import cv2
+from images import random_image
+import numpy as np
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireImage
+from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import encode_image
+from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
+import pytest
+
+FULL = PictureOptions(0, 95)
+
+
+def pixels(picture: Picture) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image.shape[:2] == (picture.height, picture.width)
+    return image
+
+
+def gradient(width: int = 640, height: int = 480) -> np.ndarray:
+    """Return a colour image that a JPEG hardly changes."""
+    rows, columns = np.mgrid[:height, :width]
+    return np.dstack((columns * 255 // width, rows * 255 // height,
+                      np.full((height, width), 90))).astype(np.uint8)
+
+
+def wire(image: np.ndarray, encoding: str) -> WireImage:
+    return array_to_wire(image, find_encoding(encoding))
+
+
+def compressed(data: bytes, name: str = 'jpeg') -> WireCompressedImage:
+    return WireCompressedImage(header=NO_HEADER, format=name, data=data)
+
+
+@pytest.mark.parametrize('width', [0, 33, 64, 640])
+@pytest.mark.parametrize('encoding', [
+    *ENCODINGS, '8UC1', '8UC3', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1', '32FC3', '16UC3'])
+def test_every_encoding_is_shown(encoding: str, width: int) -> None:
+    picture = encode_picture(wire(random_image(encoding, 48, 64), encoding),
+                             PictureOptions(width, 80))
+    assert picture.source_size == (64, 48)
+    assert picture.width <= (width or 64)
+    assert pixels(picture).dtype == np.uint8
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'bgra8', 'mono8'])
+def test_colours_stay(encoding: str) -> None:
+    image = gradient()
+    codes = {'rgb8': cv2.COLOR_BGR2RGB, 'bgra8': cv2.COLOR_BGR2BGRA, 'mono8': cv2.COLOR_BGR2GRAY}
+    source = cv2.cvtColor(image, codes[encoding]) if encoding in codes else image
+    expected = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if encoding == 'mono8' else image
+    for width, scale in ((0, 1), (320, 2), (160, 4)):
+        shown = pixels(encode_picture(wire(source, encoding), PictureOptions(width, 95)))
+        difference = np.abs(shown.astype(int) - cv2.resize(
+            expected, (640 // scale, 480 // scale), interpolation=cv2.INTER_AREA))
+        assert difference.max() < 12
+
+
+def test_pictures_are_never_enlarged() -> None:
+    picture = encode_picture(wire(gradient(64, 48), 'bgr8'), PictureOptions(640, 80, height=480))
+    assert (picture.width, picture.height) == (64, 48)
+
+
+@pytest.mark.parametrize(('options', 'size'), [
+    (PictureOptions(320, 80), (320, 240)), (PictureOptions(0, 80, height=120), (160, 120)),
+    (PictureOptions(320, 80, height=120), (160, 120)), (PictureOptions(1, 80), (1, 1))])
+def test_sizes(options: PictureOptions, size: tuple[int, int]) -> None:
+    for message in (wire(gradient(), 'bgr8'), compressed(encode_image(gradient(), '.jpg'))):
+        picture = encode_picture(message, options)
+        assert (picture.width, picture.height) == size
+        assert not picture.is_kept
+
+
+def test_jpeg_is_kept_byte_for_byte() -> None:
+    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    for options in (PictureOptions(0, 50), PictureOptions(640, 50), PictureOptions(1280, 50)):
+        picture = encode_picture(compressed(jpeg), options)
+        assert picture.is_kept
+        assert picture.data == jpeg
+        assert picture.source_size == (640, 480)
+    lower = encode_picture(compressed(jpeg), PictureOptions(0, 20, keep=False))
+    assert len(lower.data) < len(jpeg)
+
+
+def test_png_of_a_compressed_topic_becomes_jpeg() -> None:
+    png = encode_image(gradient(), '.png').tobytes()
+    picture = encode_picture(compressed(png, 'bgr8; png compressed bgr8'), FULL)
+    assert picture.data.startswith(b'\xff\xd8')
+    assert np.abs(pixels(picture).astype(int) - gradient()).max() < 12
+
+
+def test_depth_is_scaled_from_the_frame_or_the_given_range() -> None:
+    depth = np.tile(np.linspace(1000, 3000, 64).astype(np.uint16), (48, 1))
+    depth[0] = 0  # no depth was measured
+    picture = encode_picture(wire(depth, '16UC1'), FULL)
+    assert picture.limits == (1000, 3000)
+    shown = pixels(picture)[24]
+    assert shown[0] < 6 and shown[-1] > 249 and abs(int(shown[32]) - 128) < 8
+    given = pixels(encode_picture(wire(depth, '16UC1'), PictureOptions(0, 95, limits=(0, 6000))))
+    assert abs(int(given[24, -1]) - 128) < 6
+
+
+def test_floats_with_holes_are_scaled() -> None:
+    depth = np.tile(np.linspace(0.5, 4.5, 64).astype(np.float32), (48, 1))
+    depth[:8], depth[8:16], depth[16:24] = np.nan, np.inf, -np.inf
+    picture = encode_picture(wire(depth, '32FC1'), FULL)
+    assert picture.limits == (0.5, 4.5)
+    assert pixels(picture)[40, -1] > 249
+
+
+def test_constant_depth_and_no_depth_are_gray() -> None:
+    for value in (0, 700):
+        picture = encode_picture(wire(np.full((48, 64), value, np.uint16), '16UC1'), FULL)
+        assert (pixels(picture) == 128).all()
+
+
+def test_exif_orientation_is_applied_like_in_a_browser() -> None:
+    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
+                         '00000000')
+    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    turned = jpeg[:2] + exif + jpeg[2:]
+    picture = encode_picture(compressed(turned), PictureOptions(320, 80))
+    assert picture.height > picture.width
+
+
+def test_broken_images_are_refused() -> None:
+    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    huge = bytearray(jpeg)
+    place = jpeg.index(b'\xff\xc0')
+    huge[place + 5:place + 9] = b'\xff\xff\xff\xff'  # 65535 x 65535 pixels
+    broken = [compressed(jpeg[:-200]), compressed(jpeg[:30]), compressed(b''), compressed(b'x'),
+              compressed(bytes(huge)), compressed(b'\xff\xd8' + bytes(1000)),
+              wire(np.zeros((0, 0, 3), np.uint8), 'bgr8'),
+              WireImage(header=NO_HEADER, height=48, width=64, encoding='bgr8',
+                        is_bigendian=False, step=192, data=bytes(100)),
+              WireImage(header=NO_HEADER, height=2**31, width=2**31, encoding='bgr8',
+                        is_bigendian=False, step=0, data=b''),
+              WireImage(header=NO_HEADER, height=1, width=1, encoding='nonsense',
+                        is_bigendian=False, step=1, data=b'1')]
+    for message in broken:
+        for options in (FULL, PictureOptions(160, 80)):
+            with pytest.raises((CvBridgeError, ImageError)):
+                encode_picture(message, options)

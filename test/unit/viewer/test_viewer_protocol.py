@@ -1,0 +1,81 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages of the page, from right to hostile."""
+
+from __future__ import annotations
+
+import json
+
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.protocol import (
+    number_of, pack_frame, parse_message, parse_options, step_width, topic_of, unpack_frame,
+    ViewOptions)
+import pytest
+
+
+def test_frame_has_a_head_of_24_bytes() -> None:
+    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, b'JPEG')
+    assert message.hex() == '00000007' '00000005' '4028800000000000' '402b000000000000' + (
+        b'JPEG'.hex())
+    assert unpack_frame(message) == (7, 5, 12.25, 13.5, b'JPEG')
+
+
+@pytest.mark.parametrize('text', [
+    b'{}', '', 'x', '[1]', '1', 'null', '"a"', '{"a": NaN}', '{"a": Infinity}', '[' * 4000,
+    '{"a":' * 600, '9' * 4000])
+def test_rubbish_is_refused(text: str | bytes) -> None:
+    with pytest.raises(RequestError) as caught:
+        parse_message(text)
+    assert len(str(caught.value)) < 200
+
+
+def test_options_of_a_subscription() -> None:
+    assert parse_options(parse_message('{"subscribe": "/a"}')) == ViewOptions()
+    assert parse_options(json.loads(
+        '{"width": 640, "quality": 80, "rate": 10, "fixed": true, "range": [-1, 2.5]}')) == (
+            ViewOptions(width=640, quality=80, rate=10, fixed=True, limits=(-1, 2.5)))
+    assert parse_options({'range': None}).limits is None
+
+
+@pytest.mark.parametrize('message', [
+    {'width': -1}, {'width': 65_536}, {'width': '640'}, {'width': True}, {'width': None},
+    {'width': [1]}, {'quality': 101}, {'rate': 1001}, {'rate': -1}, {'rate': 10**400},
+    {'range': [1]}, {'range': 5}, {'range': [1, 'a']}, {'range': [1, 10**400]},
+    {'range': [0, 1e308]}])
+def test_invalid_options_are_refused(message: dict[str, object]) -> None:
+    with pytest.raises(RequestError, match=next(iter(message))) as caught:
+        parse_options(message)
+    assert len(str(caught.value)) < 200
+
+
+def test_names_of_topics() -> None:
+    assert topic_of('/a/b') == topic_of('a/b') == topic_of('/a/b/compressed') == '/a/b'
+    assert topic_of('/compressed') == '/compressed'
+    for wrong in (None, '', 5, ['/a'], 'a' * 257):
+        with pytest.raises(RequestError):
+            topic_of(wrong)
+
+
+@pytest.mark.parametrize(('width', 'expected'), [
+    (0, 0), (1, 160), (160, 160), (161, 240), (700, 960), (1920, 1920), (1921, 0)])
+def test_widths_are_shared(width: int, expected: int) -> None:
+    assert step_width(width) == expected
+
+
+def test_numbers_in_urls() -> None:
+    assert number_of('80', 'quality', 0, 100) == 80
+    for wrong in ('', 'a', 'nan', 'inf', '101', '-1', '1e999'):
+        with pytest.raises(RequestError, match='quality'):
+            number_of(wrong, 'quality', 0, 100)
