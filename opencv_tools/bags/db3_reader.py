@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from functools import partial
 import os
 from pathlib import Path
 import sqlite3
@@ -75,20 +76,26 @@ class Db3Reader:
             for number, topic_id, time_ns in self._database.execute(
                     'SELECT id, topic_id, timestamp FROM messages '
                     f'WHERE topic_id IN ({marks}) ORDER BY timestamp, id', ids):
-                yield self._message(number, self._ids[topic_id], time_ns)
+                if isinstance(time_ns, int):
+                    load = partial(self._load, number)
+                    yield BagMessage(self._ids[topic_id], time_ns, load)
+                else:
+                    yield Damage(f'{self._name}: message {number} has no time')
         except sqlite3.Error as err:
             raise self._error(err) from err
 
-    def _message(self, number: int, topic: BagTopic, time_ns: object) -> BagMessage | Damage:
-        size, data = self._database.execute(
-            'SELECT length(data), CASE WHEN length(data) <= ? THEN data END FROM messages '
-            'WHERE id = ?', (MAX_BYTES, number)).fetchone() or (0, None)
-        if not isinstance(data, bytes) or not isinstance(time_ns, int):
-            reason = (f'{size} bytes; more than {MAX_BYTES} are not read'
-                      if isinstance(size, int) and size > MAX_BYTES else 'no data or no time')
-            return Damage(f'{self._name}: message {number} of {printable(topic.name)} has '
-                          f'{reason}')
-        return BagMessage(topic, time_ns, memoryview(data))
+    def _load(self, number: int) -> memoryview:
+        try:
+            size, data = self._database.execute(
+                'SELECT length(data), CASE WHEN length(data) <= ? THEN data END FROM messages '
+                'WHERE id = ?', (MAX_BYTES, number)).fetchone() or (0, None)
+        except sqlite3.Error as err:
+            raise self._error(err) from err
+        if not isinstance(data, bytes):
+            raise BagError(f'{self._name}: message {number} has {size} bytes; more than '
+                           f'{MAX_BYTES} are not read' if size else
+                           f'{self._name}: message {number} has no data')
+        return memoryview(data)
 
     def _read_topics(self) -> None:
         self._database.execute('PRAGMA trusted_schema = OFF')

@@ -19,18 +19,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 import heapq
 import io
-from itertools import chain, islice
+from itertools import islice
 import os
 from pathlib import Path
 import struct
 from typing import TYPE_CHECKING, TypeVar
 
 from opencv_tools.bags.errors import BagError, check_mcap
+from opencv_tools.bags.index import (
+    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
-    CHANNEL, CHUNK, file_reader, MAGIC, message_head, MESSAGE, open_chunk, Read, Record, records,
-    SCHEMA)
+    file_reader, message_head, open_chunk, Read, Record, records)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular
@@ -41,11 +43,10 @@ if TYPE_CHECKING:
 T = TypeVar('T', 'Channel', 'Schema')
 
 _FOOTER = struct.Struct('<BQQQI8s')  # opcode, length, offsets of the summary, CRC and magic
-_FOOTER_START = 2, 20  # opcode and length
+_FOOTER_START = FOOTER_CODE, 20  # opcode and length
 _MAX_SUMMARY = 1 << 24
 _MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
 _MAX_NAME = 1000  # characters of a topic or type
-_DATA_END = 15  # opcode
 _SPAN_BYTES = 1 << 20
 _MAX_SORTED = 100_000  # messages of a span
 
@@ -125,38 +126,34 @@ class McapReader:
                     heapq.heapreplace(opened, (following[0], begin, following[1], items))
 
     def _span_items(self, span: _Span, wanted: dict[int, BagTopic]) -> Iterator[_Item]:
-        """Yield the messages of a span by their times; the data are read at the last moment."""
-        heads = self._span_heads(span, wanted)
-        first = sorted(islice(heads, _MAX_SORTED), key=lambda head: head[0])
-        for time_ns, found in chain(first, heads):
-            if isinstance(found, Damage):
-                yield time_ns, found
-                continue
-            read, topic, begin, end = found
-            if end - begin > MAX_BYTES:
-                yield time_ns, Damage(f'{self._name}: a message of {topic.name} has {end - begin} '
-                                      f'bytes; more than {MAX_BYTES} are not read')
-            else:
-                yield time_ns, BagMessage(topic, time_ns, read(begin, end - begin))
+        """Yield the messages of a span in the order of their times, unless there are too many."""
+        items = self._unsorted_items(span, wanted)
+        yield from sorted(islice(items, _MAX_SORTED), key=lambda item: item[0])
+        yield from items
 
-    def _span_heads(
-        self, span: _Span, wanted: dict[int, BagTopic],
-    ) -> Iterator[tuple[int, tuple[Read, BagTopic, int, int] | Damage]]:
-        """Yield times and places of the messages of a span."""
+    def _unsorted_items(self, span: _Span, wanted: dict[int, BagTopic]) -> Iterator[_Item]:
         for read, record, end in self._flat_records(span.begin, span.end):
             if isinstance(record, Damage):
                 yield span.start_ns, record
-            elif record.opcode == MESSAGE and record.end <= end:
+            elif record.opcode == MESSAGE_CODE and record.end <= end:
                 head = message_head(read, record)
                 if head is not None and head[0] in wanted:
-                    yield head[1], (read, wanted[head[0]], head[2], record.end)
+                    channel, log_ns, begin = head
+                    load = partial(self._load, read, begin, record.end - begin)
+                    yield log_ns, BagMessage(wanted[channel], log_ns, load)
+
+    def _load(self, read: Read, begin: int, size: int) -> memoryview:
+        if size > MAX_BYTES:
+            raise BagError(f'{self._name}: a message claims {size} bytes; more than {MAX_BYTES} '
+                           'are not read')
+        return read(begin, size)
 
     def _flat_records(
         self, begin: int, end: int,
     ) -> Iterator[tuple[Read, Record | Damage, int]]:
         """Yield the records of a part of the file, and those of its chunks instead of chunks."""
         for record in records(self._read, begin, end):
-            if record.opcode != CHUNK:
+            if record.opcode != CHUNK_CODE:
                 yield self._read, record, end
                 continue
             try:
@@ -221,7 +218,7 @@ class McapReader:
         begin = end = len(MAGIC)
         first_ns: int | None = None  # of the messages since ``begin``
         for record in records(self._read, end, self._size):
-            if record.opcode == _DATA_END:
+            if record.opcode == DATA_END_CODE:
                 break
             for time_ns in self._define_and_count(end, min(record.end, self._size)):
                 first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
@@ -249,7 +246,7 @@ class McapReader:
         for read, record, last in self._flat_records(begin, end):
             if isinstance(record, Damage) or record.end > last:
                 continue
-            if record.opcode == MESSAGE:
+            if record.opcode == MESSAGE_CODE:
                 head = message_head(read, record)
                 topic = self._channels.get(head[0]) if head else None
                 if head and topic:
@@ -257,11 +254,11 @@ class McapReader:
                     self.first_ns = min(self.first_ns or head[1], head[1])
                     self.last_ns = max(self.last_ns, head[1])
                     yield head[1]
-            elif record.opcode == SCHEMA:
+            elif record.opcode == SCHEMA_CODE:
                 schema = _definition(Schema, read, record)
                 if schema is not None:
                     self._schemas[schema.id] = schema.name[:_MAX_NAME]
-            elif record.opcode == CHANNEL:
+            elif record.opcode == CHANNEL_CODE:
                 channel = _definition(Channel, read, record)
                 if channel is not None:
                     self._add_channel(channel)

@@ -29,19 +29,13 @@ from typing import Any
 import zlib
 
 from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.index import RECORD
 from opencv_tools.bags.reading import MAX_BYTES
 from opencv_tools.image.text import printable
-
-#: First and last bytes of every file.
-MAGIC = b'\x89MCAP0\r\n'
-
-#: Opcodes of the records that are read.
-SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
 
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-_RECORD = struct.Struct('<BQ')  # opcode and length
 _MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time and publish time
 _CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
 _LONGEST_NAME = 16  # characters of the name of a compression
@@ -76,12 +70,12 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
     :param end: end of the data.
     """
     while begin < end:
-        head = read(begin, min(_RECORD.size, end - begin))
-        if len(head) < _RECORD.size:
+        head = read(begin, min(RECORD.size, end - begin))
+        if len(head) < RECORD.size:
             yield Record(0, begin, end + 1)
             return
-        opcode, length = _RECORD.unpack(head)
-        begin += _RECORD.size
+        opcode, length = RECORD.unpack(head)
+        begin += RECORD.size
         yield Record(opcode, begin, begin + length)
         begin += length
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -56,12 +56,13 @@ class BagMessage:
 
     :param topic: topic of the message.
     :param log_ns: time of the recording in nanoseconds.
-    :param data: buffer with the serialized message.
+    :param load: returns a buffer with the serialized message, while the bag is open; raises
+        BagError or OSError if it cannot be read.
     """
 
     topic: BagTopic
     log_ns: int
-    data: Any
+    load: Callable[[], Any]
 
 
 @dataclass(frozen=True)
