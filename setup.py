@@ -46,6 +46,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'img_convert = opencv_tools.convert.cli:main',
             'img_filter = opencv_tools.image_filter:main',
             'img_publisher = opencv_tools.basic_image_publisher:main',
             'img_subscriber = opencv_tools.basic_image_subscriber:main',

@@ -26,7 +26,7 @@ from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.ros.progress import open_progress
+from opencv_tools.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.conversion import FrameConverter
 from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings

@@ -37,6 +37,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
 from opencv_tools.image.text import MAX_PATH, printable
 
+_REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
 _MAX_LISTED = 20  # topics in an error message
 _COMPRESSED = '/compressed'
 _MAX_INFO = 1 << 20  # bytes of a calibration
@@ -73,11 +74,12 @@ class BagSource:
         info = f'{self.topic.name.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
         self._wanted = [self.topic, *(
             other for other in counts if (other.name, other.type_name) == (info, CAMERA_INFO))]
-        count, seconds = counts[self.topic], (self._last_ns - self._first_ns) / NANO
-        rate = (count - 1) / seconds if seconds > 0 else 0.0
+        self.count = counts[self.topic]
+        seconds = (self._last_ns - self._first_ns) / NANO
+        rate = (self.count - 1) / seconds if seconds > 0 else 0.0
         self.rate = rate if 0 < rate <= MAX_RATE else 0.0
         self.description = (
-            f'{count} frames of {printable(self.topic.name)} ({self.topic.type_name}) at '
+            f'{self.count} frames of {printable(self.topic.name)} ({self.topic.type_name}) at '
             f'{self.rate:.3g} Hz')
         self._messages = self._all_messages()
         self._next: deque[BagMessage | Damage] = deque()
@@ -208,10 +210,10 @@ class BagSource:
             raise CaptureError(f'{self.name} has no topic of images; '
                                + (f'its topics are {others}' if others else 'it has no topic'))
         if not found:
-            raise CaptureError(f'{self.name} has no topic {printable(name)} of images; set '
-                               f'bag_topic to one of {_listed(counts, images)}')
-        raise CaptureError(f'{self.name} has {len(found)} topics of images; set bag_topic to one '
-                           f'of {_listed(counts, found)}')
+            raise CaptureError(f'{self.name} has no topic {printable(name)} of images; '
+                               f'{_REMEDY} {_listed(counts, images)}')
+        raise CaptureError(f'{self.name} has {len(found)} topics of images; {_REMEDY} '
+                           f'{_listed(counts, found)}')
 
     def _error(self, err: Exception) -> CaptureError:
         reason = err.strerror if isinstance(err, OSError) else err

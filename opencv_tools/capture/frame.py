@@ -97,10 +97,14 @@ class _Readable(Protocol):
 
 
 class FileSource(_Readable, Protocol):
-    """A source that is read at any speed: a video, a bag, image files or the test
-    pattern."""
+    """
+    A source that is read at any speed: a video, a bag, image files or the test pattern.
+
+    ``count`` is the number of frames; 0 if it is unknown.
+    """
 
     live: Literal[False]
+    count: int
 
     def skip(self) -> bool:
         """

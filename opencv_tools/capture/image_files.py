@@ -60,18 +60,19 @@ class ImageFileSource:
             raise CaptureError(f'no image file in {printable(name, MAX_PATH)}; supported '
                                f'extensions: {", ".join(sorted(IMAGE_SUFFIXES))}')
         self.name = printable(name, MAX_PATH)
+        self.count = len(paths)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
-        self._paths = tuple(paths)
+        self.paths = tuple(paths)
         self._next = 0
 
     def skip(self) -> bool:
         self._next += 1
-        return self._next <= len(self._paths)
+        return self._next <= len(self.paths)
 
     def read(self) -> Frame | None:
-        if self._next >= len(self._paths):
+        if self._next >= len(self.paths):
             return None
-        path = self._paths[self._next]
+        path = self.paths[self._next]
         shown = printable(path, MAX_PATH)
         self._next += 1
         try:

@@ -31,7 +31,7 @@ from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Throttle
-from opencv_tools.ros.progress import Progress
+from opencv_tools.progress import Progress
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.publisher.image_topics import ImageTopics

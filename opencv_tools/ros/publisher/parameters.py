@@ -161,8 +161,9 @@ class PublisherSettings:
         for name, value in given.items():
             if value and not names_bag(self.source):
                 raise ParameterError(
-                    f'parameter {name} is {value!r}, but the source {without_password(self.source)} is '
-                    'not a bag: give a .mcap, a .db3 or a folder with metadata.yaml')
+                    f'parameter {name} is {value!r}, but the source '
+                    f'{without_password(self.source)} is not a bag: give a .mcap, a .db3 or a '
+                    'folder with metadata.yaml')
 
     def reconnect_policy(self) -> ReconnectPolicy:
         """Return the policy for outages of a camera or stream."""
