@@ -60,6 +60,7 @@ class _Span:
     start_ns: int
     begin: int
     end: int
+    is_chunk: bool = False
 
 
 class McapReader:
@@ -132,43 +133,55 @@ class McapReader:
         yield from items
 
     def _unsorted_items(self, span: _Span, wanted: dict[int, BagTopic]) -> Iterator[_Item]:
-        for read, record, end in self._flat_records(span.begin, span.end):
-            if isinstance(record, Damage):
-                yield span.start_ns, record
-            elif record.opcode == MESSAGE_CODE and record.end <= end:
-                head = message_head(read, record)
+        if span.is_chunk:
+            record = next(records(self._read, span.begin, span.end))
+            if (record.opcode, record.end) != (CHUNK_CODE, span.end):
+                yield span.start_ns, self._damage(span.begin, 'the index names it as a chunk')
+                return
+        for read, found in self._flat_records(span.begin, span.end):
+            if isinstance(found, Damage):
+                yield span.start_ns, found
+            elif found.opcode == MESSAGE_CODE:
+                head = message_head(read, found)
                 if head is not None and head[0] in wanted:
                     channel, log_ns, begin = head
-                    load = partial(self._load, read, begin, record.end - begin)
+                    load = partial(self._load, read, begin, found.end - begin)
                     yield log_ns, BagMessage(wanted[channel], log_ns, load)
 
     def _load(self, read: Read, begin: int, size: int) -> memoryview:
         if size > MAX_BYTES:
             raise BagError(f'{self._name}: a message claims {size} bytes; more than {MAX_BYTES} '
                            'are not read')
-        return read(begin, size)
+        data = read(begin, size)
+        if len(data) < size:
+            raise BagError(f'{self._name} has become shorter')
+        return data
 
-    def _flat_records(
-        self, begin: int, end: int,
-    ) -> Iterator[tuple[Read, Record | Damage, int]]:
+    def _flat_records(self, begin: int, end: int) -> Iterator[tuple[Read, Record | Damage]]:
         """Yield the records of a part of the file, and those of its chunks instead of chunks."""
         for record in records(self._read, begin, end):
             if record.opcode != CHUNK_CODE:
-                yield self._read, record, end
+                yield self._read, (record if record.end <= end else self._damage(record.begin))
                 continue
             try:
                 read, first, last = open_chunk(self._read, record, end)
             except BagError as err:
-                yield self._read, Damage(
-                    f'{self._name}: the chunk at byte {record.begin} cannot be read: {err}'), end
+                if record.end <= end:  # else the end of the file is reported
+                    yield self._read, self._damage(record.begin, str(err))
                 continue
             held = 0 if read is self._read else last - first
             self._held += held
             try:
                 for inner in records(read, first, last):
-                    yield read, inner, last
+                    if inner.end <= last:
+                        yield read, inner
+                    elif record.end <= end:
+                        yield read, self._damage(record.begin, 'a record in it has no end')
             finally:
                 self._held -= held
+
+    def _damage(self, begin: int, reason: str = 'it has no end') -> Damage:
+        return Damage(f'{self._name}: the record at byte {begin} cannot be read: {reason}')
 
     def _read_index(self) -> bool:
         """Read the summary of a file; return False if there is none with an index."""
@@ -192,23 +205,25 @@ class McapReader:
         """Use the records of a summary; return False if they are incomplete or contradictory."""
         from mcap.records import Channel, ChunkIndex, Schema, Statistics
         statistics = next((record for record in found if isinstance(record, Statistics)), None)
+        schemas = {record.id: record.name for record in found if isinstance(record, Schema)}
+        channels = {record.id: record for record in found if isinstance(record, Channel)}
         chunks = [record for record in found if isinstance(record, ChunkIndex)]
         chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
         ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks]
-        is_valid = all(end <= chunk.chunk_start_offset for end, chunk in zip(ends, chunks[1:]))
-        if statistics is None or not is_valid or (ends and ends[-1] > self._size):
+        is_complete = (
+            statistics is not None and bool(chunks or not statistics.message_count)
+            and statistics.channel_message_counts.keys() <= channels.keys()
+            and {0, *schemas} >= {channel.schema_id for channel in channels.values()}
+            and all(end <= chunk.chunk_start_offset for end, chunk in zip(ends, chunks[1:]))
+            and max(ends, default=0) <= self._size)
+        if statistics is None or not is_complete:
             return False
-        if not chunks and statistics.message_count:
-            return False
-        for record in found:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record.name
-        for record in found:
-            if isinstance(record, Channel):
-                self._add_channel(record)
+        self._schemas = schemas
+        for record in channels.values():
+            self._add_channel(record)
         for channel, topic in self._channels.items():
             self.topics[topic] += statistics.channel_message_counts.get(channel, 0)
-        self._spans = [_Span(chunk.message_start_time, chunk.chunk_start_offset, end)
+        self._spans = [_Span(chunk.message_start_time, chunk.chunk_start_offset, end, True)
                        for chunk, end in zip(chunks, ends)]
         self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
         return True
@@ -218,18 +233,17 @@ class McapReader:
         begin = end = len(MAGIC)
         first_ns: int | None = None  # of the messages since ``begin``
         for record in records(self._read, end, self._size):
-            if record.opcode == DATA_END_CODE:
-                break
-            for time_ns in self._define_and_count(end, min(record.end, self._size)):
-                first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
-            if record.opcode == 0 or record.end > self._size:
+            is_cut = record.end > self._size
+            if is_cut:
                 self._warn_of_end(end)
-            end = min(record.end, self._size)
-            if first_ns is not None and (end - begin >= _SPAN_BYTES or end == self._size):
+            if record.opcode == DATA_END_CODE or (is_cut and record.opcode != CHUNK_CODE):
+                break
+            record_begin, end = end, min(record.end, self._size)
+            for time_ns in self._define_and_count(record_begin, end):
+                first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
+            if first_ns is not None and end - begin >= _SPAN_BYTES:
                 self._spans.append(_Span(first_ns, begin, end))
                 begin, first_ns = end, None
-            if self.warning:
-                break
         else:
             self._warn_of_end(end)
         if first_ns is not None:
@@ -243,8 +257,8 @@ class McapReader:
     def _define_and_count(self, begin: int, end: int) -> Iterator[int]:
         """Store the definitions in a part of the file, and yield the times of its messages."""
         from mcap.records import Channel, Schema
-        for read, record, last in self._flat_records(begin, end):
-            if isinstance(record, Damage) or record.end > last:
+        for read, record in self._flat_records(begin, end):
+            if isinstance(record, Damage):
                 continue
             if record.opcode == MESSAGE_CODE:
                 head = message_head(read, record)

@@ -53,7 +53,7 @@ class Record:
 
     :param opcode: kind of the record.
     :param begin: offset of its content.
-    :param end: offset behind its content; after the end of the data if the record is cut off.
+    :param end: offset behind its content.
     """
 
     opcode: int
@@ -67,14 +67,13 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
 
     :param read: function that reads the data.
     :param begin: offset of the first record.
-    :param end: end of the data.
+    :param end: end of the data. The last record ends behind it if it is cut off or damaged.
     """
     while begin < end:
         head = read(begin, min(RECORD.size, end - begin))
-        if len(head) < RECORD.size:
-            yield Record(0, begin, end + 1)
-            return
-        opcode, length = RECORD.unpack(head)
+        opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)
+        if not opcode:  # no record has the opcode 0
+            length = end
         begin += RECORD.size
         yield Record(opcode, begin, begin + length)
         begin += length
@@ -101,7 +100,7 @@ def open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
     :returns: function that reads the records, and the offsets of their begin and end.
     :raises BagError: the chunk cannot be read; the reason has no name of the file.
     """
-    head = read(record.begin, _CHUNK.size + _LONGEST_NAME + 8)
+    head = read(record.begin, min(_CHUNK.size + _LONGEST_NAME + 8, record.end - record.begin))
     if len(head) < _CHUNK.size:
         raise BagError('its head is cut off')
     _, _, size, crc, name_bytes = _CHUNK.unpack_from(head)
@@ -149,7 +148,9 @@ def _decompress(data: memoryview, compression: str, size: int) -> Any:
 
 def _decompress_lz4(data: memoryview, size: int) -> Any:
     from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-    return LZ4FrameDecompressor().decompress(data, max_length=size)
+    decompressor = LZ4FrameDecompressor()
+    content = decompressor.decompress(data, max_length=size)
+    return content if decompressor.eof else b''
 
 
 def _decompress_zstd(data: memoryview, size: int) -> Any:

@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as it is under nohup
             signal.signal(number, signal.default_int_handler)
-    from opencv_tools.convert.conversion import convert, Request
+    from opencv_tools.convert.convert import convert, Request
     try:
         return convert(Request(**vars(options)))
     except ValueError as err:

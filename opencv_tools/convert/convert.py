@@ -31,7 +31,7 @@ from opencv_tools.capture.frame import Frame, JPEG, Source
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.source import is_camera, names_bag, open_source
-from opencv_tools.convert.frames import numbered_frames, received_frame
+from opencv_tools.convert.source_frames import numbered_frames, received_frame
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.text import printable, without_password
