@@ -35,7 +35,7 @@ from opencv_tools.bags.mcap_reader import McapReader
 from opencv_tools.bags.reading import BagMessage, BagTopic, MAX_BYTES
 from opencv_tools.bags.schemas import IMAGE
 from played_bags import (
-    BEGAN_NS, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)
+    BEGAN_NS, Entry, image_entry, read_all, write_mcap, write_rosbag2, written)
 import pytest
 import zstandard
 
@@ -142,7 +142,7 @@ def test_cut_compressed_bag_keeps_its_whole_chunks(tmp_path: Path) -> None:
 @pytest.mark.parametrize('size', range(len(MAGIC)))
 def test_file_shorter_than_its_magic_is_refused(tmp_path: Path, size: int) -> None:
     (tmp_path / 'a.mcap').write_bytes(MAGIC[:size])
-    with pytest.raises(BagError, match='a.mcap is not an MCAP file'):
+    with pytest.raises(BagError, match=r'a\.mcap is not an MCAP file'):
         McapReader(tmp_path / 'a.mcap')
 
 
