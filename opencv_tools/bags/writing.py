@@ -198,8 +198,7 @@ class BagWriter:
             self._end_chunk()
             self._append(self._index.end(self.size))
         finally:
-            with self._file, suppress(OSError):
-                self._file.truncate(self.size)
+            self._file.close()
 
     def _end_chunk(self) -> None:
         """Write the message indexes of the open chunk, if any."""
@@ -222,9 +221,15 @@ class BagWriter:
         self.size += len(data)
 
     def _write_at(self, offset: int, *parts: Any) -> None:
-        self._file.seek(offset)
-        for part in parts:
-            write_buffer(self._file, part)
+        """Write buffers; if not all can be written, remove what follows the complete part."""
+        try:
+            self._file.seek(offset)
+            for part in parts:
+                write_buffer(self._file, part)
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self.size)
+            raise
 
 
 def _time(nanoseconds: int) -> int:
