@@ -162,6 +162,10 @@ class VideoWriter:
         return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+        return self.file.is_at_path()
+
     def write(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
         Encode a frame, which may wait in memory for later frames.
@@ -276,5 +280,5 @@ class VideoWriter:
             if container is not None:
                 container.close()  # it writes nothing after an error of the file
         with self.file.raw:
-            if not self.flushed and self.file.is_at_path():
+            if not self.flushed and self.is_at_path():
                 self._path.unlink(missing_ok=True)
