@@ -70,6 +70,25 @@ def finish_bag(path: Path) -> int | None:
         os.close(file)
 
 
+def has_footer(path: Path) -> bool:
+    """
+    Return whether a file ends with the footer of a bag.
+
+    :param path: path of the file.
+    :raises OSError: the file cannot be read.
+    """
+    file = open_regular(path, follow=False)
+    try:
+        return _has_footer(file, os.fstat(file).st_size)
+    finally:
+        os.close(file)
+
+
+def _has_footer(file: int, size: int) -> bool:
+    end = os.pread(file, _FOOTER_BYTES + len(MAGIC), max(0, size - _FOOTER_BYTES - len(MAGIC)))
+    return end[:1] == bytes((FOOTER_CODE,)) and end.endswith(MAGIC)
+
+
 def _has_own_header(file: int) -> bool:
     """Return whether a file begins like those of ``BagWriter``."""
     start = os.pread(file, 256, 0)
@@ -172,7 +191,7 @@ class _Scan:
         elif code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk and length <= _MAX_RECORD:
             self._read_text(code, end)
         elif code == DATA_END_CODE and not self.chunk:
-            self.is_finished = self._has_footer()
+            self.is_finished = _has_footer(self._file, self._size)
             return False
         elif code != HEADER_CODE or self.end != len(MAGIC):
             raise self._damaged()
@@ -244,12 +263,6 @@ class _Scan:
         elif record[RECORD.size + 6:].startswith(_IMAGE_TYPES):
             self._image_schemas.add(first)
         self.index.add_record(code, record)
-
-    def _has_footer(self) -> bool:
-        """Return whether the file ends with a footer."""
-        end = os.pread(self._file, _FOOTER_BYTES + len(MAGIC), max(
-            self.end, self._size - _FOOTER_BYTES - len(MAGIC)))
-        return end[:1] == bytes((FOOTER_CODE,)) and end.endswith(MAGIC)
 
     def _skip_zeros(self) -> bool:
         """Return False at zeros up to the end of the file, which a power cut can leave."""

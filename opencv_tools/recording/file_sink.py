@@ -57,6 +57,10 @@ class FrameWriter(Protocol):
     bytes_waiting: int
 
     @property
+    def size(self) -> int:
+        """Size of the file in bytes."""
+
+    @property
     def skipped(self) -> int:
         """Count of accepted frames that exceed the maximum size."""
 
@@ -71,7 +75,7 @@ W = TypeVar('W', bound=FrameWriter)
 P = TypeVar('P', bound=Prepared)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class OpenFile(Generic[W]):
     """
     A file that frames are written to.
@@ -80,12 +84,14 @@ class OpenFile(Generic[W]):
     :param entry: manifest entry of the file, without its size and digest.
     :param writer: writer of the file.
     :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
+    :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
     """
 
     path: Path
     entry: ManifestEntry
     writer: W
     offset_ns: int
+    began_ns: int
 
     def time_ns(self, frame: ReceivedFrame) -> int:
         """Return the time of a frame, independent of changes of the system clock."""
@@ -114,6 +120,7 @@ class FileSink(ABC, Generic[W, P]):
         self.counts = SinkCounts()
         self._folder = folder
         self._limits = limits
+        self._limits_of_one = limits.of_one_file()
         self._bytes = 0
         self._numbering = numbering
         self._monotonic = monotonic
@@ -142,6 +149,12 @@ class FileSink(ABC, Generic[W, P]):
     @abstractmethod
     def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> ManifestEntry:
         """Return the manifest entry of a file that begins with a frame."""
+
+    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame) -> bool:
+        """Return whether a file has reached the limits of one file."""
+        limits, writer = self._limits_of_one, file.writer
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+                or 0 < limits.max_ns <= frame.arrival_ns - file.began_ns)
 
     @abstractmethod
     def _fits(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
@@ -194,7 +207,8 @@ class FileSink(ABC, Generic[W, P]):
 
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         file = self._file
-        if file and not (self._is_at_path(file) and self._fits(file, frame, prepared)):
+        if file and (self._is_over(file, frame) or not (
+                self._is_at_path(file) and self._fits(file, frame, prepared))):
             self._end(file)
         if not self._is_full:
             file = self._file = self._file or self._numbering.claim(
@@ -248,7 +262,6 @@ class FileSink(ABC, Generic[W, P]):
         path = self._folder.path / name
         if self._numbering.replaces and path not in self._paths:
             path.unlink(missing_ok=True)
-        offset = frame.receive_ns - frame.arrival_ns
         room = max(1, self._limits.max_bytes - self._bytes) if self._limits.max_bytes else 0
         writer = self._open(path, frame, prepared, room)
         entry = self._entry(seq, name, frame, prepared)
@@ -258,7 +271,8 @@ class FileSink(ABC, Generic[W, P]):
             writer.close()
             raise
         self._paths.add(path)
-        return OpenFile(path, entry, writer, offset)
+        return OpenFile(path=path, entry=entry, writer=writer, began_ns=frame.arrival_ns,
+                        offset_ns=frame.receive_ns - frame.arrival_ns)
 
     def _end(self, file: OpenFile[W], reason: str = '') -> None:
         """

@@ -146,6 +146,11 @@ class VideoWriter:
             raise
 
     @property
+    def size(self) -> int:
+        """Size of the file in bytes, without the frames that are waiting."""
+        return self.file.size
+
+    @property
     def skipped(self) -> int:
         """Count of accepted frames that exceed the maximum size."""
         return self.frames - self._packets if self.is_full else 0
