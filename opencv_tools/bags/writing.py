@@ -153,8 +153,10 @@ class BagWriter:
         chunk.enter(channel_id, log_ns, size)
         self._chunk = chunk
         self.size = chunk.end
-        self._unhashed += head, *parts
-        if chunk.size >= CHUNK_BYTES:
+        is_long = chunk.size >= CHUNK_BYTES
+        # The memory of the pixels may be used again, so those of short messages are copied.
+        self._unhashed += head, *(parts if is_long else map(bytes, parts))
+        if is_long:
             with suppress(OSError):  # the next message ends the chunk, or its error is raised
                 self._end_chunk()
 

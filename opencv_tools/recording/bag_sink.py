@@ -37,7 +37,7 @@ from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.file_sink import FileSink, OpenFile
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.numbering import Numbering
@@ -263,8 +263,7 @@ def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:
     if isinstance(frame, CompressedFrame):
         return WireCompressedImage(header=header, format=metadata.encoding, data=frame.data), (
             BagChannel(topic=metadata.topic, type_name=COMPRESSED_IMAGE))
-    assert isinstance(frame, RawFrame)
-    message = array_to_wire(frame.image, find_encoding(metadata.encoding), header)
+    message = array_to_wire(frame.decode().image, find_encoding(metadata.encoding), header)
     return message, BagChannel(topic=metadata.topic, type_name=IMAGE)
 
 

@@ -45,6 +45,9 @@ _LINE = 1 << 24
 # new file begins only if the disk has room for it.
 _MAX_DEFERRED = 100
 
+# A bag that was cut off in its header is shorter.
+_BAG_HEADER_BYTES = 64
+
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
 
@@ -246,7 +249,9 @@ def _finished_frames(path: Path) -> int | None:
     if path.suffix.lower() != BAG_SUFFIX:
         return count_frames(path)
     try:
-        return finish_bag(path)
+        frames = finish_bag(path)
+        is_empty = frames is None and path.stat().st_size <= _BAG_HEADER_BYTES
+        return 0 if is_empty else frames
     except BagError:  # damaged, or the library of bags is not installed
         return None
 
