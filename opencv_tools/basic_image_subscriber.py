@@ -28,6 +28,7 @@ from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.ros.subscriber.bag_messages import BagMessages
 from opencv_tools.ros.subscriber.conversion import FrameConverter
 from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.ros.subscriber.session import RecordingSession
@@ -63,6 +64,8 @@ class ImageSubscriber(Node):
         self.subscription = FrameSubscription(
             self, 'video_frames', settings.transport, settings.depth, self._log,
             self.listener_callback, self._count_unreadable)
+        bag_sink = self._session.bag_sink
+        self._bag_messages = BagMessages(self, bag_sink.add_message) if bag_sink else None
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None
@@ -73,7 +76,7 @@ class ImageSubscriber(Node):
 
     def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
-        Convert a message to a frame and record it.
+        Convert a message to a frame and record it; a bag takes the message itself.
 
         :param message: raw or compressed image; the frame is a view of it.
         :param receive_ns: time of reception in nanoseconds of the system clock.
@@ -82,8 +85,11 @@ class ImageSubscriber(Node):
             return
         if self._timeout_timer:
             self._timeout_timer.reset()
+        topic = self.subscription.topic_name
         try:
-            frame = self._converter.convert(message, self.subscription.topic_name, receive_ns)
+            frame = self._bag_messages.frame(
+                message, topic, receive_ns, self.subscription.message_info,
+            ) if self._bag_messages else self._converter.convert(message, topic, receive_ns)
         except (CvBridgeError, SizeError) as err:
             self._count_unreadable(err)
         else:

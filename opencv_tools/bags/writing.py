@@ -34,11 +34,13 @@ from typing import Any
 from opencv_tools.bags.errors import check_mcap
 from opencv_tools.bags.index import (
     BagIndex, CHANNEL_CODE, CHUNK_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME, MESSAGE,
-    MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
+    MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import is_same_file, write_buffer
 
+BAG_SUFFIX = '.mcap'
+#: Time between the first and the last message of a chunk in nanoseconds.
 CHUNK_NS = 500_000_000
 
 
@@ -62,14 +64,11 @@ class BagChannel:
 class BagWriter:
     """A new bag; used by one thread at a time."""
 
-    def __init__(self, path: Path, chunk_bytes: int = CHUNK_BYTES, chunk_ns: int = CHUNK_NS,
-                 ) -> None:
+    def __init__(self, path: Path) -> None:
         """
         Create the file and lock it until it is closed.
 
         :param path: path of the file, usually with the extension ``.mcap``.
-        :param chunk_bytes: size at which a chunk ends.
-        :param chunk_ns: time between the first and the last message of a chunk in nanoseconds.
         :raises BagError: the library mcap is not installed.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
@@ -78,8 +77,6 @@ class BagWriter:
         from mcap.records import Header
         self.size = 0  # bytes that are written and complete
         self._path = path
-        self._chunk_bytes = chunk_bytes
-        self._chunk_ns = chunk_ns
         self._index = BagIndex()
         self._schema_ids: dict[str, int] = {}
         self._channel_ids: dict[BagChannel, int] = {}
@@ -102,11 +99,15 @@ class BagWriter:
         """SHA-256 digest of a closed file, in hexadecimal digits."""
         return self._digest.hexdigest()
 
-    @property
-    def final_size(self) -> int:
-        """Size of the file in bytes if it were closed now."""
-        return self.size + self._index.end_bytes + (
-            self._chunk.index_bytes if self._chunk else 0)
+    def size_with(self, channel: BagChannel, data_bytes: int) -> int:
+        """
+        Return the largest size in bytes that the closed file has with another message.
+
+        :param channel: topic of the message.
+        :param data_bytes: size of its CDR.
+        """
+        added = sum(2 * len(record) for _, record in self._missing_records(channel))
+        return self._final_size() + added + MESSAGE_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -115,44 +116,14 @@ class BagWriter:
         except OSError:  # the folder cannot be read now
             return True
 
-    def add_channel(self, channel: BagChannel) -> int:
-        """
-        Add a topic, unless the bag has it.
-
-        :param channel: the topic.
-        :returns: number of the channel, for ``write``.
-        :raises OSError: the file cannot be written.
-        """
-        if channel in self._channel_ids:
-            return self._channel_ids[channel]
-        from mcap.records import Channel, Schema
-        self._end_chunk()
-        if channel.type_name not in self._schema_ids:
-            schema_id = len(self._schema_ids) + 1
-            schema = encode_record(Schema(
-                id=schema_id, name=channel.type_name, encoding='ros2msg',
-                data=MESSAGE_DEFINITIONS[channel.type_name].encode()))
-            self._append(schema)
-            self._index.add_record(SCHEMA_CODE, schema)
-            self._schema_ids[channel.type_name] = schema_id
-        channel_id = len(self._channel_ids) + 1
-        record = encode_record(Channel(
-            id=channel_id, schema_id=self._schema_ids[channel.type_name], topic=channel.topic,
-            message_encoding='cdr', metadata={
-                'offered_qos_profiles': channel.qos, 'topic_type_hash': channel.type_hash}))
-        self._append(record)
-        self._index.add_record(CHANNEL_CODE, record)
-        self._channel_ids[channel] = channel_id
-        return channel_id
-
     def write(
-        self, channel_id: int, parts: Sequence[Any], *, log_ns: int, publish_ns: int,
+        self, channel: BagChannel, parts: Sequence[Any], *, log_ns: int, publish_ns: int,
         sequence: int = 0,
     ) -> None:
         """
         Write a message; it is in the file when this method returns.
 
-        :param channel_id: number from ``add_channel``.
+        :param channel: topic of the message, which is added to the bag before its first message.
         :param parts: contiguous buffers with the CDR of the message, in order. They must not
             change until the next call.
         :param log_ns: time of reception in nanoseconds of the system clock.
@@ -160,14 +131,16 @@ class BagWriter:
         :param sequence: number of the message from its publisher; 0 if unknown.
         :raises OSError: the file cannot be written; it has all earlier messages.
         """
+        self._add_channel(channel)
+        channel_id = self._channel_ids[channel]
         size = sum(memoryview(part).nbytes for part in parts)
         log_ns, publish_ns = _time(log_ns), _time(publish_ns)
         head = MESSAGE.pack(
             MESSAGE_CODE, MESSAGE.size - RECORD.size + size, channel_id, sequence % 2**32, log_ns,
             publish_ns)
         size += len(head)
-        if self._chunk and (self._chunk.size + size > self._chunk_bytes
-                            or abs(log_ns - self._chunk.start_ns) >= self._chunk_ns):
+        if self._chunk and (self._chunk.size + size > CHUNK_BYTES
+                            or abs(log_ns - self._chunk.start_ns) >= CHUNK_NS):
             self._end_chunk()
         if self._chunk:
             self._write_at(self._chunk.end, head, *parts)
@@ -180,8 +153,10 @@ class BagWriter:
         chunk.enter(channel_id, log_ns, size)
         self._chunk = chunk
         self.size = chunk.end
-        self._unhashed += head, *parts
-        if chunk.size >= self._chunk_bytes:
+        is_long = chunk.size >= CHUNK_BYTES
+        # The memory of the pixels may be used again, so those of short messages are copied.
+        self._unhashed += head, *(parts if is_long else map(bytes, parts))
+        if is_long:
             with suppress(OSError):  # the next message ends the chunk, or its error is raised
                 self._end_chunk()
 
@@ -198,8 +173,37 @@ class BagWriter:
             self._end_chunk()
             self._append(self._index.end(self.size))
         finally:
-            with self._file, suppress(OSError):
-                self._file.truncate(self.size)
+            self._file.close()
+
+    def _final_size(self) -> int:
+        """Return the size of the file in bytes if it were closed now."""
+        return self.size + self._index.end_bytes + (
+            self._chunk.index_bytes if self._chunk else 0)
+
+    def _missing_records(self, channel: BagChannel) -> list[tuple[int, bytes]]:
+        """Return the code and the bytes of the schema and the channel that the file has not."""
+        if channel in self._channel_ids:
+            return []
+        from mcap.records import Channel, Schema
+        type_name, records = channel.type_name, []
+        schema_id = self._schema_ids.get(type_name, len(self._schema_ids) + 1)
+        if type_name not in self._schema_ids:
+            records.append((SCHEMA_CODE, encode_record(Schema(
+                id=schema_id, name=type_name, encoding='ros2msg',
+                data=MESSAGE_DEFINITIONS[type_name].encode()))))
+        records.append((CHANNEL_CODE, encode_record(Channel(
+            id=len(self._channel_ids) + 1, schema_id=schema_id, topic=channel.topic,
+            message_encoding='cdr', metadata={
+                'offered_qos_profiles': channel.qos, 'topic_type_hash': channel.type_hash}))))
+        return records
+
+    def _add_channel(self, channel: BagChannel) -> None:
+        for code, record in self._missing_records(channel):
+            self._end_chunk()
+            self._append(record)
+            self._index.add_record(code, record)
+            ids: dict[Any, int] = self._schema_ids if code == SCHEMA_CODE else self._channel_ids
+            ids[channel.type_name if code == SCHEMA_CODE else channel] = len(ids) + 1
 
     def _end_chunk(self) -> None:
         """Write the message indexes of the open chunk, if any."""
@@ -222,9 +226,15 @@ class BagWriter:
         self.size += len(data)
 
     def _write_at(self, offset: int, *parts: Any) -> None:
-        self._file.seek(offset)
-        for part in parts:
-            write_buffer(self._file, part)
+        """Write buffers; if not all can be written, remove what follows the complete part."""
+        try:
+            self._file.seek(offset)
+            for part in parts:
+                write_buffer(self._file, part)
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self.size)
+            raise
 
 
 def _time(nanoseconds: int) -> int:

@@ -89,6 +89,8 @@ class FrameSubscription:
         self._has_frames = False  # since the first publisher appeared
         #: Counter of messages that were published but did not arrive.
         self.losses = LostFrames()
+        #: Metadata of the message during the call of ``on_frame``; None if unknown.
+        self.message_info: MessageInfo | None = None
         self._publishers: frozenset[bytes] = frozenset()
         self._recent_ids: set[tuple[int, int]] = set()
         self._older_ids: set[tuple[int, int]] = set()
@@ -249,7 +251,9 @@ class FrameSubscription:
         except CdrError as err:
             self._on_broken(err)
         else:
+            self.message_info = info
             self._on_frame(message, info.received_timestamp or time.time_ns())
+            self.message_info = None
         self._no_frames_warning.frame_received(self.topic_name)
 
     def _is_repeated(self, identity: tuple[int, int]) -> bool:

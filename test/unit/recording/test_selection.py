@@ -118,7 +118,8 @@ def fill(retention: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> 
     deleted = []
     for new in entries:
         names = retention.make_room(new, arrival_ns)
-        retention.add(new, names, arrival_ns)
+        retention.remove(names)
+        retention.add(new, arrival_ns)
         deleted += names
     return deleted
 
