@@ -71,9 +71,8 @@ class BagSource:
         except (BagError, OSError) as err:
             raise self._error(err) from err
         self.topic = self._select(topic, counts)
-        info = f'{self.topic.name.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
-        self._wanted = [self.topic, *(
-            other for other in counts if (other.name, other.type_name) == (info, CAMERA_INFO))]
+        info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
+        self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
         seconds = (self._last_ns - self._first_ns) / NANO
         rate = (self.count - 1) / seconds if seconds > 0 else 0.0
@@ -218,6 +217,11 @@ class BagSource:
     def _error(self, err: Exception) -> CaptureError:
         reason = err.strerror if isinstance(err, OSError) else err
         return CaptureError(f'{self.name} cannot be played: {reason}')
+
+
+def camera_info_topic(topic: str) -> str:
+    """Return the topic of the calibration beside a topic of raw or compressed images."""
+    return f'{topic.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
 
 
 def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:

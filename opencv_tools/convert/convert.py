@@ -31,17 +31,19 @@ from opencv_tools.capture.frame import Frame, JPEG, Source
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.source import is_camera, names_bag, open_source
-from opencv_tools.convert.source_frames import numbered_frames, received_frame
+from opencv_tools.convert.source_frames import (
+    camera_info_message, numbered_frames, received_frame)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.text import printable, without_password
 from opencv_tools.progress import open_progress
+from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import check_format, open_sink
-from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
 
@@ -159,8 +161,13 @@ class _Conversion:
             if first is None:
                 raise CaptureError(f'{source.name} has no readable frame')
             self._check_loss(first[1])
-            recorder = self._open_recorder(first[1])
-            is_complete = self._record(recorder, chain((first,), frames))
+            sink = open_sink(
+                self._folder, self._names, EncoderSettings(self._names.suffix), 'continue',
+                Limits(), sync=False)
+            threads = _threads(first[1])
+            recorder = Recorder(
+                sink, self._log, queue_size=threads, writers=threads, block=True)
+            is_complete = self._record(recorder, sink, chain((first,), frames))
         counts = recorder.counts
         failed = counts.failed + self._unreadable
         self._log.info(
@@ -169,11 +176,19 @@ class _Conversion:
         is_ok = is_complete and not failed and not recorder.is_unfinished
         return _EXIT_OK if is_ok else _EXIT_FAILURE
 
-    def _record(self, recorder: Recorder[Any], frames: Iterable[tuple[int, Frame]]) -> bool:
+    def _record(
+        self, recorder: Recorder[Any], sink: Sink[Any], frames: Iterable[tuple[int, Frame]],
+    ) -> bool:
         """Record frames and finish the files; return False if the source did not end."""
+        last_info = None
+        bag = sink if isinstance(sink, BagSink) else None
         try:
             for number, frame in frames:
-                recorder.put(received_frame(frame, number, self._source.rate))
+                recorded = frame.recorded
+                if bag and recorded and recorded.camera_info not in (None, last_info):
+                    last_info = recorded.camera_info
+                    bag.add_message(camera_info_message(recorded))
+                recorder.put(received_frame(frame, number, self._source.rate, bag is not None))
                 self._progress.tick(_description(frame), self._unreadable)
             return True
         except CaptureError as err:
@@ -183,15 +198,6 @@ class _Conversion:
         finally:
             recorder.close()
         return False
-
-    def _open_recorder(self, first: Frame) -> Recorder[Any]:
-        """Open the folder, and start as many threads as processors and memory allow."""
-        most = max(1, _QUEUED_BYTES // max(1, first.image.nbytes))
-        threads = min(len(os.sched_getaffinity(0)), most)
-        sink = open_sink(
-            self._folder, self._names, EncoderSettings(self._names.suffix), 'continue', Limits(),
-            sync=False)
-        return Recorder(sink, self._log, queue_size=threads, writers=threads, block=True)
 
     def _check_loss(self, frame: Frame) -> None:
         """
@@ -230,6 +236,11 @@ class _Conversion:
         """Count and log a frame that cannot be read."""
         self._unreadable += 1
         self._failure_log.bad_frame(f'a frame was not read: {err}')
+
+
+def _threads(first: Frame) -> int:
+    """Return the number of threads: one a processor, as far as the size of a frame allows."""
+    return max(1, min(len(os.sched_getaffinity(0)), _QUEUED_BYTES // (first.image.nbytes or 1)))
 
 
 def _description(frame: Frame) -> str:

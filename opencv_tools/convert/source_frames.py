@@ -20,11 +20,15 @@ from collections.abc import Callable, Iterator
 from itertools import count
 import time
 
+from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.capture.bag import camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Source
+from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import WireCompressedImage
-from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.bag_sink import BagMessage
+from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
 
 # Names of the publisher, for sources that have none.
@@ -74,13 +78,14 @@ def _read_live(source: LiveSource) -> Frame | None:
         return None
 
 
-def received_frame(frame: Frame, number: int, rate: float) -> ReceivedFrame:
+def received_frame(frame: Frame, number: int, rate: float, for_bag: bool = False) -> ReceivedFrame:
     """
     Return a frame for a recorder.
 
     :param frame: frame of a source.
     :param number: number of the frame, from 0.
     :param rate: frame rate of the source in Hz; 0.0 if it has none.
+    :param for_bag: whether a frame of a bag is returned as its message.
     :returns: the frame with the time and header of its bag; else with the time in its file,
         counted from 0, or with the time of a stream.
     """
@@ -98,6 +103,17 @@ def received_frame(frame: Frame, number: int, rate: float) -> ReceivedFrame:
         stamp_ns = receive_ns = round(position * NANO)
     metadata = FrameMetadata(stamp_ns, frame_id, encoding, topic)
     times = {'receive_ns': receive_ns, 'arrival_ns': receive_ns}
+    if recorded and for_bag:
+        kind = COMPRESSED_IMAGE if frame.encoding == JPEG else IMAGE
+        return MessageFrame(metadata=metadata, message=recorded.message,
+                            channel=BagChannel(topic=topic, type_name=kind), **times)
     if frame.encoding == JPEG:
         return CompressedFrame(metadata=metadata, data=frame.image.data, **times)
     return RawFrame(metadata=metadata, image=frame.image, **times)
+
+
+def camera_info_message(recorded: Recorded) -> BagMessage:
+    """Return the calibration of a frame as a message for a bag."""
+    channel = BagChannel(topic=camera_info_topic(recorded.topic), type_name=CAMERA_INFO)
+    return BagMessage(channel=channel, parts=(recorded.camera_info,), log_ns=recorded.log_ns,
+                      publish_ns=recorded.log_ns)
