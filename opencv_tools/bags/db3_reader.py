@@ -92,9 +92,10 @@ class Db3Reader:
         except sqlite3.Error as err:
             raise self._error(err) from err
         if not isinstance(data, bytes):
-            raise BagError(f'{self._name}: message {number} has {size} bytes; more than '
-                           f'{MAX_BYTES} are not read' if size else
-                           f'{self._name}: message {number} has no data')
+            raise BagError(
+                f'{self._name}: message {number} has {size} bytes; more than {MAX_BYTES} are not '
+                'read' if data is None and size else
+                f'{self._name}: message {number} has no binary data')
         return memoryview(data)
 
     def _read_topics(self) -> None:
@@ -108,11 +109,11 @@ class Db3Reader:
             self.topics.setdefault(topic, 0)
         for number, count, first_ns, last_ns in self._database.execute(
                 'SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages '
-                'GROUP BY topic_id'):
+                "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"):
             if number in self._ids:
                 self.topics[self._ids[number]] += count
-                self.first_ns = min(self.first_ns or int(first_ns), int(first_ns))
-                self.last_ns = max(self.last_ns, int(last_ns))
+                self.first_ns = min(self.first_ns or first_ns, first_ns)
+                self.last_ns = max(self.last_ns, last_ns)
 
     def _check_table(self, name: str, columns: set[str]) -> None:
         found = self._database.execute(
