@@ -51,9 +51,9 @@ MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + _MESSAGE_INDEX_BYTES + _INDEX_ENTRY
 def encode_record(record: Any) -> bytes:
     """Return the bytes of a record of the library mcap."""
     from mcap.data_stream import RecordBuilder
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    return bytes(builder.end())
 
 
 @dataclass
