@@ -30,9 +30,11 @@ MODULES = sorted(
     for path in ROOT.rglob('*.py'))
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
-PURE = ('opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.regular_files',
+PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.regular_files',
         'opencv_tools.recording.naming', 'opencv_tools.robot')
 ALLOWED = {
+    'opencv_tools.bags': {'opencv_tools.bags', 'opencv_tools.image',
+                          'opencv_tools.regular_files', 'mcap'},
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.regular_files': set(),
     'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
@@ -43,14 +45,15 @@ ALLOWED = {
         'opencv_tools.logs', 'opencv_tools.ros', 'builtin_interfaces', 'rclpy', 'sensor_msgs',
         'std_msgs'},
     'opencv_tools.logs': set(),
-    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
+    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.bags',
+                               'opencv_tools.image',
                                'opencv_tools.image_codecs', 'opencv_tools.logs',
                                'opencv_tools.regular_files', 'av', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.image_codecs', 'sensor_msgs',
                                'std_msgs'},
     'opencv_tools.ros': {
-        'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
+        'opencv_tools.ros', 'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
         'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.recording',
         'opencv_tools.regular_files', 'opencv_tools.standard_streams', 'ament_index_python',
         'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
@@ -141,9 +144,9 @@ def test_pure_modules_without_ros_and_opencv(room: str) -> None:
 
 
 @pytest.mark.process
-def test_imports_without_pyav() -> None:
+def test_imports_without_pyav_and_mcap() -> None:
     script = ('import importlib, sys\n'
-              'sys.modules["av"] = None\n'
+              'sys.modules.update(av=None, mcap=None)\n'
               f'for module in {MODULES}: importlib.import_module(module)\n')
     finished = subprocess.run(
         [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False)
