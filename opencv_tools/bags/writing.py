@@ -33,7 +33,7 @@ from typing import Any
 
 from opencv_tools.bags.errors import check_mcap
 from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME, MESSAGE,
+    BagIndex, CHANNEL_CODE, CHUNK_BYTES, COUNT_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME, MESSAGE,
     MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
@@ -106,7 +106,8 @@ class BagWriter:
         :param channel: topic of the message.
         :param data_bytes: size of its CDR.
         """
-        added = sum(2 * len(record) for _, record in self._missing_records(channel))
+        missing = self._missing_records(channel)
+        added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
         return self._final_size() + added + MESSAGE_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
