@@ -31,8 +31,8 @@ from typing import Any
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import (
     BagIndex, CHANNEL_CODE, CHUNK, CHUNK_BYTES, CHUNK_CODE, DATA_END_CODE, encode_record,
-    FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE, OpenChunk, PROFILE,
-    RECORD, SCHEMA_CODE,
+    FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE,
+    OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable

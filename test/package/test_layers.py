@@ -30,8 +30,8 @@ MODULES = sorted(
     for path in ROOT.rglob('*.py'))
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
-PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.regular_files',
-        'opencv_tools.recording.naming', 'opencv_tools.robot')
+PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
+        'opencv_tools.regular_files', 'opencv_tools.recording.naming', 'opencv_tools.robot')
 ALLOWED = {
     'opencv_tools.bags': {'opencv_tools.bags', 'opencv_tools.image',
                           'opencv_tools.regular_files', 'mcap'},

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Readers of bags that others wrote: mcap, indexed and streaming, rosbags and mcap-ros2-support."""
+"""Readers of bags that others wrote: mcap, rosbags and mcap-ros2-support."""
 
 from __future__ import annotations
 

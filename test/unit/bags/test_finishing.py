@@ -193,7 +193,8 @@ def test_hostile_bags(tmp_path_factory: pytest.TempPathFactory, data: st.DataObj
     positions = st.integers(HEADER_BYTES, len(content) - 1)
     for _ in range(data.draw(st.integers(1, 4))):
         position = data.draw(positions)
-        replacement = data.draw(st.sampled_from((b'\xff' * 8, b'\0' * 8, b'\x06', b'\x05', b'\x40')))
+        replacement = data.draw(st.sampled_from(
+            (b'\xff' * 8, b'\0' * 8, b'\x06', b'\x05', b'\x40')))
         content[position:position + len(replacement)] = replacement
     content = content[:data.draw(positions)]
     path.write_bytes(content)
