@@ -65,7 +65,9 @@ class ImageSubscriber(Node):
             self, 'video_frames', settings.transport, settings.depth, self._log,
             self.listener_callback, self._count_unreadable)
         bag_sink = self._session.bag_sink
-        self._bag_messages = BagMessages(self, bag_sink.add_message) if bag_sink else None
+        self._bag_messages = BagMessages(
+            self, self.subscription.topic_name, self._log, bag_sink.add_message,
+        ) if bag_sink else None
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None
@@ -103,6 +105,8 @@ class ImageSubscriber(Node):
         :returns: the exit status.
         """
         unprocessed = self._record_remaining()
+        if self._bag_messages:
+            self._bag_messages.close()
         self._session.close()
         self._progress.close()
         recorder, losses = self._session.recorder, self.subscription.losses

@@ -22,15 +22,17 @@ that can be finished again.
 from __future__ import annotations
 
 import fcntl
+from io import BytesIO
 import os
 from pathlib import Path
 import struct
+from typing import Any
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK, CHUNK_BYTES, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE,
-    HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE, OpenChunk, PROFILE,
-    RECORD, SCHEMA_CODE,
+    BagIndex, CHANNEL_CODE, CHUNK, CHUNK_BYTES, CHUNK_CODE, DATA_END_CODE, encode_record,
+    FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE,
+    OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
@@ -41,7 +43,6 @@ _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
 _MAX_RECORDS = 1000  # schemas and channels
 _FOOTER_BYTES = 29
 _NAMES = (PROFILE.encode(), LIBRARY.encode())
-_IMAGE_TYPES = (IMAGE.encode(), COMPRESSED_IMAGE.encode())
 
 
 def finish_bag(path: Path) -> int | None:
@@ -251,17 +252,23 @@ class _Scan:
 
     def _read_text(self, code: int, end: int) -> None:
         """Read a schema or a channel."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Schema
         record = os.pread(self._file, end - self.end, self.end)
-        first, second = struct.unpack_from('<HH', record.ljust(13, b'\0'), RECORD.size)
+        kind: Any = Channel if code == CHANNEL_CODE else Schema
+        try:
+            found = kind.read(ReadDataStream(BytesIO(record[RECORD.size:])))
+        except Exception as err:  # noqa: B902 - the library has no error of its own for it
+            raise self._damaged() from err
         self._record_count += 1
-        if self._record_count > _MAX_RECORDS:
+        if self._record_count > _MAX_RECORDS or encode_record(found) != record:
             raise self._damaged()
-        if code == CHANNEL_CODE:
-            self._channels.add(first)
-            if second in self._image_schemas:
-                self.image_channels.add(first)
-        elif record[RECORD.size + 6:].startswith(_IMAGE_TYPES):
-            self._image_schemas.add(first)
+        if code == SCHEMA_CODE and found.name in (IMAGE, COMPRESSED_IMAGE):
+            self._image_schemas.add(found.id)
+        elif code == CHANNEL_CODE:
+            self._channels.add(found.id)
+            if found.schema_id in self._image_schemas:
+                self.image_channels.add(found.id)
         self.index.add_record(code, record)
 
     def _skip_zeros(self) -> bool:

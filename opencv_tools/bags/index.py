@@ -41,19 +41,21 @@ STATISTICS_CODE, DATA_END_CODE = 11, 15
 
 # Sizes of the records at the end of a file.
 _DATA_END_BYTES, _FOOTER_BYTES, _OFFSET_BYTES = 13, 29, 26
-_STATISTICS_BYTES, _CHANNEL_COUNT_BYTES = 55, 10
+_STATISTICS_BYTES = 55
+#: Size of the count of messages of a channel.
+COUNT_BYTES = 10
 _MESSAGE_INDEX_BYTES, _INDEX_ENTRY_BYTES, _CHUNK_INDEX_BYTES = 15, 16, 73
 #: Largest number of bytes that a message adds to a file, without its data.
 MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + _MESSAGE_INDEX_BYTES + _INDEX_ENTRY_BYTES
-                 + _CHUNK_INDEX_BYTES + _CHANNEL_COUNT_BYTES)
+                 + _CHUNK_INDEX_BYTES + COUNT_BYTES)
 
 
 def encode_record(record: Any) -> bytes:
     """Return the bytes of a record of the library mcap."""
     from mcap.data_stream import RecordBuilder
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    return bytes(builder.end())
 
 
 @dataclass
@@ -111,7 +113,7 @@ class OpenChunk:
         """Size of the message indexes of the chunk, and of its record in the summary."""
         entries = sum(map(len, self.entries.values()))
         return (_CHUNK_INDEX_BYTES + entries * _INDEX_ENTRY_BYTES
-                + len(self.entries) * (_MESSAGE_INDEX_BYTES + _CHANNEL_COUNT_BYTES))
+                + len(self.entries) * (_MESSAGE_INDEX_BYTES + COUNT_BYTES))
 
 
 class BagIndex:
@@ -159,7 +161,7 @@ class BagIndex:
         sizes = [len(records) for records in self._records.values()]
         channels = self._records[CHANNEL_CODE]
         return (_DATA_END_BYTES + sum(sizes) + _STATISTICS_BYTES + _FOOTER_BYTES + len(MAGIC)
-                + _CHANNEL_COUNT_BYTES * count_records(channels)
+                + COUNT_BYTES * count_records(channels)
                 + _OFFSET_BYTES * len(self._records))
 
     def end(self, position: int) -> bytes:

@@ -28,16 +28,17 @@ from dataclasses import dataclass
 import fcntl
 import hashlib
 from importlib.metadata import PackageNotFoundError, version
+import os
 from pathlib import Path
 from typing import Any
 
 from opencv_tools.bags.errors import check_mcap
 from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME, MESSAGE,
-    MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
+    BagIndex, CHANNEL_CODE, CHUNK_BYTES, COUNT_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME,
+    MESSAGE, MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
-from opencv_tools.regular_files import is_same_file, write_buffer
+from opencv_tools.regular_files import write_buffer
 
 BAG_SUFFIX = '.mcap'
 #: Time between the first and the last message of a chunk in nanoseconds.
@@ -84,6 +85,7 @@ class BagWriter:
         self._unhashed: list[Any] = []  # buffers of the messages of the open chunk
         self._digest = hashlib.sha256()
         self._file = path.open('xb', buffering=0)
+        self._status = os.fstat(self._file.fileno())
         try:
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -106,13 +108,16 @@ class BagWriter:
         :param channel: topic of the message.
         :param data_bytes: size of its CDR.
         """
-        added = sum(2 * len(record) for _, record in self._missing_records(channel))
+        missing = self._missing_records(channel)
+        added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
         return self._final_size() + added + MESSAGE_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
         try:
-            return is_same_file(self._file.fileno(), self._path)
+            return os.path.samestat(self._status, self._path.lstat())
+        except FileNotFoundError:
+            return False
         except OSError:  # the folder cannot be read now
             return True
 

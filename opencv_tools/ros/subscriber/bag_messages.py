@@ -20,24 +20,28 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from opencv_tools.bags.qos import OfferedQos, offered_qos_text
+from opencv_tools.bags.offered_qos import OfferedQos, offered_qos_text
 from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
-from opencv_tools.logs import Throttle
+from opencv_tools.logs import Log, Throttle
 from opencv_tools.recording.bag_sink import BagMessage
 from opencv_tools.recording.frames import ArrivalClock, MessageFrame
 from opencv_tools.recording.naming import FrameMetadata, NANO
 from opencv_tools.ros.qos import following_qos
-from opencv_tools.ros.zero_copy import MessageInfo
+from opencv_tools.ros.zero_copy import MessageInfo, take_serialized
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo
 
 # Messages of camera_info that the middleware keeps while the node is busy.
 _DEPTH = 100
-# Period of the search for a publisher of camera_info.
-_SEARCH_SECONDS = 1.0
+# Period of the check of the publishers of camera_info.
+_CHECK_SECONDS = 1.0
+# Maximum size of a camera_info in bytes, because many may wait for the next frame.
+_MAX_BYTES = 1 << 16
+_WARNING_SECONDS = 60.0
 # Publishers of a topic whose quality of service is stored.
 _MAX_PUBLISHERS = 100
 
@@ -45,19 +49,25 @@ _MAX_PUBLISHERS = 100
 class BagMessages:
     """Create the messages of a bag. The topics are described with what their publishers offer."""
 
-    def __init__(self, node: Node, on_message: Callable[[BagMessage], object]) -> None:
+    def __init__(
+        self, node: Node, topic: str, log: Log, on_message: Callable[[BagMessage], object],
+    ) -> None:
         """
-        Create a converter; with the first frame it looks for the camera_info beside the images.
+        Create a converter and subscribe to the camera_info beside the images.
 
         :param node: node that receives the frames.
+        :param topic: topic of the frames, after remapping.
+        :param log: log for messages that are not recorded.
         :param on_message: called with each camera_info, as it was received.
         """
         self._node = node
+        self._log = log
+        self._warnings = Throttle(_WARNING_SECONDS)
         self._on_message = on_message
         self._arrivals = ArrivalClock()
         self._channels: dict[tuple[str, str], BagChannel] = {}
-        self._subscriptions: dict[str, Any] = {}
-        self._search = Throttle(_SEARCH_SECONDS)
+        self._check = Throttle(_CHECK_SECONDS)
+        self._subscribe(camera_info_topic(topic), [])
 
     def frame(
         self, message: WireMessage, topic: str, receive_ns: int, info: MessageInfo | None,
@@ -72,7 +82,7 @@ class BagMessages:
         """
         is_compressed = isinstance(message, WireCompressedImage)
         header = message.header
-        self._subscribe_camera_info(camera_info_topic(topic))
+        self._follow_camera_info(camera_info_topic(topic))
         return MessageFrame(
             metadata=FrameMetadata(
                 header.sec * NANO + header.nanosec, header.frame_id,
@@ -82,24 +92,45 @@ class BagMessages:
                                                    else IMAGE),
             publish_ns=info.source_timestamp if info else 0, number=info.number if info else 0)
 
-    def _subscribe_camera_info(self, topic: str) -> None:
-        """Subscribe to camera_info when it has a publisher; searched once a second."""
-        if topic in self._subscriptions or not self._search.passes():
+    def close(self) -> None:
+        """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        for _ in range(_DEPTH):
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                break
+            serialized, info = taken
+            self._pass_on(serialized, info.received_timestamp, info.source_timestamp, info.number)
+        self._node.destroy_subscription(self._subscription)
+
+    def _follow_camera_info(self, topic: str) -> None:
+        """Subscribe again if the topic has changed, or its publishers offer something else."""
+        if not self._check.passes():
             return
         offers = self._offers(topic, CAMERA_INFO)
-        if not offers:
+        if topic != self._topic or (offers and _qos(offers) != self._qos):
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(topic, offers)
+
+    def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
+        self._topic, self._qos = topic, _qos(offers)
+        self._subscription = self._node.create_subscription(
+            CameraInfo, topic, self._receive, self._qos, raw=True)
+
+    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
+        self._pass_on(serialized, info['received_timestamp'], info['source_timestamp'])
+
+    def _pass_on(
+        self, serialized: Any, received_ns: int, source_ns: int, number: int = 0,
+    ) -> None:
+        if len(serialized) > _MAX_BYTES:
+            if self._warnings.passes():
+                self._log.warning(f'a message of {len(serialized)} bytes on {self._topic} was not '
+                                  f'recorded: a camera_info has at most {_MAX_BYTES}')
             return
-        channel = self._channel(topic, CAMERA_INFO)
-
-        def receive(serialized: bytes, info: dict[str, int]) -> None:
-            receive_ns = info['received_timestamp'] or time.time_ns()
-            self._on_message(BagMessage(
-                channel=channel, parts=(serialized,), log_ns=receive_ns,
-                publish_ns=info['source_timestamp'] or receive_ns))
-
-        self._subscriptions[topic] = self._node.create_subscription(
-            CameraInfo, topic, receive,
-            following_qos([offer.qos_profile for offer in offers], _DEPTH), raw=True)
+        log_ns = received_ns or time.time_ns()
+        self._on_message(BagMessage(
+            channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
+            publish_ns=source_ns or log_ns, number=number))
 
     def _channel(self, topic: str, type_name: str) -> BagChannel:
         """Return a topic as a bag describes it, with the publishers at its first message."""
@@ -119,6 +150,10 @@ class BagMessages:
 def camera_info_topic(topic: str) -> str:
     """Return the topic of the camera_info that belongs to an image topic, as image_transport."""
     return topic.removesuffix('/compressed').rpartition('/')[0] + '/camera_info'
+
+
+def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:
+    return following_qos([offer.qos_profile for offer in offers], _DEPTH)
 
 
 def _offered_qos(offer: TopicEndpointInfo) -> OfferedQos:
