@@ -46,11 +46,11 @@ BILLION = 10**9
 VALUES = {
     'img_publisher': {
         'source': str, 'bag_topic': str, 'publish_rate': (0.0, 1000.0),
-        'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536), 'height': (0, 65536), 'fps': (0.0, 1000.0),
-        'fourcc': str, 'flip': {'none', 'horizontal', 'vertical', 'both'},
-        'rotate': {0, 90, 180, 270}, 'jpeg_quality': (1, 100),
-        'stamp': {'capture', 'publish', 'original'}, 'stamp_offset': (-1e6, 1e6),
-        'clock': {False, True}, 'read_timeout': (0.1, 1e6), 'reconnect': str,
+        'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
+        'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
+        'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
+        'jpeg_quality': (1, 100), 'stamp': {'capture', 'publish', 'original'},
+        'stamp_offset': (-1e6, 1e6), 'clock': {False, True}, 'read_timeout': (0.1, 1e6), 'reconnect': str,
         'camera_info_url': str, 'camera_name': str, 'on_end': {'stop', 'loop', 'hold'},
         'loop': (0, BILLION), 'start_frame': (0, BILLION), 'stop_frame': (0, BILLION),
         'max_frames': (0, BILLION), 'wait_for_subscribers': (0, 1000)},
@@ -65,8 +65,8 @@ VALUES = {
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9)}}
 # Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
-FIXED = {'source', 'bag_topic', 'clock', 'camera_info_url', 'camera_name', 'on_end', 'loop', 'start_frame',
-         'stop_frame', 'max_frames', 'wait_for_subscribers'}
+FIXED = {'source', 'bag_topic', 'clock', 'camera_info_url', 'camera_name', 'on_end', 'loop',
+         'start_frame', 'stop_frame', 'max_frames', 'wait_for_subscribers'}
 
 
 @pytest.fixture
