@@ -149,7 +149,7 @@ def test_ruff() -> None:
 @pytest.mark.process
 @pytest.mark.linter
 def test_mypy() -> None:
-    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
-          'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
-          'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
+    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/bags',
+          'opencv_tools/image', 'opencv_tools/recording', 'opencv_tools/capture',
+          'opencv_tools/image_codecs.py', 'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
           'opencv_tools/cv_bridge.py', 'opencv_tools/robot')

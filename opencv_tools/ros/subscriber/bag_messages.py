@@ -20,7 +20,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from opencv_tools.bags.offered_qos import OfferedQos, offered_qos_text
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage

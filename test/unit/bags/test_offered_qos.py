@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.bags.offered_qos import OfferedQos, offered_qos_text
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
 from rosbags.rosbag2.metadata import parse_qos
 

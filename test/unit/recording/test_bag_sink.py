@@ -131,7 +131,8 @@ def test_frames_of_pixels(tmp_path: Path, encoding: str) -> None:
     bags = open_bags(tmp_path)
     put(bags, frame_of(image[:, ::-1][:, ::-1], encoding))
     bags.close()
-    expected = array_to_wire(image, find_encoding(encoding), WireHeader(1_700_000_000, 0, 'camera'))
+    header = WireHeader(1_700_000_000, 0, 'camera')
+    expected = array_to_wire(image, find_encoding(encoding), header)
     stored, = read_by_all(tmp_path / 'drive.mcap')
     assert stored.data == image_to_cdr(expected) and stored.topic == '/video_frames'
 

@@ -61,6 +61,7 @@ VALUES = {
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
         'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),
         'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},
+        'split_bytes': (0, 10**18), 'split_duration': (0.0, 1e9),
         'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9)}}
