@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 import heapq
 import io
-from itertools import islice
+from itertools import chain, islice
 import os
 from pathlib import Path
 import struct
@@ -87,7 +87,6 @@ class McapReader:
         self._channels: dict[int, BagTopic] = {}
         self._schemas: dict[int, str] = {}
         self._spans: list[_Span] = []
-        self._held = 0  # bytes of chunks in memory
         self._file = open_regular(path)
         self._read = file_reader(self._file)
         try:
@@ -108,37 +107,42 @@ class McapReader:
     def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
         wanted = {channel: topic for channel, topic in self._channels.items() if topic in topics}
         waiting = deque(sorted(self._spans, key=lambda span: (span.start_ns, span.begin)))
-        # Parts of the file whose times overlap, by the time of their next message.
-        opened: list[tuple[int, int, BagMessage | Damage, Iterator[_Item]]] = []
+        # Parts of the file whose times overlap, by the time of their next message, and the sizes
+        # of their chunks in memory.
+        opened: list[tuple[int, int, BagMessage | Damage, Iterator[_Item], list[int]]] = []
         while waiting or opened:
-            while waiting and (not opened or (
-                    waiting[0].start_ns <= opened[0][0] and self._held <= MAX_BYTES)):
-                span = waiting.popleft()
-                items = self._span_items(span, wanted)
+            while waiting and (not opened or (waiting[0].start_ns <= opened[0][0] and sum(
+                    chain.from_iterable(part[-1] for part in opened)) <= MAX_BYTES)):
+                span, sizes = waiting.popleft(), list[int]()
+                items = self._span_items(span, wanted, sizes)
                 for time_ns, item in islice(items, 1):
-                    heapq.heappush(opened, (time_ns, span.begin, item, items))
+                    heapq.heappush(opened, (time_ns, span.begin, item, items, sizes))
             if opened:
-                _, begin, item, items = opened[0]
+                _, begin, item, items, sizes = opened[0]
                 yield item
                 following = next(items, None)
                 if following is None:
                     heapq.heappop(opened)
                 else:
-                    heapq.heapreplace(opened, (following[0], begin, following[1], items))
+                    heapq.heapreplace(opened, (following[0], begin, following[1], items, sizes))
 
-    def _span_items(self, span: _Span, wanted: dict[int, BagTopic]) -> Iterator[_Item]:
+    def _span_items(
+        self, span: _Span, wanted: dict[int, BagTopic], sizes: list[int],
+    ) -> Iterator[_Item]:
         """Yield the messages of a span in the order of their times, unless there are too many."""
-        items = self._unsorted_items(span, wanted)
+        items = self._unsorted_items(span, wanted, sizes)
         yield from sorted(islice(items, _MAX_SORTED), key=lambda item: item[0])
         yield from items
 
-    def _unsorted_items(self, span: _Span, wanted: dict[int, BagTopic]) -> Iterator[_Item]:
+    def _unsorted_items(
+        self, span: _Span, wanted: dict[int, BagTopic], sizes: list[int],
+    ) -> Iterator[_Item]:
         if span.is_chunk:
             record = next(records(self._read, span.begin, span.end))
             if (record.opcode, record.end) != (CHUNK_CODE, span.end):
                 yield span.start_ns, self._damage(span.begin, 'the index names it as a chunk')
                 return
-        for read, found in self._flat_records(span.begin, span.end):
+        for read, found in self._flat_records(span.begin, span.end, sizes):
             if isinstance(found, Damage):
                 yield span.start_ns, found
             elif found.opcode == MESSAGE_CODE:
@@ -157,8 +161,14 @@ class McapReader:
             raise BagError(f'{self._name} has become shorter')
         return data
 
-    def _flat_records(self, begin: int, end: int) -> Iterator[tuple[Read, Record | Damage]]:
-        """Yield the records of a part of the file, and those of its chunks instead of chunks."""
+    def _flat_records(
+        self, begin: int, end: int, sizes: list[int],
+    ) -> Iterator[tuple[Read, Record | Damage]]:
+        """
+        Yield the records of a part of the file, and those of its chunks instead of chunks.
+
+        The sizes of chunks in memory are added to a list.
+        """
         for record in records(self._read, begin, end):
             if record.opcode != CHUNK_CODE:
                 yield self._read, (record if record.end <= end else self._damage(record.begin))
@@ -169,16 +179,13 @@ class McapReader:
                 if record.end <= end:  # else the end of the file is reported
                     yield self._read, self._damage(record.begin, str(err))
                 continue
-            held = 0 if read is self._read else last - first
-            self._held += held
-            try:
-                for inner in records(read, first, last):
-                    if inner.end <= last:
-                        yield read, inner
-                    elif record.end <= end:
-                        yield read, self._damage(record.begin, 'a record in it has no end')
-            finally:
-                self._held -= held
+            if read is not self._read:
+                sizes.append(last - first)
+            for inner in records(read, first, last):
+                if inner.end <= last:
+                    yield read, inner
+                elif record.end <= end:
+                    yield read, self._damage(record.begin, 'a record in it has no end')
 
     def _damage(self, begin: int, reason: str = 'it has no end') -> Damage:
         return Damage(f'{self._name}: the record at byte {begin} cannot be read: {reason}')
@@ -232,6 +239,7 @@ class McapReader:
         """Read the heads of all records to find the topics and the times of the messages."""
         begin = end = len(MAGIC)
         first_ns: int | None = None  # of the messages since ``begin``
+        sizes: list[int] = []
         for record in records(self._read, end, self._size):
             is_cut = record.end > self._size
             if is_cut:
@@ -239,11 +247,11 @@ class McapReader:
             if record.opcode == DATA_END_CODE or (is_cut and record.opcode != CHUNK_CODE):
                 break
             record_begin, end = end, min(record.end, self._size)
-            for time_ns in self._define_and_count(record_begin, end):
+            for time_ns in self._define_and_count(record_begin, end, sizes):
                 first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
-            if first_ns is not None and end - begin >= _SPAN_BYTES:
+            if first_ns is not None and end - begin + sum(sizes) >= _SPAN_BYTES:
                 self._spans.append(_Span(first_ns, begin, end))
-                begin, first_ns = end, None
+                begin, first_ns, sizes = end, None, []
         else:
             self._warn_of_end(end)
         if first_ns is not None:
@@ -254,10 +262,10 @@ class McapReader:
             f'{self._name} has no end: it was cut off, is damaged or is still being written; it '
             f'is read up to byte {end}')
 
-    def _define_and_count(self, begin: int, end: int) -> Iterator[int]:
+    def _define_and_count(self, begin: int, end: int, sizes: list[int]) -> Iterator[int]:
         """Store the definitions in a part of the file, and yield the times of its messages."""
         from mcap.records import Channel, Schema
-        for read, record in self._flat_records(begin, end):
+        for read, record in self._flat_records(begin, end, sizes):
             if isinstance(record, Damage):
                 continue
             if record.opcode == MESSAGE_CODE:

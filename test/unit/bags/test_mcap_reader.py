@@ -273,21 +273,49 @@ BOMBS = {
     'lz4': lambda: chunk(lz4.frame.compress(bytes(1 << 30)), b'lz4', 1 << 27),
     'messages': lambda: chunk(zstandard.compress(message(3, b'') * 1_000_000), b'zstd',
                               1_000_000 * len(message(3, b''))),
+    'many': lambda: chunk(zstandard.compress(data := message(3, bytes(64 << 20))), b'zstd',
+                          len(data)) * 20,
     'zeros': lambda: bytes(1 << 24), 'indexes': lambda: record(7, bytes(1 << 24)) * 8,
     'channels': lambda: b''.join(record(4, struct.pack('<HH', number, 1) + text(
         b'/' + b'a' * 20000) + text(b'cdr') + text(b'')) for number in range(1 << 13))}
+
+
+def peak_memory(path: Path) -> int:
+    """Return the peak memory in KB of a process that loads all messages of a bag."""
+    script = ('import sys; from pathlib import Path\n'
+              'from opencv_tools.bags.mcap_reader import McapReader\n'
+              'reader = McapReader(Path(sys.argv[1]))\n'
+              'for item in reader.messages(reader.topics):\n'
+              '    if hasattr(item, "load"): item.load()\n' + PRINT_PEAK_MEMORY)
+    finished = subprocess.run([sys.executable, '-c', script, path], capture_output=True, text=True,
+                              timeout=120, check=False)
+    assert finished.returncode == 0, finished.stderr
+    return int(finished.stdout)
 
 
 @pytest.mark.process
 @pytest.mark.parametrize('name', BOMBS)
 def test_hostile_bag_needs_less_than_a_gigabyte(tmp_path: Path, name: str) -> None:
     (tmp_path / 'a.mcap').write_bytes(START + message(1) + BOMBS[name]() + message(9))
-    script = ('import sys; from pathlib import Path\n'
-              'from opencv_tools.bags.mcap_reader import McapReader\n'
-              'reader = McapReader(Path(sys.argv[1]))\n'
-              'for item in reader.messages(reader.topics):\n'
-              '    if hasattr(item, "load"): item.load()\n' + PRINT_PEAK_MEMORY)
-    finished = subprocess.run([sys.executable, '-c', script, tmp_path / 'a.mcap'],
-                              capture_output=True, text=True, timeout=120, check=False)
-    assert finished.returncode == 0, finished.stderr
-    assert int(finished.stdout) < 900_000  # KB
+    assert peak_memory(tmp_path / 'a.mcap') < 900_000
+
+
+@pytest.mark.process
+def test_chunks_with_the_same_times_need_less_than_a_gigabyte(tmp_path: Path) -> None:
+    data = bytes(32 << 20)
+    entries = [Entry(BEGAN_NS + 1000 * part + number, data)
+               for number in range(24) for part in range(2)]
+    path = write_mcap(tmp_path / 'a.mcap', entries, chunk_size=len(data) + 100)
+    assert peak_memory(path) < 900_000
+
+
+def test_interleaved_chunks_are_merged_within_the_limit_of_the_memory(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = [Entry(BEGAN_NS + 10 * part + number, bytes(100))
+               for number in range(6) for part in range(2)]
+    path = write_mcap(tmp_path / 'a.mcap', entries, chunk_size=150)
+    assert read_all(path) == (written(entries), [])
+    monkeypatch.setattr('opencv_tools.bags.mcap_reader.MAX_BYTES', 400)
+    messages, reports = read_all(path)
+    assert messages != written(entries) and sorted(messages) == written(entries)
+    assert not reports
