@@ -29,8 +29,8 @@ from typing import Any
 import zlib
 
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.index import RECORD
-from opencv_tools.bags.reading import MAX_BYTES
+from opencv_tools.bags.index import CHUNK_CODE, RECORD
+from opencv_tools.bags.reading import Damage, MAX_BYTES
 from opencv_tools.image.text import printable
 
 # Function that reads some bytes from an offset; fewer at the end.
@@ -90,15 +90,46 @@ def message_head(read: Read, record: Record) -> tuple[int, int, int] | None:
     return channel, log_ns, record.begin + _MESSAGE.size
 
 
-def open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
+def flat_records(
+    read: Read, begin: int, end: int, sizes: list[int],
+) -> Iterator[tuple[Read, Record | Damage]]:
     """
-    Return the records of a chunk.
+    Yield the records of a part of a file, and those of its chunks instead of chunks.
 
     :param read: function that reads the file.
-    :param record: record of the chunk.
-    :param end: end of the file; an uncompressed chunk that is cut off ends here.
-    :returns: function that reads the records, and the offsets of their begin and end.
-    :raises BagError: the chunk cannot be read; the reason has no name of the file.
+    :param begin: offset of the first record.
+    :param end: end of the part. A chunk that is cut off there has its whole records.
+    :param sizes: list to which the sizes of chunks in memory are added.
+    """
+    for record in records(read, begin, end):
+        is_cut = record.end > end
+        if record.opcode != CHUNK_CODE:
+            yield read, _damage(record, 'it has no end') if is_cut else record
+            continue
+        try:
+            inner_read, first, last = _open_chunk(read, record, end)
+        except BagError as err:
+            if not is_cut:
+                yield read, _damage(record, str(err))
+            continue
+        if inner_read is not read:
+            sizes.append(last - first)
+        for inner in records(inner_read, first, last):
+            if inner.end <= last:
+                yield inner_read, inner
+            elif not is_cut:
+                yield read, _damage(record, 'a record in it has no end')
+
+
+def _damage(record: Record, reason: str) -> Damage:
+    return Damage(f'the record at byte {record.begin} cannot be read: {reason}')
+
+
+def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
+    """
+    Return the records of a chunk: a function that reads them, and offsets of begin and end.
+
+    :raises BagError: the chunk cannot be read; the message does not name the file.
     """
     head = read(record.begin, min(_CHUNK.size + _LONGEST_NAME + 8, record.end - record.begin))
     if len(head) < _CHUNK.size:

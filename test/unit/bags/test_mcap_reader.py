@@ -226,7 +226,7 @@ def test_index_that_contradicts_the_file_is_not_used(tmp_path: Path) -> None:
     (tmp_path / 'b.mcap').write_bytes(damaged)
     messages, reports = read_all(tmp_path / 'b.mcap')
     assert set(messages) < set(written(ENTRIES))
-    assert len(reports) == 1 and 'the index names it as a chunk' in reports[0]
+    assert len(reports) == 1 and 'as a chunk' in reports[0]
 
 
 @settings(max_examples=300, deadline=None)

@@ -24,7 +24,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from opencv_tools.bags.schemas import CAMERA_INFO
+from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
+from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.capture.bag import BagSource, camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, JPEG
@@ -303,6 +304,22 @@ def test_cut_bag_is_played_with_one_warning(tmp_path: Path) -> None:
     assert numbers(source) == [0, 1, 2, 3]
     source.rewind()
     assert numbers(source) == [0, 1, 2, 3] and len(source.warnings) == 1
+
+
+def test_bag_that_is_being_recorded_is_played_up_to_now(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'a.mcap')
+    shown = []
+    for number in range(3):
+        entry = image_entry(number)
+        writer.write(BagChannel(topic=TOPIC, type_name=IMAGE), [entry.data], log_ns=entry.log_ns,
+                     publish_ns=entry.log_ns)
+        source = BagSource(tmp_path / 'a.mcap')
+        assert len(source.warnings) == 1 and 'is still being written' in source.warnings[0]
+        shown.append(numbers(source))
+    writer.close()
+    source = BagSource(tmp_path / 'a.mcap')
+    assert not source.warnings
+    assert [*shown, numbers(source)] == [[0], [0, 1], [0, 1, 2], [0, 1, 2]]
 
 
 def test_bag_without_images_has_no_readable_frame(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 
-from conftest import CLIP, CLIP_FRAMES, DEADLINE, decode_clip, disk_of, read_manifest
+from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
 import cv2
 from images import random_image
 import numpy as np
@@ -53,15 +53,15 @@ def frames(path: Path) -> list[Frame]:
 
 def test_clip_becomes_a_bag_and_the_bag_becomes_images(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert convert(CLIP, tmp_path / 'clip.mcap') == 0
-    assert (f'Converted {CLIP_FRAMES} frames at' in capsys.readouterr().err.splitlines()[-1])
+    assert convert(CLIP, tmp_path / 'clip.mcap', '--stop', 30) == 0
+    assert 'Converted 30 frames at ' in capsys.readouterr().err.splitlines()[-1]
     assert convert(tmp_path / 'clip.mcap', tmp_path / 'out' / '{stamp}.png') == 0
     paths = sorted((tmp_path / 'out').glob('*.png'), key=lambda path: float(path.stem))
     assert [path.stem for path in paths] == [
-        f'{number // 25}.{number % 25 * 40:03d}000000' for number in range(CLIP_FRAMES)]
-    for path, expected in zip(paths, decode_clip(), strict=True):
+        f'{number // 25}.{number % 25 * 40:03d}000000' for number in range(30)]
+    for path, expected in zip(paths, decode_clip(30), strict=True):
         np.testing.assert_array_equal(cv2.imread(str(path)), expected)
-    assert len(read_manifest(tmp_path / 'out')) == CLIP_FRAMES
+    assert len(read_manifest(tmp_path / 'out')) == 30
 
 
 @pytest.mark.parametrize('encoding', [*ENCODINGS, '32FC1', '16SC1', '64FC3'])
