@@ -151,5 +151,6 @@ def test_ruff() -> None:
 def test_mypy() -> None:
     check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/bags',
           'opencv_tools/image', 'opencv_tools/recording', 'opencv_tools/capture',
-          'opencv_tools/image_codecs.py', 'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
-          'opencv_tools/cv_bridge.py', 'opencv_tools/robot')
+          'opencv_tools/convert', 'opencv_tools/progress.py', 'opencv_tools/image_codecs.py',
+          'opencv_tools/logs.py', 'opencv_tools/regular_files.py', 'opencv_tools/cv_bridge.py',
+          'opencv_tools/robot')
