@@ -23,6 +23,7 @@ written. The pixels go to the file from their own memory, without a copy.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 import fcntl
@@ -41,6 +42,10 @@ from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import write_buffer
 
 BAG_SUFFIX = '.mcap'
+# Bytes after which the pages of the file are written to the disk, and number of such parts after
+# which they are freed. Else a recording fills the memory, and new pages cost more than old ones.
+_PART_BYTES = 1 << 25
+_PARTS_IN_MEMORY = 4
 #: Time between the first and the last message of a chunk in nanoseconds.
 CHUNK_NS = 500_000_000
 
@@ -84,6 +89,8 @@ class BagWriter:
         self._chunk: OpenChunk | None = None
         self._unhashed: list[Any] = []  # buffers of the messages of the open chunk
         self._digest = hashlib.sha256()
+        self._parts = 0  # whose pages are being written
+        self._pages: ThreadPoolExecutor | None = None  # the call waits for a slow disk
         self._file = path.open('xb', buffering=0)
         self._status = os.fstat(self._file.fileno())
         try:
@@ -161,6 +168,7 @@ class BagWriter:
         is_long = chunk.size >= CHUNK_BYTES
         # The memory of the pixels may be used again, so those of short messages are copied.
         self._unhashed += head, *(parts if is_long else map(bytes, parts))
+        self._free_pages()
         if is_long:
             with suppress(OSError):  # the next message ends the chunk, or its error is raised
                 self._end_chunk()
@@ -178,7 +186,21 @@ class BagWriter:
             self._end_chunk()
             self._append(self._index.end(self.size))
         finally:
+            if self._pages:
+                self._pages.shutdown(wait=True, cancel_futures=True)
             self._file.close()
+
+    def _free_pages(self) -> None:
+        """Write the pages of the next part of the file to the disk, and free those before."""
+        if self.size < (self._parts + 1) * _PART_BYTES:
+            return
+        self._pages = self._pages or ThreadPoolExecutor(1, 'pages')
+        for part in (self._parts, self._parts - _PARTS_IN_MEMORY):
+            if part >= 0:
+                self._pages.submit(
+                    os.posix_fadvise, self._file.fileno(), part * _PART_BYTES, _PART_BYTES,
+                    os.POSIX_FADV_DONTNEED)
+        self._parts += 1
 
     def _final_size(self) -> int:
         """Return the size of the file in bytes if it were closed now."""

@@ -227,6 +227,6 @@ def test_missing_library(
     monkeypatch.setenv('PYTHONPATH', str(tmp_path / 'empty'), prepend=os.pathsep)
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name=BAG)
     assert subscriber.finish() == 2, subscriber.output
-    assert re.search(r'bags need the library mcap, which cannot be imported \(none here\); install '
-                     "it with 'pip install mcap'", subscriber.output)
+    assert re.search(r'bags need the library mcap, which cannot be imported \(none here\); '
+                     "install it with 'pip install mcap'", subscriber.output)
     assert not (tmp_path / 'out').exists()
