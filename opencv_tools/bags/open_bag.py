@@ -52,7 +52,8 @@ def bag_files(path: Path) -> list[Path]:
                        f"{shown} --dst FOLDER', which 'pip install rosbags' installs")
     if not path.is_dir():
         return [path]
-    files = [file for file in path.iterdir() if file.suffix.lower() in BAG_SUFFIXES]
+    files = [file for file in path.iterdir()
+             if file.suffix.lower() in BAG_SUFFIXES and not file.name.startswith('.')]
     if not files:
         packed = next(path.glob('*.zstd'), None)
         raise BagError(

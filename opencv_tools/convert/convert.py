@@ -155,6 +155,8 @@ class _Conversion:
             self._log.warning(warning)
         if isinstance(source, PatternSource) and not request.stop:
             raise ValueError(f'{request.source} has no end: give --stop')
+        if isinstance(source, ImageFileSource):
+            source.keeps_jpegs = self._names.suffix in _JPEGS
         frames = numbered_frames(source, request.start, request.stop, request.every, self._skip)
         with closing(self._progress):
             first = next(frames, None)

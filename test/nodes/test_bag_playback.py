@@ -235,6 +235,16 @@ def test_cut_bag_is_played_with_one_warning(start: Start, node: Node, tmp_path: 
     assert played.publisher.output.count('a.mcap has no end') == 1
 
 
+def test_remedy_for_frames_that_have_no_colours(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    write_mcap(tmp_path / 'a.mcap', [image_entry(1, np.zeros((4, 6), np.uint16), '16UC1')])
+    node.create_subscription(Image, 'video_frames', print, 10)
+    publisher = start('img_publisher', source='a.mcap', wait_for_subscribers=1)
+    assert publisher.finish() == 1
+    assert 'does not make sense; an empty encoding publishes frames as they are' in (
+        publisher.output)
+
+
 @pytest.mark.parametrize(('parameters', 'status', 'reason'), [
     ({'source': 'two.mcap'}, 1, 'two.mcap has 2 topics of images; set bag_topic, or --topic of '
      'img_convert, to one of /camera/image_raw (sensor_msgs/msg/Image, 1 messages), /depth'),

@@ -28,7 +28,7 @@ from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import ConversionError, ImageError
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Throttle
 from opencv_tools.progress import Progress
@@ -214,7 +214,8 @@ class PublishLoop:
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live() or self.settings.encoding == self._opened_encoding:
-                self.broken(err)
+                self.broken(err if not isinstance(err, ConversionError) else ConversionError(
+                    f'{err}; an empty encoding publishes frames as they are'))
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(description, self._dropped, self._grabber.missed)

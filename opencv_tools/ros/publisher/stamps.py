@@ -40,6 +40,7 @@ class Stamper:
         self._last = 0
         self._shift = 0  # from the times of a bag to the clock
         self._play = -1  # of the bag that the shift is for
+        self._recorded: Recorded | None = None
 
     def stamp(
         self, captured_ns: int, event: str, offset: float, recorded: Recorded | None = None,
@@ -63,11 +64,12 @@ class Stamper:
         stamp = max(0, now - age + round(offset * NANO))  # simulated time starts at 0
         if now >= self._last_now:
             stamp = max(stamp, self._last + 1)
-        if recorded and event == 'capture':
+        # A frame that is held at the end of a bag is captured again.
+        if recorded and event == 'capture' and recorded is not self._recorded:
             if recorded.play != self._play:
                 self._play, self._shift = recorded.play, stamp - recorded.time_ns
             stamp = recorded.time_ns + self._shift
-        self._last_now, self._last = now, stamp
+        self._last_now, self._last, self._recorded = now, stamp, recorded
         return to_time(stamp)
 
     def _read_clocks(self) -> tuple[int, int]:

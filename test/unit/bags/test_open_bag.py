@@ -41,7 +41,7 @@ def test_folder_of_rosbag2_is_recognised_by_its_metadata(tmp_path: Path) -> None
 
 
 def test_files_of_a_folder(tmp_path: Path) -> None:
-    for name in ('a_0.mcap', 'a_1.mcap', 'metadata.yaml', 'a.png'):
+    for name in ('a_0.mcap', 'a_1.mcap', '.part.mcap', 'metadata.yaml', 'a.png'):
         (tmp_path / name).touch()
     assert sorted(path.name for path in bag_files(tmp_path)) == ['a_0.mcap', 'a_1.mcap']
 

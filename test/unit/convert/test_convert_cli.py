@@ -24,9 +24,10 @@ import subprocess
 import sys
 import time
 
+from bag_judges import read_by_all
 from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
 import cv2
-from images import random_image
+from images import oriented_jpeg, random_image
 import numpy as np
 from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.source import open_source
@@ -72,6 +73,7 @@ def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: s
     assert convert(source, tmp_path / 'b.mcap') == 0
     assert convert(tmp_path / 'b.mcap', tmp_path / '{frame_id}.npy') == 0
     assert read_all(tmp_path / 'b.mcap') == read_all(source)
+    assert len(read_by_all(tmp_path / 'b.mcap')) == 3
     for number, image in enumerate(images):
         np.testing.assert_array_equal(
             np.load(tmp_path / f'optical_{number}.npy'), image, strict=True)
@@ -96,6 +98,19 @@ def test_jpegs_of_a_bag_become_files_byte_for_byte(tmp_path: Path) -> None:
     assert convert(source, tmp_path / 'b.mcap') == 0
     assert [path.read_bytes() for path in tmp_path.glob('*.jpg')] == [JPEG_BYTES] * 3
     assert read_all(tmp_path / 'b.mcap') == read_all(source)
+
+
+def test_jpeg_files_stay_jpeg_files_byte_for_byte(tmp_path: Path) -> None:
+    turned = oriented_jpeg(PICTURE, 6)
+    for name, content in (('a.jpg', JPEG_BYTES), ('b.JPG', turned), ('c.jpg', JPEG_BYTES[:-50])):
+        (tmp_path / name).write_bytes(content)
+    cv2.imwrite(str(tmp_path / 'd.png'), PICTURE)
+    assert convert(tmp_path, tmp_path / 'out' / '{seq}.jpg', '--lossy') == 1
+    assert [path.read_bytes() for path in sorted((tmp_path / 'out').glob('*.jpg'))] == [
+        JPEG_BYTES, turned, cv2.imencode('.jpg', PICTURE)[1].tobytes()]
+    assert convert(tmp_path / 'b.JPG', tmp_path / 'b.mcap') == 0
+    frame, = frames(tmp_path / 'b.mcap')
+    assert frame.image.shape == (24, 16, 3)
 
 
 def test_calibration_goes_with_its_images(tmp_path: Path) -> None:

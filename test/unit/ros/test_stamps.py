@@ -91,3 +91,10 @@ def test_publication_of_a_bag_is_now(stamper: Stamper) -> None:
     stamps = [Time.from_msg(stamper.stamp(1, 'publish', 0.0, recorded(5))).nanoseconds
               for _ in range(2)]
     assert stamps == [100 * NANO, 100 * NANO + 1]
+
+
+def test_held_frame_of_a_bag_is_captured_again(stamper: Stamper) -> None:
+    frames = [recorded(1000), recorded(1030)]
+    stamps = [Time.from_msg(stamper.stamp(due * NANO // 10, 'capture', 0.0, frame)).nanoseconds
+              for due, frame in ((490, frames[0]), (491, frames[1]), (492, frames[1]))]
+    assert stamps == [99_000_000_000, 99_000_000_030, 99_200_000_000]
