@@ -319,3 +319,38 @@ def test_interleaved_chunks_are_merged_within_the_limit_of_the_memory(
     messages, reports = read_all(path)
     assert messages != written(entries) and sorted(messages) == written(entries)
     assert not reports
+
+
+@pytest.mark.parametrize('chunk_size', [100, 1 << 30])
+def test_long_file_without_index_is_merged_from_its_parts(
+        tmp_path: Path, chunk_size: int) -> None:
+    numbers = [(number * 7) % 30 for number in range(30)]
+    entries = [Entry(BEGAN_NS + number, bytes([number]) * 100_000) for number in numbers]
+    path = write_mcap(tmp_path / 'a.mcap', entries, **PLAIN, chunk_size=chunk_size)
+    os.truncate(path, path.stat().st_size - 10)
+    messages, reports = read_all(path)
+    assert (messages, reports) == (written(entries), [])
+
+
+def test_message_above_the_limit_is_reported_with_its_size(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', ENTRIES, use_chunking=False)
+    monkeypatch.setattr('opencv_tools.bags.mcap_reader.MAX_BYTES', 50)
+    reader = McapReader(path)
+    for item in reader.messages(reader.topics):
+        assert isinstance(item, BagMessage)
+        with pytest.raises(BagError, match=r'claims [0-9]+ bytes; more than 50 are not read'):
+            item.load()
+    reader.close()
+
+
+@pytest.mark.parametrize('name', ['zstd', 'lz4'])
+def test_missing_decompressor_is_named_with_its_remedy(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', ENTRIES, compression=CompressionType(
+        {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4}[name]))
+    for module in ('zstandard', 'lz4.frame'):
+        monkeypatch.setitem(sys.modules, module, None)
+    messages, reports = read_all(path)
+    assert messages == [] and len(reports) == 1
+    assert f'it needs {name}' in reports[0] and "install it with 'pip install mcap'" in reports[0]

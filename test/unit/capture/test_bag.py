@@ -322,6 +322,17 @@ def test_bag_that_is_being_recorded_is_played_up_to_now(tmp_path: Path) -> None:
     assert [*shown, numbers(source)] == [[0], [0, 1], [0, 1, 2], [0, 1, 2]]
 
 
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_bag_that_is_removed_between_two_plays(tmp_path: Path, suffix: str) -> None:
+    folder = write_rosbag2(tmp_path / 'bag', suffix, map(image_entry, range(3)))
+    source = BagSource(folder)
+    assert numbers(source) == [0, 1, 2]
+    (folder / f'bag{suffix}').unlink()
+    source.rewind()
+    with pytest.raises(CaptureError, match='bag cannot be played: No such file or directory'):
+        source.read()
+
+
 def test_bag_without_images_has_no_readable_frame(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', [broken(lambda data: b'')])
     with pytest.raises(CaptureError, match='has no readable frame'):
