@@ -66,3 +66,8 @@ uint32 width
 bool do_rectify
 """,
 }
+
+
+def camera_info_topic(topic: str) -> str:
+    """Return the topic of the camera_info beside a topic of raw or compressed images."""
+    return topic.removesuffix('/compressed').rpartition('/')[0] + '/camera_info'

@@ -35,12 +35,13 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.file_sink import FileSink, OpenFile
+from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.open_file import OpenFile
 from opencv_tools.recording.selection import Limits, Retention
 
 _MAX_WAITING = 1000  # other messages between two frames
@@ -133,6 +134,10 @@ class BagFile:
         try:
             self._writer.close()
             self.is_finished = True
+        except OSError as err:
+            raise OSError(
+                err.errno, f'{err.strerror}: {self._path.name} has no index yet, which the next '
+                'recording in its folder adds') from err
         finally:
             if not self.frames and self.is_at_path():
                 self._path.unlink(missing_ok=True)

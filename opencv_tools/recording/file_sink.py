@@ -19,11 +19,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import os
 from pathlib import Path
 import time
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.errors import error_text, LimitReached
@@ -31,6 +31,7 @@ from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.open_file import OpenFile, W
 from opencv_tools.recording.recorder import Prepared, SinkCounts
 from opencv_tools.recording.selection import Limits
 
@@ -42,64 +43,7 @@ _CHECK_SECONDS = 1.0
 _ROOM = 2
 
 
-class FrameWriter(Protocol):
-    """
-    The writer of one file with many frames.
-
-    ``frames`` were accepted. ``flushed`` of them are complete in the file, and ``skipped`` exceed
-    the maximum size. ``is_full`` means that the next frame would exceed it. ``bytes_waiting`` is
-    an upper bound for the frames that are not in the file.
-    """
-
-    frames: int
-    flushed: int
-    is_full: bool
-    bytes_waiting: int
-
-    @property
-    def size(self) -> int:
-        """Size of the file in bytes."""
-
-    @property
-    def skipped(self) -> int:
-        """Count of accepted frames that exceed the maximum size."""
-
-    def is_at_path(self) -> bool:
-        """Return whether the file is still at its path, or that cannot be determined."""
-
-    def close(self) -> None:
-        """Finish the file; remove it if it has no frame."""
-
-
-W = TypeVar('W', bound=FrameWriter)
 P = TypeVar('P', bound=Prepared)
-
-
-@dataclass(kw_only=True)
-class OpenFile(Generic[W]):
-    """
-    A file that frames are written to.
-
-    :param path: path of the file.
-    :param entry: manifest entry of the file, without its size and digest.
-    :param writer: writer of the file.
-    :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
-    :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
-    """
-
-    path: Path
-    entry: ManifestEntry
-    writer: W
-    offset_ns: int
-    began_ns: int
-
-    def time_ns(self, frame: ReceivedFrame) -> int:
-        """Return the time of a frame, independent of changes of the system clock."""
-        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
-
-    def removed_text(self) -> str:
-        """Return the reason for the loss of frames in a file that is gone."""
-        return f'{self.path.name} was removed or moved while it was written'
 
 
 class FileSink(ABC, Generic[W, P]):

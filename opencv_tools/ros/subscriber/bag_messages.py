@@ -21,7 +21,9 @@ import time
 from typing import Any
 
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
-from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+from opencv_tools.bags.schemas import (
+    CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE,
+)
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.logs import Log, Throttle
@@ -145,11 +147,6 @@ class BagMessages:
     def _offers(self, topic: str, type_name: str) -> list[TopicEndpointInfo]:
         return [info for info in self._node.get_publishers_info_by_topic(topic)
                 if info.topic_type == type_name][:_MAX_PUBLISHERS]
-
-
-def camera_info_topic(topic: str) -> str:
-    """Return the topic of the camera_info that belongs to an image topic, as image_transport."""
-    return topic.removesuffix('/compressed').rpartition('/')[0] + '/camera_info'
 
 
 def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:

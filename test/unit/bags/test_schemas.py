@@ -20,7 +20,7 @@ from pathlib import Path
 import re
 
 from ament_index_python import get_package_share_directory
-from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
+from opencv_tools.bags.schemas import camera_info_topic, MESSAGE_DEFINITIONS
 import pytest
 
 
@@ -40,3 +40,10 @@ def test_definition_is_that_of_ros(type_name: str) -> None:
     for text in others:
         title, *lines = text.splitlines()
         assert lines == fields(*title.split('/'))
+
+
+@pytest.mark.parametrize(('topic', 'expected'), [
+    ('/video_frames', '/camera_info'), ('/front/image/compressed', '/front/camera_info'),
+    ('/compressed', '/camera_info'), ('/a/compressed_image', '/a/camera_info')])
+def test_topic_of_camera_info(topic: str, expected: str) -> None:
+    assert camera_info_topic(topic) == expected

@@ -240,3 +240,21 @@ def test_missing_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(BagError, match=r"^bags need the library mcap, .* with 'pip install mcap'"):
         BagWriter(tmp_path / 'a.mcap')
     assert not list(tmp_path.iterdir())
+
+
+def test_written_pages_are_freed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    part, freed = 1 << 12, []
+    monkeypatch.setattr('opencv_tools.bags.writing._PART_BYTES', part)
+    monkeypatch.setattr(os, 'posix_fadvise', lambda file, start, size, advice: freed.append(
+        (start, size, advice)))
+    writer = BagWriter(tmp_path / 'a.mcap')
+    stored = [put(writer, image(number, part)) for number in range(10)]
+    size = writer.size
+    writer._pages.submit(int).result()  # all earlier calls have ended
+    writer.close()
+    assert read_indexed(tmp_path / 'a.mcap') == stored
+    starts = [start for start, *_ in freed]
+    assert [*dict.fromkeys(starts)] == [part * number for number in range(len({*starts}))]
+    # The first call starts the writing. The second one frees the pages, except for the last ones.
+    assert starts.count(0) == 2 and starts.count(max(starts)) == 1 and max(starts) < size
+    assert {entry[1:] for entry in freed} == {(part, os.POSIX_FADV_DONTNEED)}

@@ -307,7 +307,7 @@ def test_summary_without_room_is_written_later(tmp_path: Path, when: str) -> Non
     bags = open_bags(tmp_path)
     put_all(bags, range(5))
     with disk_of((tmp_path / 'drive.mcap').stat().st_size):
-        with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
+        with pytest.raises(OSError, match=r'File too large: drive\.mcap has no index yet, which'):
             bags._end(bags._file)
         if when == 'next recording':
             with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
