@@ -12,13 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of bags: frames kept and CPU per frame, against .npy files in one run."""
+"""Recording of bags against .npy files, and conversions by img_convert against OpenCV."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 import sys
+import tempfile
 
+from bag_conversion import converting, help_start
 from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain
 from recording import print_recording, record_publisher, Recording
@@ -71,7 +74,9 @@ def main() -> int:
     if options.seconds < 1:
         parser.error('give a second or more')
     enter_domain()
-    figures = recording(options.seconds)
+    figures = [*recording(options.seconds), *help_start()]
+    with tempfile.TemporaryDirectory() as folder:
+        figures += converting(Path(folder))
     if options.json:
         write_figures(options.json, figures)
     return 1 if any(figure.met is False for figure in figures) else 0

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +26,7 @@ import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
 from opencv_tools.capture.image_files import natural_order
@@ -39,7 +39,6 @@ from opencv_tools.image.text import MAX_PATH, printable
 
 _REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
 _MAX_LISTED = 20  # topics in an error message
-_COMPRESSED = '/compressed'
 _MAX_INFO = 1 << 20  # bytes of a calibration
 
 
@@ -47,17 +46,18 @@ class BagSource:
     """
     The images of one topic of a bag, in the order of their times.
 
-    The files of a folder are read one after the other.
+    Several files are read one after the other, in natural order.
     """
 
     live: Literal[False] = False
 
-    def __init__(self, path: Path, topic: str = '') -> None:
+    def __init__(self, path: Path, topic: str = '', files: Sequence[Path] = ()) -> None:
         """
         Open a bag and select a topic.
 
         :param path: path of a file, or of a folder of rosbag2.
         :param topic: topic of the images; '' for the only one.
+        :param files: files of the bag; empty for those of the path.
         :raises CaptureError: the bag cannot be read, or the topic cannot be selected.
         """
         self.name = printable(path, MAX_PATH)
@@ -66,7 +66,7 @@ class BagSource:
         self._reader: BagReader | None = None
         self._play = 0
         try:
-            self._paths = sorted(bag_files(path), key=natural_order)
+            self._paths = sorted(files or bag_files(path), key=natural_order)
             counts = self._read_topics()
         except (BagError, OSError) as err:
             raise self._error(err) from err
@@ -217,11 +217,6 @@ class BagSource:
     def _error(self, err: Exception) -> CaptureError:
         reason = err.strerror if isinstance(err, OSError) else err
         return CaptureError(f'{self.name} cannot be played: {reason}')
-
-
-def camera_info_topic(topic: str) -> str:
-    """Return the topic of the calibration beside a topic of raw or compressed images."""
-    return f'{topic.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
 
 
 def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:

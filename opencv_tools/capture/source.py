@@ -81,8 +81,8 @@ def open_source(
     """
     Open a source.
 
-    :param text: device number, device path, video file, bag, image file, folder or glob pattern
-        of image files, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+    :param text: device number, device path, video file, bag, image file, folder, glob pattern of
+        image files or of bags, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
     :param request: requested camera settings.
     :param timeout: timeout in seconds for opening a stream and for reading from it.
     :param bag_topic: topic of the images of a bag; '' for the only one.
@@ -161,6 +161,8 @@ def _open_path(path: Path, bag_topic: str) -> Source:
         mode = path.stat().st_mode
     except OSError as err:
         matches = [Path(match) for match in glob.glob(str(path))]
+        if matches and all(map(is_bag, matches)):
+            return BagSource(path, bag_topic, matches)
         if matches:
             return ImageFileSource(_image_files(matches), str(path))
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''

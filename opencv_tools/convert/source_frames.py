@@ -20,9 +20,8 @@ from collections.abc import Callable, Iterator
 from itertools import count
 import time
 
-from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.capture.bag import camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE

@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
-from opencv_tools.capture.bag import BagSource, camera_info_topic
+from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
@@ -150,11 +150,13 @@ def test_files_of_a_folder_follow_each_other_in_natural_order(tmp_path: Path) ->
     (tmp_path / 'metadata.yaml').touch()
     for number in (10, 9, 2):
         write_mcap(tmp_path / f'a_{number}.mcap', [image_entry(number), image_entry(number + 50)])
-    source = BagSource(tmp_path)
-    assert (source.count, numbers(source)) == (6, [2, 52, 9, 59, 10, 60])
-    source.rewind()
-    assert numbers(source)[:3] == [2, 52, 9]
-    source.close()
+    for name in (tmp_path, tmp_path / '*.mcap'):
+        source = open_source(str(name))
+        assert isinstance(source, BagSource)
+        assert (source.count, numbers(source)) == (6, [2, 52, 9, 59, 10, 60])
+        source.rewind()
+        assert numbers(source)[:3] == [2, 52, 9]
+        source.close()
 
 
 def test_skipped_images_are_not_loaded(
@@ -215,13 +217,6 @@ def test_last_calibration_holds_for_later_images(tmp_path: Path) -> None:
     infos = [frame.recorded.camera_info for frame in frames_of(source) if frame.recorded]
     assert [bytes(info)[-6:] for info in infos] == [b'info 0'] * 3
     assert source.count == 3
-
-
-@pytest.mark.parametrize(('topic', 'expected'), [
-    ('/camera/image_raw', '/camera/camera_info'), ('image', '/camera_info'),
-    ('/camera/image_raw/compressed', '/camera/camera_info')])
-def test_topic_of_the_calibration(topic: str, expected: str) -> None:
-    assert camera_info_topic(topic) == expected
 
 
 TWO = [image_entry(1), image_entry(2, topic='/depth'), compressed_entry(3, JPEG_BYTES),
