@@ -35,10 +35,11 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=['setuptools', 'lxml', 'numpy', 'PyYAML', 'tqdm', 'xacro'],
-    extras_require={'plot': ['matplotlib'],
+    extras_require={'bag': ['mcap'],
+                    'plot': ['matplotlib'],
                     'shm': ['iceoryx2'],
-                    'test': ['av', 'hypothesis', 'matplotlib', 'pytest', 'tornado>=6.2',
-                             'yourdfpy'],
+                    'test': ['av', 'hypothesis', 'matplotlib', 'mcap', 'mcap-ros2-support',
+                             'pytest', 'rosbags', 'tornado>=6.2', 'yourdfpy'],
                     'video': ['av'],
                     'viewer': ['tornado>=6.2']},
     zip_safe=True,
@@ -49,6 +50,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'img_convert = opencv_tools.convert.cli:main',
             'img_filter = opencv_tools.image_filter:main',
             'img_publisher = opencv_tools.basic_image_publisher:main',
             'img_subscriber = opencv_tools.basic_image_subscriber:main',

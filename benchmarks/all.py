@@ -32,7 +32,7 @@ from figures import Figure, read_figures, table
 import numpy as np
 
 BENCHMARKS = (
-    'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'viewer',
+    'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'bags', 'viewer',
     'transport',
     'transport --qos best_effort --runs 3 --ways "ours raw" "plain subscriber" tutorial',
     'transport --sizes 1920x1080@60 3840x2160@30 --runs 3 '

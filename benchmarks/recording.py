@@ -294,9 +294,11 @@ class CountedNode(NodeProcess):
         return self.process.returncode is not None
 
 
-def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
-    """Play a video with our publisher and record it with our subscriber."""
-    frames = round(seconds * RATE)
+def record_publisher(
+    source: Path | str, suffix: str, seconds: float, rate: float = RATE,
+) -> Recording:
+    """Publish a source with our publisher and record it with our subscriber."""
+    frames = round(seconds * rate)
     nodes: list[CountedNode] = []
     with folder_here() as folder:
         files = Path(folder) / 'frames'
@@ -304,7 +306,7 @@ def record_publisher(video: Path, suffix: str, seconds: float) -> Recording:
             nodes.append(CountedNode('subscriber', Path(folder), output_dir=files,
                                      file_name=f'"{{seq:06d}}{suffix}"', png_compression=1))
             nodes[0].start('Waiting for ')
-            nodes.append(CountedNode('publisher', Path(folder), source=video, publish_rate=0.0,
+            nodes.append(CountedNode('publisher', Path(folder), source=source, publish_rate=0.0,
                                      loop=0, max_frames=frames, wait_for_subscribers=1))
             subscriber, publisher = nodes
             publisher.start(' opened: ')

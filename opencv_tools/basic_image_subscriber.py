@@ -23,12 +23,13 @@ import time
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.ros.priority import given_priority, use_priority
-from opencv_tools.ros.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.ros.subscriber.bag_messages import BagMessages
 from opencv_tools.ros.subscriber.conversion import FrameConverter
 from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.ros.subscriber.session import RecordingSession
@@ -66,6 +67,10 @@ class ImageSubscriber(Node):
         self.subscription = FrameSubscription(
             self, 'video_frames', settings.transport, settings.depth, self._log,
             self.listener_callback, self._count_unreadable, max_views=_MAX_VIEWS)
+        bag_sink = self._session.bag_sink
+        self._bag_messages = BagMessages(
+            self, self.subscription.topic_name, self._log, bag_sink.add_message,
+        ) if bag_sink else None
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None
@@ -77,7 +82,7 @@ class ImageSubscriber(Node):
 
     def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
         """
-        Convert a message to a frame and record it.
+        Convert a message to a frame and record it; a bag takes the message itself.
 
         :param message: raw or compressed image; the frame is a view of it.
         :param receive_ns: time of reception in nanoseconds of the system clock.
@@ -86,8 +91,11 @@ class ImageSubscriber(Node):
             return
         if self._timeout_timer:
             self._timeout_timer.reset()
+        topic = self.subscription.topic_name
         try:
-            frame = self._converter.convert(message, self.subscription.topic_name, receive_ns)
+            frame = self._bag_messages.frame(
+                message, topic, receive_ns, self.subscription.message_info,
+            ) if self._bag_messages else self._converter.convert(message, topic, receive_ns)
         except (CvBridgeError, SizeError) as err:
             self._count_unreadable(err)
         else:
@@ -101,6 +109,8 @@ class ImageSubscriber(Node):
         :returns: the exit status.
         """
         unprocessed = self._record_remaining()
+        if self._bag_messages:
+            self._bag_messages.close()
         self._session.close()
         self._progress.close()
         recorder, losses = self._session.recorder, self.subscription.losses

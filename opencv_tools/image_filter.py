@@ -31,11 +31,11 @@ from opencv_tools.frames.node import FRAME_SIZE, FrameNode
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Throttle
+from opencv_tools.progress import Progress
 from opencv_tools.ros.parameters import (
     declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
     unknown_parameters)
 from opencv_tools.ros.priority import given_priority, priority_parameter, use_priority
-from opencv_tools.ros.progress import Progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
 import yaml

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sources of frames: cameras, streams, videos, image files and a test pattern."""
+"""Sources of frames: cameras, streams, videos, bags, image files and a test pattern."""
 
 import os
 

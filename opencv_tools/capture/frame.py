@@ -20,11 +20,43 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import NDArray
+from opencv_tools.image.cdr import WireMessage
 
+NANO = 10**9  # nanoseconds in a second
 MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
-#: Encoding of a frame that the camera has compressed; its image is the bytes of the JPEG.
+#: Encoding of a frame that is compressed; its image is the bytes of the JPEG of a camera, or of
+#: the compressed image of a bag.
 JPEG = 'jpeg'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """
+    The metadata of a frame in a bag.
+
+    :param message: the message as it was recorded.
+    :param topic: topic of the message.
+    :param log_ns: time of the recording in nanoseconds.
+    :param play: number of times that the bag was rewound before this frame.
+    :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
+    """
+
+    message: WireMessage
+    topic: str
+    log_ns: int
+    play: int = 0
+    camera_info: Any = None
+
+    @property
+    def header_ns(self) -> int:
+        """Stamp of the message in nanoseconds; 0 if it has none."""
+        return self.message.header.sec * NANO + self.message.header.nanosec
+
+    @property
+    def time_ns(self) -> int:
+        """Stamp of the message in nanoseconds, or the time of the recording if it has none."""
+        return self.header_ns or self.log_ns
 
 
 @dataclass(frozen=True)
@@ -32,18 +64,20 @@ class Frame:
     """
     One captured image.
 
-    :param image: immutable (h, w) or (h, w, c) array; for ``JPEG`` frames the compressed bytes,
-        (n,) uint8.
+    :param image: immutable (h, w) or (h, w, c) array of any byte order; for ``JPEG`` frames the
+        compressed bytes, (n,) uint8.
     :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``.
     :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC. For a frame of a file, the
         time at which the frame was due; the player sets it, the source leaves 0.
     :param position: time of the frame in its file, in seconds; None if the file has no times.
+    :param recorded: metadata of the frame if its file is a bag.
     """
 
     image: NDArray[Any]
     encoding: str
     stamp_ns: int = 0
     position: float | None = None
+    recorded: Recorded | None = None
 
 
 class _Readable(Protocol):
@@ -63,9 +97,14 @@ class _Readable(Protocol):
 
 
 class FileSource(_Readable, Protocol):
-    """A source that is read at any speed: a video, image files or the test pattern."""
+    """
+    A source that is read at any speed: a video, a bag, image files or the test pattern.
+
+    ``count`` is the number of frames; 0 if it is unknown.
+    """
 
     live: Literal[False]
+    count: int
 
     def skip(self) -> bool:
         """

@@ -21,10 +21,12 @@ from pathlib import Path
 import re
 from typing import Literal
 
+import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import Frame, JPEG
 from opencv_tools.image.encodings import opencv_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.regular_files import read_regular
@@ -60,22 +62,28 @@ class ImageFileSource:
             raise CaptureError(f'no image file in {printable(name, MAX_PATH)}; supported '
                                f'extensions: {", ".join(sorted(IMAGE_SUFFIXES))}')
         self.name = printable(name, MAX_PATH)
+        self.count = len(paths)
         self.description = f'{len(paths)} pictures' if len(paths) > 1 else '1 picture'
-        self._paths = tuple(paths)
+        self.paths = tuple(paths)
+        #: Whether JPEG files are not decoded.
+        self.keeps_jpegs = False
         self._next = 0
 
     def skip(self) -> bool:
         self._next += 1
-        return self._next <= len(self._paths)
+        return self._next <= len(self.paths)
 
     def read(self) -> Frame | None:
-        if self._next >= len(self._paths):
+        if self._next >= len(self.paths):
             return None
-        path = self._paths[self._next]
+        path = self.paths[self._next]
         shown = printable(path, MAX_PATH)
         self._next += 1
         try:
-            image = decode_image(read_regular(path, _FILE_BYTES), upright=True)
+            content = read_regular(path, _FILE_BYTES)
+            if self.keeps_jpegs and content.startswith(JPEG_SOI):
+                return Frame(np.frombuffer(content, np.uint8), JPEG)
+            image = decode_image(content, upright=True)
             return Frame(image, opencv_encoding(image).name)
         except OSError as err:
             raise BrokenFrameError(f'{shown} cannot be read: {err.strerror}') from err

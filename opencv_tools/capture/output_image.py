@@ -22,12 +22,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import Frame, JPEG
-from opencv_tools.image.encodings import Encoding, find_encoding, opencv_encoding
-from opencv_tools.image.errors import JpegError
-from opencv_tools.image.jpeg import jpeg_components
+from opencv_tools.capture.frame import Frame, JPEG, Recorded
+from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.encodings import Encoding, find_encoding
+from opencv_tools.image.errors import JpegError, SizeError
+from opencv_tools.image.image_size import image_size
+from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
-from opencv_tools.image_codecs import convert_image, decode_image, encode_image
+from opencv_tools.image.text import printable
+from opencv_tools.image_codecs import check_complete, convert_image, decode_image, encode_image
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
 # the colour channels, so it can be decoded to each of them.
@@ -81,25 +85,53 @@ class OutputImage:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the image in pixels."""
-        image, encoding = self._pixels
-        return image.shape[1], encoding.height(image.shape[0])
+        """Width and height of the image in pixels; a compressed image is not decoded."""
+        if self.is_decoded:
+            image, encoding = self._pixels
+            return image.shape[1], encoding.height(image.shape[0])
+        content = self._frame.image.tobytes()
+        width, height = image_size(content)
+        if content.startswith(JPEG_SOI):
+            check_complete(content)
+        return (height, width) if self.settings.rotate % 180 else (width, height)
+
+    @property
+    def is_decoded(self) -> bool:
+        """Whether the pixels are known: those of a raw frame, and those that were asked for."""
+        return self._frame.encoding != JPEG or '_pixels' in vars(self)
+
+    @property
+    def description(self) -> str:
+        """Size and encoding of the image, or the number of bytes if its header has no size."""
+        shown = self.encoding if self.is_decoded else printable(self._format)
+        try:
+            width, height = self.size
+        except SizeError:  # a codec that is only passed on
+            return f'{self._frame.image.size} bytes {shown}'
+        return f'{width}x{height} {shown}'
+
+    @property
+    def recorded(self) -> Recorded | None:
+        """Metadata of a frame of a bag."""
+        return self._frame.recorded
 
     @cached_property
     def jpeg(self) -> tuple[NDArray[Any], str]:
         """
         JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
 
-        The camera's own JPEG is used unchanged when the settings allow it.
+        The compressed image of a camera or bag is used unchanged when the settings allow it.
         """
         if self._can_pass_jpeg_through():
+            if self._frame.recorded:
+                return self._frame.image, self._format
             if self._is_gray_jpeg:
                 return self._frame.image, 'mono8; jpeg compressed mono8'
             return self._frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
-            image = convert_image(image, actual, stored)
+            image = convert_image(_native(image, actual), actual, stored)
         data = encode_image(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
         # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
         # string contains the encoding that is stored.
@@ -107,11 +139,17 @@ class OutputImage:
         return data, f'{declared}; jpeg compressed {stored.name}'
 
     def _can_pass_jpeg_through(self) -> bool:
-        """Return whether the camera's own JPEG can be published unchanged."""
+        """Return whether the compressed image of the source can be published unchanged."""
         settings = self.settings
         return (self._frame.encoding == JPEG and settings.flip == 'none' and not settings.rotate
                 and (settings.encoding in _AS_JPEG
                      or (settings.encoding == 'mono8' and self._is_gray_jpeg)))
+
+    @property
+    def _format(self) -> str:
+        """Format string of a compressed image."""
+        message = self._frame.recorded and self._frame.recorded.message
+        return message.format if isinstance(message, WireCompressedImage) else JPEG
 
     @cached_property
     def _is_gray_jpeg(self) -> bool:
@@ -125,10 +163,15 @@ class OutputImage:
         image = self._frame.image
         if self._frame.encoding == JPEG:
             image = decode_image(image)
-            encoding = opencv_encoding(image)
+            encoding = decoded_encoding(image, self._format)
         else:
             encoding = find_encoding(self._frame.encoding)
         target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
         if not target.has_layout_of(encoding):
-            image = convert_image(image, encoding, target)
+            image = convert_image(_native(image, encoding), encoding, target)
         return orient(image, target, self.settings.flip, self.settings.rotate)
+
+
+def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
+    """Return an image in native byte order; a copy only of one in the other byte order."""
+    return np.asarray(image, np.dtype(encoding.dtype))

@@ -81,6 +81,7 @@ class PatternSource:
     """An endless source of colour bars with a moving line and the number of the frame."""
 
     live: Literal[False] = False
+    count = 0
 
     def __init__(self, spec: PatternSpec) -> None:
         self.name = f'pattern {spec.width}x{spec.height}'

@@ -25,9 +25,12 @@ from pathlib import Path
 import stat
 
 import cv2
+from opencv_tools.bags.open_bag import is_bag
+from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource, natural_order
+from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
@@ -48,7 +51,7 @@ def check_source(text: str) -> None:
     :raises ValueError: the text is empty or an invalid pattern.
     """
     if not text:
-        raise ValueError('give a camera, a file, a folder, a URL or pattern')
+        raise ValueError('give a camera, a file, a folder, a bag, a URL or pattern')
     if _is_pattern(text):
         parse_pattern(text)
 
@@ -66,16 +69,23 @@ def is_camera(text: str) -> bool:
         return path.is_relative_to('/dev')
 
 
+def names_bag(text: str) -> bool:
+    """Return whether a source is a bag, which may not exist."""
+    return not (_is_pattern(text) or _is_url(text)) and is_bag(_path(text))
+
+
 def open_source(
     text: str, request: CameraRequest = DEFAULT_REQUEST, timeout: float = 2.0,
+    bag_topic: str = '',
 ) -> Source:
     """
     Open a source.
 
-    :param text: device number, device path, video file, image file, folder or glob pattern of
-        image files, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+    :param text: device number, device path, video file, bag, image file, folder, glob pattern of
+        image files or of bags, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
     :param request: requested camera settings.
     :param timeout: timeout in seconds for opening a stream and for reading from it.
+    :param bag_topic: topic of the images of a bag; '' for the only one.
     :returns: the open source; ``live`` is True for a camera or stream.
     :raises UnavailableError: the camera or stream cannot be opened now.
     :raises CaptureError: the source cannot be opened.
@@ -89,10 +99,12 @@ def open_source(
         return CameraSource(device, request)
     if _is_url(text):
         return _open_url(text, timeout)
-    return _open_path(_path(text))
+    return _open_path(_path(text), bag_topic)
 
 
-def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[int, int] | None:
+def expected_size(
+    text: str, request: CameraRequest = DEFAULT_REQUEST, bag_topic: str = '',
+) -> tuple[int, int] | None:
     """
     Return the expected size of the frames of a source.
 
@@ -100,9 +112,11 @@ def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[
 
     :param text: as for :func:`open_source`.
     :param request: requested camera settings; the camera may send another size.
+    :param bag_topic: topic of the images of a bag; '' for the only one.
     :returns: width and height in pixels; None for a stream, for an empty source, and for a named
         pipe, which can be read only once.
     :raises CaptureError: a file cannot be read.
+    :raises ImageError: the first frame cannot be read.
     :raises ValueError: the text is empty or an invalid pattern.
     """
     if _is_pattern(text):
@@ -112,9 +126,9 @@ def expected_size(text: str, request: CameraRequest = DEFAULT_REQUEST) -> tuple[
         return request.width or DEFAULT_SIZE[0], request.height or DEFAULT_SIZE[1]
     if _is_url(text) or _path(text).is_fifo():
         return None
-    with closing(open_source(text)) as source:
+    with closing(open_source(text, bag_topic=bag_topic)) as source:
         frame = None if source.live else source.read()
-    return (frame.image.shape[1], frame.image.shape[0]) if frame else None
+    return None if frame is None else OutputImage(frame, OutputSettings()).size
 
 
 def _is_pattern(text: str) -> bool:
@@ -140,19 +154,23 @@ def _open_url(url: str, timeout: float) -> Source:
     return VideoSource(url, capture) if frame_count(capture) else StreamSource(url, capture)
 
 
-def _open_path(path: Path) -> Source:
-    """Open a folder, an image file, a video file or the matches of a glob pattern."""
+def _open_path(path: Path, bag_topic: str) -> Source:
+    """Open a bag, a folder, an image file, a video file or the matches of a glob pattern."""
     shown = printable(path, MAX_PATH)
     try:
         mode = path.stat().st_mode
     except OSError as err:
         matches = [Path(match) for match in glob.glob(str(path))]
+        if matches and all(map(is_bag, matches)):
+            return BagSource(path, bag_topic, matches)
         if matches:
             return ImageFileSource(_image_files(matches), str(path))
         hint = _suggestion(path) if isinstance(err, FileNotFoundError) else ''
         raise CaptureError(f'{shown} cannot be opened: {err.strerror}{hint}') from err
     if not os.access(path, os.R_OK):
         raise CaptureError(f'no permission to read {shown}; check its owner and mode')
+    if is_bag(path):
+        return BagSource(path, bag_topic)
     if stat.S_ISDIR(mode):
         return ImageFileSource(_image_files(path.iterdir()), str(path))
     is_image_file = path.suffix.lower() in IMAGE_SUFFIXES

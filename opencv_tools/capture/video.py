@@ -55,8 +55,9 @@ class VideoSource:
         self._capture = capture
         self.rate = video_rate(capture)
         self.description = describe_video(capture)
+        self.count = frame_count(capture)
         listed = Path(location).suffix.lower() in _LISTED_SUFFIXES
-        self._listed = frame_count(capture) if listed else 0
+        self._listed = self.count if listed else 0
         self._number = 0
 
     def skip(self) -> bool:

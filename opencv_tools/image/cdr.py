@@ -119,17 +119,29 @@ def image_to_cdr(image: WireImage) -> bytes:
     :returns: little-endian CDR.
     :raises CdrError: a number is out of range, or a string cannot be serialised.
     """
-    data = memoryview(image.data).cast('B')
-    head = _header(image.header) + _pack('II', image.height, image.width)
-    head = _padded(head + _string(image.encoding) + bytes((bool(image.is_bigendian),)))
-    return b''.join((head, _pack('II', image.step, data.nbytes), data))
+    return b''.join(message_to_cdr_parts(image))
 
 
 def compressed_image_to_cdr(image: WireCompressedImage) -> bytes:
     """Convert a compressed image message to CDR, as ``image_to_cdr`` does."""
-    data = memoryview(image.data).cast('B')
-    head = _padded(_header(image.header) + _string(image.format))
-    return b''.join((head, _pack('I', data.nbytes), data))
+    return b''.join(message_to_cdr_parts(image))
+
+
+def message_to_cdr_parts(message: WireMessage) -> tuple[bytes, memoryview]:
+    """
+    Convert an image message of either type to CDR without a copy of its data.
+
+    :param message: the message, with contiguous data.
+    :returns: little-endian CDR in two parts: the bytes before the data, and a view of the data.
+    :raises CdrError: a number is out of range, or a string cannot be serialised.
+    """
+    data = memoryview(message.data).cast('B')
+    head = _header(message.header)
+    if isinstance(message, WireCompressedImage):
+        return _padded(head + _string(message.format)) + _pack('I', data.nbytes), data
+    head += _pack('II', message.height, message.width) + _string(message.encoding)
+    head = _padded(head + bytes((bool(message.is_bigendian),)))
+    return head + _pack('II', message.step, data.nbytes), data
 
 
 def cdr_to_image(serialized: Any) -> WireImage:

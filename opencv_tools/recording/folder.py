@@ -29,6 +29,9 @@ import secrets
 from threading import Lock
 from typing import Any
 
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.finishing import finish_bag
+from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError, write_new
@@ -41,6 +44,9 @@ _LINE = 1 << 24
 # Maximum number of manifest lines that wait because the disk is full. Few lines wait, because a
 # new file begins only if the disk has room for it.
 _MAX_DEFERRED = 100
+
+# A bag that was cut off in its header is shorter.
+_BAG_HEADER_BYTES = 64
 
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
@@ -154,7 +160,10 @@ class Folder:
         """
         while self._deferred:
             if (self.path / self._deferred[0].name).exists():
-                self.manifest.append(self._deferred[0])
+                if self._deferred[0].sha256:
+                    self.manifest.append(self._deferred[0])
+                else:
+                    self._complete_file(self._deferred[0])
             self._deferred = self._deferred[1:]
 
     def close(self) -> None:
@@ -219,6 +228,8 @@ class Folder:
                 self._complete_file(entry)
 
     def _complete_file(self, entry: ManifestEntry) -> None:
+        path = self.path / entry.name
+        frames = None if entry.sha256 else _finished_frames(path)
         found = entry.measured(self.path)
         # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(
@@ -226,13 +237,23 @@ class Folder:
                 for line in self.manifest.entries()):
             return
         if not entry.sha256:
-            path = self.path / entry.name
-            frames = count_frames(path)
             if frames == 0:
                 path.unlink()
                 return
             found = replace(found, frames=frames or 0)
         self.manifest.append(found)
+
+
+def _finished_frames(path: Path) -> int | None:
+    """Finish a bag, and count the frames of a bag or video; None if they are unknown."""
+    if path.suffix.lower() != BAG_SUFFIX:
+        return count_frames(path)
+    try:
+        frames = finish_bag(path)
+        is_empty = frames is None and path.stat().st_size <= _BAG_HEADER_BYTES
+        return 0 if is_empty else frames
+    except BagError:  # damaged, or the library of bags is not installed
+        return None
 
 
 def _move(source: Path, target: Path) -> None:

@@ -142,7 +142,8 @@ class ImageSink:
             (self._folder.path / name).unlink(missing_ok=True)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
         self._stale_lines += len(deleted) or self._numbering.replaces
-        self._retention.add(entry, deleted, arrival_ns)
+        self._retention.remove(deleted)
+        self._retention.add(entry, arrival_ns)
         return path
 
     def _compact(self) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Creation of the sink of a recording: image files or videos."""
+"""Creation of the sink of a recording: image files, videos or bags."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from pathlib import Path
 import time
 from typing import Any
 
+from opencv_tools.bags.errors import BagError, check_mcap
+from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.recording.bag_sink import BagSink, finish_bags
 from opencv_tools.recording.errors import RecordingError, VideoError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.image_encoder import EncoderSettings, IMAGE_FORMATS
@@ -47,13 +50,15 @@ def check_format(suffix: str) -> None:
     Check that files of a format can be written on this machine.
 
     :param suffix: file name extension with its dot, in lower case.
-    :raises ValueError: the extension is unknown, or the video encoder is not installed.
+    :raises ValueError: the extension is unknown, or a library that it needs is not installed.
     """
-    known = (*IMAGE_FORMATS, *VIDEO_FORMATS)
+    known = (*IMAGE_FORMATS, *VIDEO_FORMATS, BAG_SUFFIX)
     if suffix not in known:
         raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
     if suffix in VIDEO_FORMATS:
         check_video()
+    if suffix == BAG_SUFFIX:
+        check_mcap()
 
 
 def open_sink(
@@ -69,28 +74,34 @@ def open_sink(
     :param on_exists: handling of existing files, one of ``ON_EXISTS``.
     :param limits: limits of the recording.
     :param sync: whether each file is flushed to disk before it gets its final name.
-    :param monotonic: monotonic clock in seconds, for the retries of a video.
+    :param monotonic: monotonic clock in seconds, for the retries of a video or bag.
     :returns: the sink, for a recorder.
-    :raises RecordingError: the folder cannot be used, existing files are in the way, or videos
-        cannot be encoded on this machine.
+    :raises RecordingError: the folder cannot be used, existing files are in the way, or a library
+        that the format needs is not installed.
     """
-    is_video = settings.suffix in VIDEO_FORMATS
+    is_video, is_bag = settings.suffix in VIDEO_FORMATS, settings.suffix == BAG_SUFFIX
     if is_video and limits.ring:
         raise RecordingError(f'ring deletes the oldest files, but a {settings.suffix} recording '
                              'is one file; set the extension of file_name to .png or .jpg')
+    if (limits.split_bytes or limits.split_seconds) and not (is_video or is_bag):
+        raise RecordingError(f'a {settings.suffix} file has one frame and cannot be split; remove '
+                             'split_bytes and split_duration')
     try:
-        if is_video:
-            check_video()
+        check_format(settings.suffix)
         folder = Folder(path, sync)
         try:
+            if is_bag:
+                finish_bags(folder)
             numbering = Numbering(names, folder, on_exists)
             if is_video:
                 return VideoSink(folder, numbering, settings, limits, monotonic)
+            if is_bag:
+                return BagSink(folder, numbering, limits, monotonic)
             return ImageSink(folder, numbering, settings, limits)
         except (OSError, RecordingError):
             folder.close()
             raise
-    except VideoError as err:
+    except (BagError, VideoError) as err:
         raise RecordingError(str(err)) from err
     except OSError as err:
         shown, reason = printable(path, MAX_PATH), _REMEDIES.get(err.errno or 0, err.strerror)

@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import time
+from typing import TypeVar
 
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ReceivedFrame
@@ -32,6 +33,13 @@ _JITTER_TOLERANCE = 0.25
 _UNKNOWN_AGE_NS = -1 << 62
 
 
+_RING_FILES = 10  # videos or bags that a ring of them consists of
+
+_NOTHING = (0, 0, 0)  # size, frames and arrival time
+
+N = TypeVar('N', int, float)
+
+
 @dataclass(frozen=True)
 class Limits:
     """
@@ -41,17 +49,34 @@ class Limits:
     :param max_seconds: duration in seconds, from the first frame.
     :param max_bytes: size of all files in bytes.
     :param ring: whether the oldest files are deleted at the limits, instead of ending.
+    :param split_seconds: duration of a video or bag, after which the next one begins.
+    :param split_bytes: size in bytes of a video or bag, after which the next one begins.
     """
 
     max_frames: int = 0
     max_seconds: float = 0.0
     max_bytes: int = 0
     ring: bool = False
+    split_seconds: float = 0.0
+    split_bytes: int = 0
+
+    def of_one_file(self) -> Limits:
+        """Return the limits of a video or bag: those of a split, and a tenth of a ring."""
+        parts = _RING_FILES if self.ring else 0
+        return Limits(
+            _least(-(-self.max_frames // parts) if parts else 0),
+            _least(self.split_seconds, self.max_seconds / parts if parts else 0),
+            _least(self.split_bytes, -(-self.max_bytes // parts) if parts else 0))
 
     @property
     def max_ns(self) -> int:
         """Maximum duration in nanoseconds; 0 for no limit."""
         return int(self.max_seconds * NANO)
+
+
+def _least(*limits: N) -> N:
+    """Return the least limit, where 0 means no limit."""
+    return min(filter(None, limits), default=limits[0])
 
 
 class Selection:
@@ -138,15 +163,18 @@ class Retention:
         :param wall: system clock in nanoseconds, for the age of existing files.
         """
         self._limits = limits
-        self._kept: dict[str, tuple[int, int]] = {}  # size and arrival time, oldest first
+        # size, number of frames and arrival time, oldest first
+        self._kept: dict[str, tuple[int, int, int]] = {}
         now, offset = wall(), wall() - monotonic()
         earlier = {entry.name: entry for entry in entries} if limits.ring else {}
         for entry in sorted(earlier.values(), key=lambda entry: (
                 entry.receive_ns <= now, entry.receive_ns)):
             is_past = entry.receive_ns <= now
             self._kept[entry.name] = (
-                entry.size, entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
-        self._bytes = sum(size for size, _ in self._kept.values())
+                entry.size, entry.frames,
+                entry.receive_ns - offset if is_past else _UNKNOWN_AGE_NS)
+        self._bytes = sum(size for size, _, _ in self._kept.values())
+        self._frames = sum(frames for _, frames, _ in self._kept.values())
 
     @property
     def count(self) -> int:
@@ -157,37 +185,44 @@ class Retention:
         """
         Select the files to delete before a new file is written.
 
-        :param entry: manifest entry of the new file.
-        :param arrival_ns: arrival time of its frame, in nanoseconds of the monotonic clock.
+        :param entry: manifest entry of the new file, or of a file that becomes larger.
+        :param arrival_ns: arrival time of its last frame, in nanoseconds of the monotonic clock.
         :returns: names of the files to delete, oldest first.
         :raises LimitReached: the new file exceeds the limits, and no file can be deleted.
         """
         limits = self._limits
-        replaced = self._kept.get(entry.name)
-        size = self._bytes + entry.size - (replaced[0] if replaced else 0)
-        count = len(self._kept) + (not replaced)
+        replaced_size, replaced_frames, _ = self._kept.get(entry.name, _NOTHING)
+        size = self._bytes + entry.size - replaced_size
+        frames = self._frames + entry.frames - replaced_frames
         deleted: list[str] = []
-        for name, (other_size, other_arrival_ns) in self._kept.items():
-            too_many = 0 < limits.max_frames < count - len(deleted)
+        for name, (other_size, other_frames, other_arrival_ns) in self._kept.items():
+            too_many = 0 < limits.max_frames < frames
             too_old = 0 < limits.max_ns < arrival_ns - other_arrival_ns
             if not (too_many or too_old or self._is_too_large(size)):
                 break
             if name != entry.name:
                 deleted.append(name)
                 size -= other_size
+                frames -= other_frames
         if self._is_too_large(size):
             raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
                                'bytes')
         return deleted
 
-    def add(self, entry: ManifestEntry, deleted: list[str], arrival_ns: int) -> None:
-        """Count a new file, and remove the deleted files from the counts."""
-        for name in (*deleted, entry.name):
-            size, _ = self._kept.pop(name, (0, 0))
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove deleted files from the counts."""
+        for name in names:
+            size, frames, _ = self._kept.pop(name, _NOTHING)
             self._bytes -= size
+            self._frames -= frames
+
+    def add(self, entry: ManifestEntry, arrival_ns: int) -> None:
+        """Count a new file."""
+        self.remove((entry.name,))
         self._bytes += entry.size
+        self._frames += entry.frames
         if self._limits.ring:
-            self._kept[entry.name] = entry.size, arrival_ns
+            self._kept[entry.name] = entry.size, entry.frames, arrival_ns
 
     def _is_too_large(self, size: int) -> bool:
         return 0 < self._limits.max_bytes < size

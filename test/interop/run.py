@@ -16,7 +16,8 @@
 Run the tests with the parsers of Gazebo and ROS: python run.py [arguments of pytest].
 
 The parsers are libsdformat and urdfdom. Missing ones are installed from Debian if apt-get is
-available and the user is root.
+available and the user is root. Foxglove's reader of bags is installed for these tests if npm is
+available.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ LIBRARY = 'sdformat12'
 TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++',
          'pkg-config': 'pkg-config'}
 LIBRARY_PACKAGE = 'libsdformat-dev'
+MCAP_CORE = '@mcap/core@2.2.2'
 
 
 def missing() -> list[str]:
@@ -64,6 +66,15 @@ def build(program: Path) -> None:
     flags = subprocess.run(['pkg-config', '--cflags', '--libs', LIBRARY], stdout=subprocess.PIPE,
                            text=True, check=True).stdout.split()
     subprocess.run(['g++', '-std=c++17', '-o', str(program), str(SOURCE), *flags], check=True)
+
+
+def install_mcap_core(folder: Path) -> None:
+    """Install Foxglove's reader of bags in a folder if npm is available."""
+    if shutil.which('npm'):
+        (folder / 'package.json').write_text('{}')
+        subprocess.run(['npm', 'install', '--silent', '--no-audit', '--no-fund', MCAP_CORE],
+                       cwd=folder, check=True)
+        os.environ['OPENCV_TOOLS_MCAP_CORE'] = str(folder)
 
 
 class Figures:
@@ -104,6 +115,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / 'poses'
         build(program)
+        install_mcap_core(Path(folder))
         os.environ['OPENCV_TOOLS_INTEROP'] = str(program)
         return pytest.main(['-q', str(SOURCE.parent), *sys.argv[1:]], plugins=[Figures()])
 

@@ -31,8 +31,8 @@ import pytest
 import yaml
 
 
-EXECUTABLES = ['img_filter', 'img_publisher', 'img_subscriber', 'img_viewer', 'robot_compare',
-               'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf']
+EXECUTABLES = ['img_convert', 'img_filter', 'img_publisher', 'img_subscriber', 'img_viewer',
+               'robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf']
 
 
 @pytest.fixture

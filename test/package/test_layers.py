@@ -30,33 +30,41 @@ MODULES = sorted(
     for path in ROOT.rglob('*.py'))
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
-PURE = ('opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.regular_files',
-        'opencv_tools.recording.naming', 'opencv_tools.robot', 'opencv_tools.viewer.access',
-        'opencv_tools.viewer.errors', 'opencv_tools.viewer.link_rate',
-        'opencv_tools.viewer.page_files', 'opencv_tools.viewer.protocol')
+PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
+        'opencv_tools.regular_files', 'opencv_tools.recording.naming', 'opencv_tools.robot',
+        'opencv_tools.viewer.access', 'opencv_tools.viewer.errors',
+        'opencv_tools.viewer.link_rate', 'opencv_tools.viewer.page_files',
+        'opencv_tools.viewer.protocol')
 ALLOWED = {
+    'opencv_tools.bags': {'opencv_tools.bags', 'opencv_tools.image',
+                          'opencv_tools.regular_files', 'lz4', 'mcap', 'zstandard'},
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.regular_files': set(),
-    'opencv_tools.capture': {'opencv_tools.capture', 'opencv_tools.image',
+    'opencv_tools.capture': {'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.image',
                              'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'cv2'},
+    'opencv_tools.convert': {'opencv_tools.convert', 'opencv_tools.bags', 'opencv_tools.capture',
+                             'opencv_tools.image', 'opencv_tools.progress',
+                             'opencv_tools.recording', 'opencv_tools.standard_streams'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2'},
     'opencv_tools.frames': {
         'opencv_tools.frames', 'opencv_tools.cv_bridge', 'opencv_tools.image',
         'opencv_tools.logs', 'opencv_tools.ros', 'builtin_interfaces', 'rclpy', 'sensor_msgs',
         'std_msgs'},
     'opencv_tools.logs': set(),
-    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.image',
-                               'opencv_tools.image_codecs', 'opencv_tools.logs',
-                               'opencv_tools.regular_files', 'av', 'cv2'},
+    'opencv_tools.progress': {'opencv_tools.logs', 'tqdm'},
+    'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.bags',
+                               'opencv_tools.image', 'opencv_tools.image_codecs',
+                               'opencv_tools.logs', 'opencv_tools.regular_files', 'av', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.cv_bridge': {'opencv_tools.image', 'opencv_tools.image_codecs', 'sensor_msgs',
                                'std_msgs'},
     'opencv_tools.ros': {
-        'opencv_tools.ros', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
-        'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.recording',
-        'opencv_tools.regular_files', 'opencv_tools.standard_streams', 'ament_index_python',
-        'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'sensor_msgs',
-        'std_msgs', 'std_srvs', 'tqdm', 'yaml'},
+        'opencv_tools.ros', 'opencv_tools.bags', 'opencv_tools.capture',
+        'opencv_tools.cv_bridge', 'opencv_tools.image', 'opencv_tools.logs',
+        'opencv_tools.progress', 'opencv_tools.recording', 'opencv_tools.regular_files',
+        'opencv_tools.standard_streams', 'ament_index_python', 'builtin_interfaces',
+        'diagnostic_msgs', 'rclpy', 'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs',
+        'std_srvs', 'yaml'},
     'opencv_tools.ros.shared_frames.memory': {'opencv_tools.ros.shared_frames', 'iceoryx2'},
     'opencv_tools.standard_streams': set(),
     'opencv_tools.viewer': {
@@ -158,13 +166,24 @@ def test_pure_modules_without_ros_and_opencv(room: str) -> None:
 
 
 @pytest.mark.process
-def test_imports_without_pyav() -> None:
+def test_imports_without_optional_libraries() -> None:
     script = ('import importlib, sys\n'
-              'sys.modules["av"] = None\n'
+              'sys.modules.update(dict.fromkeys(("av", "lz4", "mcap", "zstandard")))\n'
               f'for module in {MODULES}: importlib.import_module(module)\n')
     finished = subprocess.run(
         [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False)
     assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.process
+def test_img_convert_without_ros(tmp_path: Path) -> None:
+    script = ('import sys; sys.modules.update(dict.fromkeys(("rclpy", "sensor_msgs", "mcap")))\n'
+              'from opencv_tools.convert.cli import main\n'
+              'sys.exit(main(["pattern:64x48", sys.argv[1], "--stop", "3"]))')
+    finished = subprocess.run([sys.executable, '-c', script, tmp_path / '{seq}.png'],
+                              capture_output=True, text=True, timeout=30, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert len(list(tmp_path.glob('*.png'))) == 3
 
 
 @pytest.mark.process

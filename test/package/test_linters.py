@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 RELEASED = {
     'ament_copyright', 'ament_flake8', 'ament_index_python', 'ament_pep257', 'ament_xmllint',
     'builtin_interfaces', 'diagnostic_msgs', 'launch', 'launch_ros', 'rcl_interfaces', 'rclpy',
-    'sensor_msgs', 'std_msgs', 'std_srvs', 'xacro'}
+    'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'xacro'}
 SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
     'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',
@@ -149,10 +149,11 @@ def test_ruff() -> None:
 @pytest.mark.process
 @pytest.mark.linter
 def test_mypy() -> None:
-    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/image',
-          'opencv_tools/recording', 'opencv_tools/capture', 'opencv_tools/image_codecs.py',
-          'opencv_tools/logs.py', 'opencv_tools/regular_files.py',
-          'opencv_tools/cv_bridge.py', 'opencv_tools/robot', 'opencv_tools/viewer/access.py',
+    check(tool('mypy', 'sudo apt install mypy'), '--strict', 'opencv_tools/bags',
+          'opencv_tools/image', 'opencv_tools/recording', 'opencv_tools/capture',
+          'opencv_tools/convert', 'opencv_tools/progress.py', 'opencv_tools/image_codecs.py',
+          'opencv_tools/logs.py', 'opencv_tools/regular_files.py', 'opencv_tools/cv_bridge.py',
+          'opencv_tools/robot', 'opencv_tools/viewer/access.py',
           'opencv_tools/viewer/encoding.py', 'opencv_tools/viewer/link_rate.py',
           'opencv_tools/viewer/page_files.py', 'opencv_tools/viewer/protocol.py',
           'opencv_tools/viewer/snapshot_file.py')

@@ -29,7 +29,7 @@ import time
 
 from conftest import DEADLINE, executable
 from documentation import ROOT
-from documented_commands import PARAMETERS, ROBOT_COMMANDS
+from documented_commands import COMMANDS, PARAMETERS
 
 #: Parts of the project that the commands of the pages use.
 USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
@@ -58,7 +58,7 @@ def copy_project(folder: Path) -> Path:
         else:
             shutil.copy(ROOT / name, root / name)
     (folder / 'bin').mkdir()
-    for name in (*PARAMETERS, *ROBOT_COMMANDS):
+    for name in (*PARAMETERS, *COMMANDS):
         (folder / 'bin' / name).symlink_to(executable(name))
     for name, text in (('ros2', _ROS2), ('sudo', _SUDO)):
         if shutil.which(name) is None:

@@ -26,6 +26,7 @@ import shlex
 from documentation import Block, ROOT
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
+from opencv_tools.convert.cli import main as img_convert
 from opencv_tools.robot import cli
 from opencv_tools.ros.parameters import Parameter
 import pytest
@@ -37,7 +38,10 @@ PARAMETERS = {'img_publisher': basic_image_publisher.PARAMETERS,
               'img_viewer': image_viewer.PARAMETERS}
 NODES = {'/image_publisher': 'img_publisher', '/image_subscriber': 'img_subscriber',
          '/image_filter': 'img_filter', '/image_viewer': 'img_viewer'}
-ROBOT_COMMANDS = ('robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf')
+#: Commands without ROS, by name.
+COMMANDS = {'img_convert': img_convert, 'robot_compare': cli.robot_compare,
+            'robot_frames': cli.robot_frames, 'sdf_to_urdf': cli.sdf_to_urdf,
+            'urdf_to_sdf': cli.urdf_to_sdf}
 LAUNCH_FILES = {path.name: path.read_text() for path in (ROOT / 'launch').glob('*.launch.py')}
 MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', (ROOT / 'Makefile').read_text(), re.MULTILINE)[0]
 
@@ -60,7 +64,7 @@ def check_command(line: str) -> None:
         name, *arguments = words
         if name in PARAMETERS:
             _check_parameters(name, arguments)
-        elif name in ROBOT_COMMANDS:
+        elif name in COMMANDS:
             _check_options(name, arguments)
         elif name == 'make':
             assert set(arguments) <= set(MAKE_TARGETS.split()), line
@@ -125,13 +129,13 @@ def _parameter(executable: str, name: str) -> Parameter:
 
 
 def _check_options(command: str, arguments: list[str]) -> None:
-    """Check that a command for robots has the options."""
+    """Check that a command without ROS has the options."""
     known: set[str] = set()
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr('argparse.ArgumentParser.print_help', lambda parser: known.update(
             *(action.option_strings for action in parser._actions)))
         with pytest.raises(SystemExit):
-            getattr(cli, command)(['--help'])
+            COMMANDS[command](['--help'])
     assert known
     options = {word.partition('=')[0] for word in arguments if re.match('--?[a-z]', word)}
     assert options <= known, f'{command} has no option {options - known}'

@@ -146,6 +146,11 @@ class VideoWriter:
             raise
 
     @property
+    def size(self) -> int:
+        """Size of the file in bytes, without the frames that are waiting."""
+        return self.file.size
+
+    @property
     def skipped(self) -> int:
         """Count of accepted frames that exceed the maximum size."""
         return self.frames - self._packets if self.is_full else 0
@@ -161,6 +166,10 @@ class VideoWriter:
         step = time_ns - self._last_ns
         return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+        return self.file.is_at_path()
 
     def write(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
@@ -276,5 +285,5 @@ class VideoWriter:
             if container is not None:
                 container.close()  # it writes nothing after an error of the file
         with self.file.raw:
-            if not self.flushed and self.file.is_at_path():
+            if not self.flushed and self.is_at_path():
                 self._path.unlink(missing_ok=True)

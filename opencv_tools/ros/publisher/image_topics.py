@@ -24,14 +24,19 @@ from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage,
 from opencv_tools.image.encodings import declared_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image.orientation import turned_axes
+from opencv_tools.image.text import printable
 from opencv_tools.ros.fastdds.profile import FastDdsSetup
 from opencv_tools.ros.publisher.backlog import Backlog
+from opencv_tools.ros.publisher.calibration_file import CameraInfoError
 from opencv_tools.ros.publisher.camera_info import Calibration
+from opencv_tools.ros.publisher.turned_camera_info import turn_camera_info
 from opencv_tools.ros.qos import create_frame_publisher
 from opencv_tools.ros.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.ros.zero_copy import publish_image
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -124,10 +129,8 @@ class ImageTopics:
                 publish_image(self.images.handle, image)
                 self.backlog.add(self.images)
             if self._infos.get_subscription_count():
-                settings = output.settings
-                self._infos.publish(self.calibration.message(
-                    Header(stamp=stamp, frame_id=frame_id), *output.size, settings.flip,
-                    settings.rotate))
+                self._infos.publish(self._camera_info(
+                    output, Header(stamp=stamp, frame_id=frame_id)))
                 self.backlog.add(self._infos)
                 is_published = True
         except ImageError as err:
@@ -145,6 +148,22 @@ class ImageTopics:
     def close(self) -> None:
         """Stop sharing frames."""
         self._shared.destroy()
+
+    def _camera_info(self, output: OutputImage, header: Header) -> CameraInfo:
+        """Return the calibration of the bag that a frame comes from, else that of the camera."""
+        flip, rotate = output.settings.flip, output.settings.rotate
+        serialized = output.recorded and output.recorded.camera_info
+        if serialized is not None:
+            try:
+                info = deserialize_message(bytes(serialized), CameraInfo)
+                message = turn_camera_info(info, turned_axes(flip, rotate))
+            except (CameraInfoError, RuntimeError, ValueError) as err:
+                self._log.warning(
+                    f'the camera_info of the bag is not used: {printable(err)}', once=True)
+            else:
+                message.header = header
+                return message
+        return self.calibration.message(header, *output.size, flip, rotate)
 
     def _check_room(self, frame_bytes: int) -> None:
         """Log a warning when frames become too large for the shared memory."""

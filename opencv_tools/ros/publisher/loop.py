@@ -21,24 +21,26 @@ import math
 import time
 from typing import Any
 
+from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import ConversionError, ImageError
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Throttle
-from opencv_tools.ros.progress import Progress
+from opencv_tools.progress import Progress
 from opencv_tools.ros.publisher.camera_controls import CameraControls
 from opencv_tools.ros.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.ros.publisher.image_topics import ImageTopics
 from opencv_tools.ros.publisher.parameters import PublisherSettings
-from opencv_tools.ros.publisher.stamps import Stamper
+from opencv_tools.ros.publisher.stamps import Stamper, to_time
 from opencv_tools.ros.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.ros.timers import Delay
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 # Parameters that apply when the camera is opened.
@@ -69,6 +71,7 @@ class PublishLoop:
         :param controls: controls of the camera.
         :raises ParameterError: the parameters contradict each other.
         """
+        settings.check_bag()
         self.settings = settings
         self._context = node.context
         self._log = node.get_logger()
@@ -79,6 +82,7 @@ class PublishLoop:
         self._repeated_drops = Throttle()
         self._opened_encoding = ''  # the encoding that the source was opened for
         self._stamper = Stamper(node.get_clock())
+        self._clock = node.create_publisher(Clock, '/clock', 10) if settings.clock else None
         self._progress = Progress(self._log.info, 'Publishing video frame')
         self._grabber = Grabber(
             self._open_source, settings.playback(), settings.reconnect_policy(), self, topics)
@@ -161,9 +165,10 @@ class PublishLoop:
         if not self._grabber.unavailable_reason:
             self._log.info(f'{source.name} opened: {source.description}, '
                            f'publishing to {self._topics.images.topic_name}')
-        if isinstance(source, CameraSource):
+        if isinstance(source, (BagSource, CameraSource)):
             for warning in source.warnings:
                 self._log.warning(warning)
+        if isinstance(source, CameraSource):
             self._controls.camera_opened()
 
     def lost(self, reason: UnavailableError) -> None:
@@ -192,22 +197,28 @@ class PublishLoop:
             self._count_unseen()
             return
         settings = self.settings
-        output = OutputImage(frame, settings.output())
-        stamp = self._stamper.stamp(frame.stamp_ns, settings.stamp, settings.stamp_offset)
+        output, recorded = OutputImage(frame, settings.output()), frame.recorded
+        stamp = self._stamper.stamp(
+            frame.stamp_ns, settings.stamp, settings.stamp_offset, recorded)
+        frame_id = settings.frame_id
+        if recorded and settings.stamp == 'original':
+            frame_id = recorded.message.header.frame_id
+        if recorded and self._clock:
+            is_original = settings.stamp == 'original'
+            self._clock.publish(Clock(clock=to_time(recorded.log_ns) if is_original else stamp))
         try:
-            if not self._topics.publish(
-                    output, stamp, settings.frame_id, is_live=self._is_live()):
+            if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live()):
                 self._count_unseen()
                 return
-            width, height = output.size
+            description = output.description
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live() or self.settings.encoding == self._opened_encoding:
-                self.broken(err)
+                self.broken(err if not isinstance(err, ConversionError) else ConversionError(
+                    f'{err}; an empty encoding publishes frames as they are'))
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
-        self._progress.tick(
-            f'{width}x{height} {output.encoding}', self._dropped, self._grabber.missed)
+        self._progress.tick(description, self._dropped, self._grabber.missed)
 
     def _count_unseen(self) -> None:
         self._progress.tick('no subscribers', self._dropped, self._grabber.missed)
@@ -217,7 +228,7 @@ class PublishLoop:
         settings = self.settings
         self._opened_encoding = settings.encoding
         return open_source(settings.source, settings.camera_request(self._controls.requested),
-                           settings.read_timeout)
+                           settings.read_timeout, settings.bag_topic)
 
     def _source_name(self) -> str:
         """Return the name of the source without passwords."""

@@ -26,12 +26,13 @@ from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.grabber import ReconnectPolicy
 from opencv_tools.capture.output_image import OutputSettings
 from opencv_tools.capture.player import ON_END, PlaybackSettings
-from opencv_tools.capture.source import check_source, expected_size
+from opencv_tools.capture.source import check_source, expected_size, names_bag
 from opencv_tools.capture.v4l2.modes import CameraRequest
 from opencv_tools.capture.v4l2.pixel_formats import check_fourcc
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
+from opencv_tools.image.text import without_password
 from opencv_tools.ros.command_line import given_parameters
 from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
 from opencv_tools.ros.priority import priority_parameter
@@ -65,8 +66,10 @@ class PublisherSettings:
     """Values of the parameters of ``img_publisher``, in the order of ``--help``."""
 
     source: str = parameter(
-        '0', 'Device number, device path, video file, image file, folder or glob of images, '
+        '0', 'Device number, device path, video file, bag, image file, folder or glob of images, '
         'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source)
+    bag_topic: str = parameter(
+        '', 'Topic of the images of a bag; empty for the only one')
     publish_rate: float = parameter(
         10.0, 'Frame rate of the published images in Hz; 0 for the rate of the source',
         bounds=(0, MAX_RATE), changeable=True)
@@ -95,10 +98,14 @@ class PublisherSettings:
         95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
         bounds=(1, 100), changeable=True)
     stamp: str = parameter(
-        'capture', 'Event whose time is the stamp of a frame', choices=STAMPS, changeable=True)
+        'capture', 'Event whose time is the stamp of a frame; original keeps the stamp and the '
+        'frame_id of a bag, capture shifts the stamps of a bag by one amount to now',
+        choices=STAMPS, changeable=True)
     stamp_offset: float = parameter(
         0.0, 'Offset added to each stamp in seconds; negative to compensate the delay of a camera',
         bounds=(-1e6, 1e6), changeable=True)
+    clock: bool = parameter(
+        False, 'Publish the time of each frame of a bag on /clock, for nodes with use_sim_time')
     read_timeout: float = parameter(
         2.0, 'Seconds without a frame after which a camera or stream is reopened',
         bounds=(0.1, 1e6), changeable=True)
@@ -145,6 +152,21 @@ class PublisherSettings:
             rate=self.publish_rate, on_end=self.on_end, plays=0 if for_ever else self.loop,
             first=first, stop=stop)
 
+    def check_bag(self) -> None:
+        """
+        Check that parameters of bags are set for a bag only.
+
+        :raises ParameterError: the source is not a bag.
+        """
+        given = {'bag_topic': self.bag_topic, 'clock': self.clock,
+                 'stamp': self.stamp if self.stamp == 'original' else ''}
+        for name, value in given.items():
+            if value and not names_bag(self.source):
+                raise ParameterError(
+                    f'parameter {name} is {value!r}, but the source '
+                    f'{without_password(self.source)} is not a bag: give a .mcap, a .db3 or a '
+                    'folder with metadata.yaml')
+
     def reconnect_policy(self) -> ReconnectPolicy:
         """Return the policy for outages of a camera or stream."""
         return ReconnectPolicy(self.read_timeout, _parse_reconnect(self.reconnect))
@@ -185,7 +207,8 @@ def expected_frame_bytes(args: Sequence[str]) -> int:
             parameter.name: parameter.accept(given[parameter.name])
             for parameter in PARAMETERS if parameter.name in given}
         settings = PublisherSettings(**values)
-        size = expected_size(settings.source, settings.camera_request())
+        size = expected_size(
+            settings.source, settings.camera_request(), settings.bag_topic)
         return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
     except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
         return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)

@@ -19,10 +19,11 @@ from __future__ import annotations
 import time
 
 from builtin_interfaces.msg import Time
+from opencv_tools.capture.frame import NANO, Recorded
 from rclpy.clock import ROSClock
 
-STAMPS = ('capture', 'publish')
-_NANO = 10**9
+STAMPS = ('capture', 'publish', 'original')
+_SECONDS = 1 << 31  # range of the seconds of a message: from -_SECONDS to _SECONDS - 1
 
 
 class Stamper:
@@ -37,24 +38,39 @@ class Stamper:
         self._clock = clock
         self._last_now = 0
         self._last = 0
+        self._shift = 0  # from the times of a bag to the clock
+        self._play = -1  # of the bag that the shift is for
+        self._recorded: Recorded | None = None
 
-    def stamp(self, captured_ns: int, event: str, offset: float) -> Time:
+    def stamp(
+        self, captured_ns: int, event: str, offset: float, recorded: Recorded | None = None,
+    ) -> Time:
         """
         Return the stamp of a frame.
 
         :param captured_ns: time of capture in nanoseconds of CLOCK_MONOTONIC.
-        :param event: one of ``STAMPS``: the capture of the frame, or its publication now.
+        :param event: one of ``STAMPS``: the capture of the frame, its publication now, or its
+            stamp in a bag.
         :param offset: seconds to add; negative to compensate the delay of a camera.
-        :returns: the stamp, later than the previous one unless the clock was set back.
+        :param recorded: metadata of a frame of a bag. Its capture is the time in the bag, shifted
+            so that the first frame of each play was captured when it was due.
+        :returns: the stamp. It is later than the previous one, unless the clock was set back or
+            the time is that of a bag.
         """
+        if recorded and event == 'original':
+            return to_time(recorded.header_ns + round(offset * NANO))
         now, monotonic = self._read_clocks()
-        age = monotonic - captured_ns if event == 'capture' else 0
-        stamp = max(0, now - age + round(offset * 1e9))  # simulated time starts at 0
+        age = monotonic - captured_ns if event != 'publish' else 0
+        stamp = max(0, now - age + round(offset * NANO))  # simulated time starts at 0
         if now >= self._last_now:
             stamp = max(stamp, self._last + 1)
-        self._last_now, self._last = now, stamp
-        sec, nanosec = divmod(stamp, _NANO)
-        return Time(sec=sec, nanosec=nanosec)
+        # A frame that is held at the end of a bag is captured again.
+        if recorded and event == 'capture' and recorded is not self._recorded:
+            if recorded.play != self._play:
+                self._play, self._shift = recorded.play, stamp - recorded.time_ns
+            stamp = recorded.time_ns + self._shift
+        self._last_now, self._last, self._recorded = now, stamp, recorded
+        return to_time(stamp)
 
     def _read_clocks(self) -> tuple[int, int]:
         """
@@ -72,3 +88,10 @@ class Stamper:
             readings.append((after - before, now, (before + after) // 2))
         _, now, monotonic = min(readings)
         return now, monotonic
+
+
+def to_time(nanoseconds: int) -> Time:
+    """Return a time as a message; a time that no message can have becomes the nearest one."""
+    lowest, highest = -_SECONDS * NANO, _SECONDS * NANO - 1
+    sec, nanosec = divmod(min(max(nanoseconds, lowest), highest), NANO)
+    return Time(sec=sec, nanosec=nanosec)

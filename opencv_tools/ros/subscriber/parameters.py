@@ -51,8 +51,8 @@ class RecorderSettings:
         check=_check_folder)
     file_name: str = parameter(
         '{seq:06d}.png', 'Template of the file names, with {seq}, {stamp}, {sec}, {nanosec}, '
-        '{frame_id}, {encoding} or {topic}; the extension selects the format, and .mp4, .mkv and '
-        '.avi record a video', check=_check_file_name)
+        '{frame_id}, {encoding} or {topic}; the extension selects the format; .mp4, .mkv and .avi '
+        'record a video, .mcap a bag', check=_check_file_name)
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto uses shm if all publishers share frames, '
         'and compressed if no raw images are published', choices=tuple(TRANSPORTS))
@@ -88,6 +88,12 @@ class RecorderSettings:
     ring: bool = parameter(
         False, 'Delete the oldest files at the limits max_frames, max_duration and max_bytes '
         'instead of exiting', ends=True)
+    split_bytes: int = parameter(
+        0, 'Size of a video or bag in bytes, after which the next file begins; 0 for one file',
+        bounds=(0, 10**18))
+    split_duration: float = parameter(
+        0.0, 'Duration of a video or bag in seconds, after which the next file begins; 0 for one '
+        'file', bounds=(0, 1e9))
     queue_size: int = parameter(
         QUEUE_SIZE, 'Maximum number of frames that wait to be written', bounds=(1, 100_000))
     writers: int = parameter(
@@ -123,8 +129,10 @@ class RecorderSettings:
 
         :raises ParameterError: ``ring`` is set without a limit.
         """
-        limits = Limits(self.max_frames, self.max_duration, self.max_bytes, self.ring)
-        if limits == Limits(ring=True):
+        limits = Limits(
+            self.max_frames, self.max_duration, self.max_bytes, self.ring,
+            split_seconds=self.split_duration, split_bytes=self.split_bytes)
+        if self.ring and not (self.max_frames or self.max_duration or self.max_bytes):
             raise ParameterError('parameter ring is True without a limit: set max_frames, '
                                  'max_duration or max_bytes as well')
         return limits

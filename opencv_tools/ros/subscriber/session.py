@@ -22,6 +22,7 @@ from pathlib import Path
 import time
 
 from opencv_tools.logs import Log
+from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
@@ -71,6 +72,8 @@ class RecordingSession:
         self.recorder = Recorder(
             sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block',
             self._end)
+        #: Sink of a bag, which also takes other messages; None for other formats.
+        self.bag_sink = sink if isinstance(sink, BagSink) else None
         self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
 
     def record(self, frame: ReceivedFrame) -> None:

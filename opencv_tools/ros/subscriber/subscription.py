@@ -96,6 +96,8 @@ class FrameSubscription:
         self._has_frames = False  # since the first publisher appeared
         #: Counter of messages that were published but did not arrive.
         self.losses = LostFrames()
+        #: Metadata of the message during the call of ``on_frame``; None if unknown.
+        self.message_info: MessageInfo | None = None
         self._publishers: frozenset[bytes] = frozenset()
         self._recent_ids: set[tuple[int, int]] = set()
         self._older_ids: set[tuple[int, int]] = set()
@@ -312,7 +314,9 @@ class FrameSubscription:
             self._no_frames_warning.frame_received(self.topic_name)
         else:
             received_ns = info.received_timestamp if info else 0
+            self.message_info = info
             self._pass_on(message, received_ns or time.time_ns())
+            self.message_info = None
 
     def _pass_on(self, message: WireMessage, receive_ns: int) -> None:
         self._has_frames = True

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ReceivedFrame
@@ -118,7 +120,8 @@ def fill(retention: Retention, *entries: ManifestEntry, arrival_ns: int = 0) -> 
     deleted = []
     for new in entries:
         names = retention.make_room(new, arrival_ns)
-        retention.add(new, names, arrival_ns)
+        retention.remove(names)
+        retention.add(new, arrival_ns)
         deleted += names
     return deleted
 
@@ -131,6 +134,28 @@ def test_ring_deletes_as_many_files_as_necessary() -> None:
     assert retention.count == 1
     with pytest.raises(LimitReached, match='max_bytes is 30, the next file has 31 bytes'):
         retention.make_room(entry('larger', 31), 0)
+
+
+def test_ring_counts_the_frames_of_its_files() -> None:
+    earlier = [replace(entry('a'), frames=30), replace(entry('b'), frames=20)]
+    retention = Retention(Limits(max_frames=100, ring=True), earlier)
+    growing = replace(entry('c'), frames=50)
+    assert retention.make_room(growing, 0) == []
+    assert retention.make_room(replace(growing, frames=51), 0) == ['a']
+    retention.remove(['a'])
+    retention.add(growing, 0)
+    assert retention.make_room(replace(entry('d'), frames=30), 0) == []
+    assert retention.make_room(replace(entry('d'), frames=51), 0) == ['b', 'c']
+
+
+@pytest.mark.parametrize(('limits', 'expected'), [
+    (Limits(max_frames=7, max_seconds=8.0, max_bytes=9), Limits()),
+    (Limits(split_seconds=2.5, split_bytes=7), Limits(0, 2.5, 7)),
+    (Limits(max_frames=95, max_bytes=7, ring=True), Limits(10, 0.0, 1)),
+    (Limits(max_seconds=20.0, ring=True, split_seconds=1.5), Limits(0, 1.5, 0)),
+    (Limits(max_seconds=20.0, ring=True, split_seconds=9.0), Limits(0, 2.0, 0))])
+def test_limits_of_one_file(limits: Limits, expected: Limits) -> None:
+    assert limits.of_one_file() == expected
 
 
 HOUR = 3600 * NANO

@@ -265,7 +265,7 @@ def test_manifest_line_without_room_is_added_later(
         put(videos, noise(number))
     with monkeypatch.context() as patch:
         patch.setattr(Manifest, 'append', fail)
-        videos._end(videos._video)
+        videos._end(videos._file)
         if when == 'next recording':
             with pytest.raises(OSError, match='No space left'):
                 videos.close()

@@ -1,0 +1,86 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recording of bags against .npy files, and conversions by img_convert against OpenCV."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import tempfile
+
+from bag_conversion import converting, help_start
+from figures import add_json_option, Figure, write_figures
+from node_process import enter_domain
+from recording import print_recording, record_publisher, Recording
+
+RATE, LARGE_RATE = 30, 15
+MAX_CPU = 12.0  # ms of a 1080p frame
+
+
+def recording(seconds: float) -> list[Figure]:
+    """Record raw images as a bag and as .npy files, and 4K images as a bag."""
+    print(f'Raw images from our publisher for {seconds:g} s; CPU in % of a core and in ms, '
+          'without the start of the nodes\n'
+          f'{"":50}{"publisher":>19}{"subscriber":>19}\n'
+          f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
+          f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
+    bag, arrays = (measure(f'pattern:1920x1080@{RATE}', suffix, seconds, RATE)
+                   for suffix in ('.mcap', '.npy'))
+    large = measure(f'pattern:3840x2160@{LARGE_RATE}', '.mcap', seconds, LARGE_RATE)
+    cpu, other = bag.subscriber.per_frame, arrays.subscriber.per_frame
+    print(f'CPU of a 1080p frame in a bag: {cpu / other:.2f} of .npy; goal at most {MAX_CPU:g} ms '
+          f'{"met" if cpu <= MAX_CPU else "missed"}')
+    return [
+        kept_figure(f'1080p{RATE} in a bag, frames kept', bag),
+        Figure('bags', f'1080p{RATE} in a bag, CPU', cpu, 'ms/frame', f'at most {MAX_CPU:g}',
+               cpu <= MAX_CPU),
+        Figure('bags', f'1080p{RATE} as .npy, CPU', other, 'ms/frame'),
+        Figure('bags', f'1080p{RATE}, CPU of a bag against .npy', cpu / other, 'x'),
+        kept_figure(f'4K{LARGE_RATE} in a bag, frames kept', large)]
+
+
+def measure(source: str, suffix: str, seconds: float, rate: float) -> Recording:
+    """Record a source and print its line."""
+    found = record_publisher(source, suffix, seconds, rate)
+    print_recording(found)
+    return found
+
+
+def kept_figure(name: str, found: Recording) -> Figure:
+    """Return the share of the sent frames that are in files."""
+    return Figure(
+        'bags', name, found.kept / found.sent * 100, '%', 'all', found.kept == found.sent)
+
+
+def main() -> int:
+    """Print the figures; the exit status is 1 when a goal is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=20, help='to record each format for')
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.seconds < 1:
+        parser.error('give a second or more')
+    enter_domain()
+    figures = [*recording(options.seconds), *help_start()]
+    with tempfile.TemporaryDirectory() as folder:
+        figures += converting(Path(folder))
+    if options.json:
+        write_figures(options.json, figures)
+    return 1 if any(figure.met is False for figure in figures) else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

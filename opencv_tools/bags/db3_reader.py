@@ -1,0 +1,130 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Reader of the SQLite files that rosbag2 writes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from functools import partial
+import os
+from pathlib import Path
+import sqlite3
+from urllib.parse import quote
+
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.regular_files import open_regular
+
+_LOCK_SECONDS = 2.0
+_MAX_TOPICS = 65536
+# The columns of each table that are read. A view, a virtual table or a computed column could
+# compute for ever.
+_COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
+            'messages': {'id', 'topic_id', 'timestamp', 'data'}}
+
+
+class Db3Reader:
+    """A bag in the format ``sqlite3`` of rosbag2."""
+
+    def __init__(self, path: Path) -> None:
+        """
+        Open a file and find its topics.
+
+        :param path: path of the file.
+        :raises BagError: the file is not a bag of rosbag2, is damaged or is locked.
+        :raises OSError: the file cannot be read.
+        """
+        self.topics: dict[BagTopic, int] = {}
+        self.first_ns = self.last_ns = 0
+        self.warning = ''
+        self._name = printable(path.name, MAX_PATH)
+        self._ids: dict[int, BagTopic] = {}
+        os.close(open_regular(path))  # SQLite would wait for a named pipe
+        self._database = sqlite3.connect(
+            f'file:{quote(str(path.absolute()))}?mode=ro', _LOCK_SECONDS, uri=True,
+            check_same_thread=False)
+        self._database.text_factory = lambda data: data.decode(errors='replace')
+        try:
+            self._read_topics()
+        except BaseException as err:
+            self.close()
+            if isinstance(err, (sqlite3.Error, ValueError, OverflowError)):
+                raise self._error(err) from err
+            raise
+
+    def close(self) -> None:
+        self._database.close()
+
+    def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
+        ids = [number for number, topic in self._ids.items() if topic in topics]
+        marks = ', '.join('?' * len(ids))
+        try:
+            # The data are read one by one, because sorting them would copy the whole file.
+            for number, topic_id, time_ns in self._database.execute(
+                    'SELECT id, topic_id, timestamp FROM messages '
+                    f'WHERE topic_id IN ({marks}) ORDER BY timestamp, id', ids):
+                if isinstance(time_ns, int):
+                    load = partial(self._load, number)
+                    yield BagMessage(self._ids[topic_id], time_ns, load)
+                else:
+                    yield Damage(f'{self._name}: message {number} has no time')
+        except sqlite3.Error as err:
+            raise self._error(err) from err
+
+    def _load(self, number: int) -> memoryview:
+        try:
+            size, data = self._database.execute(
+                'SELECT length(data), CASE WHEN length(data) <= ? THEN data END FROM messages '
+                'WHERE id = ?', (MAX_BYTES, number)).fetchone() or (0, None)
+        except sqlite3.Error as err:
+            raise self._error(err) from err
+        if not isinstance(data, bytes):
+            raise BagError(
+                f'{self._name}: message {number} has {size} bytes; more than {MAX_BYTES} are not '
+                'read' if data is None and size else
+                f'{self._name}: message {number} has no binary data')
+        return memoryview(data)
+
+    def _read_topics(self) -> None:
+        self._database.execute('PRAGMA trusted_schema = OFF')
+        for table, columns in _COLUMNS.items():
+            self._check_table(table, columns)
+        for number, name, kind, serialization in self._database.execute(
+                'SELECT id, substr(name, 1, 1000), substr(type, 1, 1000), '
+                f'substr(serialization_format, 1, 1000) FROM topics LIMIT {_MAX_TOPICS}'):
+            self._ids[number] = topic = BagTopic(str(name), str(kind), str(serialization))
+            self.topics.setdefault(topic, 0)
+        for number, count, first_ns, last_ns in self._database.execute(
+                'SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages '
+                "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"):
+            if number in self._ids:
+                self.topics[self._ids[number]] += count
+                self.first_ns = min(self.first_ns or first_ns, first_ns)
+                self.last_ns = max(self.last_ns, last_ns)
+
+    def _check_table(self, name: str, columns: set[str]) -> None:
+        found = self._database.execute(
+            "SELECT count(*) FROM sqlite_master WHERE name = ? AND type = 'table' "
+            "AND sql LIKE 'CREATE TABLE%'", (name,)).fetchone()
+        # Each row ends with 0 for an ordinary column.
+        stored = {row[1] for row in self._database.execute(f'PRAGMA table_xinfo({name})')
+                  if row[-1] == 0}
+        if not found[0] or not columns <= stored:
+            raise BagError(f'{self._name} is not a bag of rosbag2: its table {name} is missing or '
+                           'has other columns')
+
+    def _error(self, err: Exception) -> BagError:
+        return BagError(f'{self._name} cannot be read as a bag: {printable(err)}')

@@ -1,0 +1,205 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Contents of MCAP files: by their index, or by the heads of all records if they have none."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+import io
+import struct
+from typing import TYPE_CHECKING, TypeVar
+
+from opencv_tools.bags.index import (
+    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
+from opencv_tools.bags.mcap_records import flat_records, message_head, Read, Record, records
+from opencv_tools.bags.reading import BagTopic, Damage
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, McapRecord, Schema
+
+T = TypeVar('T', 'Channel', 'Schema')
+
+_FOOTER = struct.Struct('<BQQQI8s')  # opcode, length, offsets of the summary, CRC and magic
+_FOOTER_START = FOOTER_CODE, 20  # opcode and length
+_MAX_SUMMARY = 1 << 24
+_MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
+_MAX_NAME = 1000  # characters of a topic or type
+_SPAN_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Span:
+    """
+    A part of a file with whole records.
+
+    :param start_ns: time of its first message in nanoseconds.
+    :param begin: offset of its first record.
+    :param end: offset behind its last record.
+    :param is_chunk: whether the index names it as a chunk.
+    """
+
+    start_ns: int
+    begin: int
+    end: int
+    is_chunk: bool = False
+
+
+@dataclass
+class Contents:
+    """
+    The contents of a file.
+
+    :param channels: topic of each channel.
+    :param counts: number of messages of each channel.
+    :param spans: parts of the file with messages.
+    :param times: times of the first and last message; empty without messages.
+    :param cut_at: offset of the end of the last whole record, if the file has no end.
+    """
+
+    channels: dict[int, BagTopic] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+    spans: list[Span] = field(default_factory=list)
+    times: tuple[int, ...] = ()
+    cut_at: int | None = None
+
+    def add_channel(self, channel: Channel, schemas: dict[int, str]) -> None:
+        """Add the topic of a channel, unless its name is too long."""
+        if len(channel.topic) <= _MAX_NAME:
+            self.channels.setdefault(channel.id, BagTopic(
+                channel.topic, schemas.get(channel.schema_id, '')[:_MAX_NAME],
+                channel.message_encoding[:_MAX_NAME]))
+
+
+def read_contents(read: Read, size: int) -> Contents:
+    """
+    Find the contents of a file.
+
+    :param read: function that reads the file.
+    :param size: size of the file in bytes.
+    """
+    return _read_index(read, size) or _Scan(read, size).contents
+
+
+def _read_index(read: Read, size: int) -> Contents | None:
+    """Read the summary of a file; return None if there is none with a valid index."""
+    from mcap.exceptions import McapError
+    from mcap.stream_reader import StreamReader
+    tail = read(max(0, size - _FOOTER.size), _FOOTER.size)
+    if len(tail) < _FOOTER.size:
+        return None
+    *footer, start, _, _, magic = _FOOTER.unpack(tail)
+    summary_bytes = size - _FOOTER.size - start
+    if (*footer,) != _FOOTER_START or magic != MAGIC or not 0 < summary_bytes <= _MAX_SUMMARY:
+        return None
+    summary = io.BytesIO(read(start, size - start))
+    try:
+        found = list(StreamReader(summary, skip_magic=True, emit_chunks=True).records)
+    except (McapError, OverflowError, ValueError, struct.error):
+        return None
+    return _use_index(found, size)
+
+
+def _use_index(found: list[McapRecord], size: int) -> Contents | None:
+    """Return the contents in a summary; None if it is incomplete or contradicts itself."""
+    from mcap.records import Channel, ChunkIndex, Schema, Statistics
+    statistics = next((record for record in found if isinstance(record, Statistics)), None)
+    schemas = {record.id: record.name for record in found if isinstance(record, Schema)}
+    channels = {record.id: record for record in found if isinstance(record, Channel)}
+    chunks = [record for record in found if isinstance(record, ChunkIndex)]
+    chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
+    ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks]
+    is_complete = (
+        statistics is not None and bool(chunks or not statistics.message_count)
+        and statistics.channel_message_counts.keys() <= channels.keys()
+        and {0, *schemas} >= {channel.schema_id for channel in channels.values()}
+        and all(end <= chunk.chunk_start_offset for end, chunk in zip(ends, chunks[1:]))
+        and max(ends, default=0) <= size)
+    if statistics is None or not is_complete:
+        return None
+    contents = Contents(
+        counts=Counter(statistics.channel_message_counts),
+        spans=[Span(chunk.message_start_time, chunk.chunk_start_offset, end, True)
+               for chunk, end in zip(chunks, ends)],
+        times=(statistics.message_start_time, statistics.message_end_time)
+        if statistics.message_count else ())
+    for channel in channels.values():
+        contents.add_channel(channel, schemas)
+    return contents
+
+
+class _Scan:
+    """The contents of a file by the heads of its records."""
+
+    def __init__(self, read: Read, size: int) -> None:
+        self.contents = Contents()
+        self._read = read
+        self._schemas: dict[int, str] = {}
+        begin = end = len(MAGIC)
+        first_ns: int | None = None  # of the messages since ``begin``
+        sizes: list[int] = []
+        for record in records(read, end, size):
+            is_cut = record.end > size
+            if is_cut:
+                self.contents.cut_at = end
+            if record.opcode == DATA_END_CODE or (is_cut and record.opcode != CHUNK_CODE):
+                break
+            record_begin, end = end, min(record.end, size)
+            for time_ns in self._define_and_count(record_begin, end, sizes):
+                first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
+            if first_ns is not None and end - begin + sum(sizes) >= _SPAN_BYTES:
+                self.contents.spans.append(Span(first_ns, begin, end))
+                begin, first_ns, sizes = end, None, []
+        else:
+            self.contents.cut_at = end
+        if first_ns is not None:
+            self.contents.spans.append(Span(first_ns, begin, end))
+
+    def _define_and_count(self, begin: int, end: int, sizes: list[int]) -> Iterator[int]:
+        """Add the definitions in a part of the file, and yield the times of its messages."""
+        from mcap.records import Channel, Schema
+        contents = self.contents
+        for read, record in flat_records(self._read, begin, end, sizes):
+            if isinstance(record, Damage):
+                continue
+            if record.opcode == MESSAGE_CODE:
+                head = message_head(read, record)
+                if head and head[0] in contents.channels:
+                    contents.counts[head[0]] += 1
+                    times = *contents.times, head[1]
+                    contents.times = min(times), max(times)
+                    yield head[1]
+            elif record.opcode == SCHEMA_CODE:
+                schema = _definition(Schema, read, record)
+                if schema is not None:
+                    self._schemas[schema.id] = schema.name[:_MAX_NAME]
+            elif record.opcode == CHANNEL_CODE:
+                channel = _definition(Channel, read, record)
+                if channel is not None:
+                    contents.add_channel(channel, self._schemas)
+
+
+def _definition(kind: type[T], read: Read, record: Record) -> T | None:
+    """Return the schema or channel in a record; None if it is damaged or too large."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    size = record.end - record.begin
+    if size > _MAX_DEFINITION:
+        return None
+    try:
+        return kind.read(ReadDataStream(io.BytesIO(read(record.begin, size))))
+    except (McapError, ValueError, struct.error):
+        return None

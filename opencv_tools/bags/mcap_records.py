@@ -1,0 +1,198 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Records of MCAP files, with limits of the memory.
+
+The readers of the library ``mcap`` load a chunk as often as a message needs it, and believe the
+sizes that a file claims. Here a claimed size is compared with the file, and no data are copied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import os
+import struct
+from typing import Any
+import zlib
+
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.index import CHUNK_CODE, RECORD
+from opencv_tools.bags.reading import Damage, MAX_BYTES
+from opencv_tools.image.text import printable
+
+# Function that reads some bytes from an offset; fewer at the end.
+Read = Callable[[int, int], memoryview]
+
+_MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time and publish time
+_CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
+_LONGEST_NAME = 16  # characters of the name of a compression
+
+
+def file_reader(file: int) -> Read:
+    """Return a function that reads from a file descriptor."""
+    return lambda offset, size: memoryview(os.pread(file, size, offset))
+
+
+@dataclass(frozen=True)
+class Record:
+    """
+    A record of a file or of a chunk.
+
+    :param opcode: kind of the record.
+    :param begin: offset of its content.
+    :param end: offset behind its content.
+    """
+
+    opcode: int
+    begin: int
+    end: int
+
+
+def records(read: Read, begin: int, end: int) -> Iterator[Record]:
+    """
+    Yield the records between two offsets; only their heads are read.
+
+    :param read: function that reads the data.
+    :param begin: offset of the first record.
+    :param end: end of the data. The last record ends behind it if it is cut off or damaged.
+    """
+    while begin < end:
+        head = read(begin, min(RECORD.size, end - begin))
+        opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)
+        if not opcode:  # no record has the opcode 0
+            length = end
+        begin += RECORD.size
+        yield Record(opcode, begin, begin + length)
+        begin += length
+
+
+def message_head(read: Read, record: Record) -> tuple[int, int, int] | None:
+    """Return channel, log time and offset of the data of a message; None if it is too short."""
+    if record.end - record.begin < _MESSAGE.size:
+        return None
+    head = read(record.begin, _MESSAGE.size)
+    if len(head) < _MESSAGE.size:
+        return None
+    channel, _, log_ns, _ = _MESSAGE.unpack(head)
+    return channel, log_ns, record.begin + _MESSAGE.size
+
+
+def flat_records(
+    read: Read, begin: int, end: int, sizes: list[int],
+) -> Iterator[tuple[Read, Record | Damage]]:
+    """
+    Yield the records of a part of a file, and those of its chunks instead of chunks.
+
+    :param read: function that reads the file.
+    :param begin: offset of the first record.
+    :param end: end of the part. A chunk that is cut off there has its whole records.
+    :param sizes: list to which the sizes of chunks in memory are added.
+    """
+    for record in records(read, begin, end):
+        is_cut = record.end > end
+        if record.opcode != CHUNK_CODE:
+            yield read, _damage(record, 'it has no end') if is_cut else record
+            continue
+        try:
+            inner_read, first, last = _open_chunk(read, record, end)
+        except BagError as err:
+            if not is_cut:
+                yield read, _damage(record, str(err))
+            continue
+        if inner_read is not read:
+            sizes.append(last - first)
+        for inner in records(inner_read, first, last):
+            if inner.end <= last:
+                yield inner_read, inner
+            elif not is_cut:
+                yield read, _damage(record, 'a record in it has no end')
+
+
+def _damage(record: Record, reason: str) -> Damage:
+    return Damage(f'the record at byte {record.begin} cannot be read: {reason}')
+
+
+def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
+    """
+    Return the records of a chunk: a function that reads them, and offsets of begin and end.
+
+    :raises BagError: the chunk cannot be read; the message does not name the file.
+    """
+    head = read(record.begin, min(_CHUNK.size + _LONGEST_NAME + 8, record.end - record.begin))
+    if len(head) < _CHUNK.size:
+        raise BagError('its head is cut off')
+    _, _, size, crc, name_bytes = _CHUNK.unpack_from(head)
+    begin = _CHUNK.size + name_bytes + 8
+    if name_bytes > _LONGEST_NAME or len(head) < begin:
+        raise BagError('its head is damaged')
+    compression = bytes(head[_CHUNK.size:begin - 8]).decode(errors='replace')
+    length = int.from_bytes(head[begin - 8:begin], 'little')
+    begin += record.begin
+    is_cut = record.end > end
+    if not compression and is_cut:
+        return read, begin, min(begin + length, end)
+    if is_cut or begin + length > record.end:
+        raise BagError(f'it claims {length} bytes, more than there are')
+    if max(size, length) > MAX_BYTES:
+        raise BagError(f'it claims {max(size, length)} bytes; more than {MAX_BYTES} are not read')
+    if not compression and not crc:
+        return read, begin, begin + length
+    data = read(begin, length)
+    if len(data) < length:
+        raise BagError('it is cut off')
+    content = memoryview(_decompress(data, compression, size))
+    if crc and zlib.crc32(content) != crc:
+        raise BagError('its checksum is wrong')
+    return lambda offset, count: content[offset:offset + count], 0, len(content)
+
+
+def _decompress(data: memoryview, compression: str, size: int) -> Any:
+    """Return the data of a chunk; a chunk with more than the claimed data is refused."""
+    if not compression:
+        return data
+    if compression not in _DECOMPRESSORS:
+        raise BagError(f'its compression {printable(compression)!r} is unknown')
+    try:
+        content = _DECOMPRESSORS[compression](data, size)
+    except ImportError as err:
+        raise BagError(f'it needs {compression}, which cannot be imported ({err}); install it '
+                       "with 'pip install mcap'") from err
+    except (MemoryError, RuntimeError, ValueError) as err:
+        raise BagError(f'its data cannot be decompressed: {printable(err)}') from err
+    if len(content) != size:
+        raise BagError('its data have another size than it claims')
+    return content
+
+
+def _decompress_lz4(data: memoryview, size: int) -> Any:
+    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+    decompressor = LZ4FrameDecompressor()
+    content = decompressor.decompress(data, max_length=size)
+    return content if decompressor.eof else b''
+
+
+def _decompress_zstd(data: memoryview, size: int) -> Any:
+    import zstandard
+    try:
+        # A size in the data themselves would be allocated, even if it exceeds the limit.
+        if zstandard.frame_content_size(data) > size:
+            return b''
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    except zstandard.ZstdError as err:
+        raise ValueError(err) from err
+
+
+_DECOMPRESSORS = {'lz4': _decompress_lz4, 'zstd': _decompress_zstd}

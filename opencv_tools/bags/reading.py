@@ -1,0 +1,102 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics and messages of a bag, and the interface of its readers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
+
+#: Largest chunk or message in bytes that is read. A reader holds at most four of them.
+MAX_BYTES = 3 << 26
+
+#: Serialization of messages that can be read.
+CDR = 'cdr'
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """
+    A topic of a bag.
+
+    :param name: name of the topic.
+    :param type_name: type of the messages, such as ``sensor_msgs/msg/Image``.
+    :param serialization: serialization of the messages, such as ``cdr``.
+    """
+
+    name: str
+    type_name: str
+    serialization: str = CDR
+
+    @property
+    def has_images(self) -> bool:
+        """Return whether the messages are images that can be read."""
+        return self.type_name in (IMAGE, COMPRESSED_IMAGE) and self.serialization == CDR
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """
+    A message of a bag.
+
+    :param topic: topic of the message.
+    :param log_ns: time of the recording in nanoseconds.
+    :param load: returns a buffer with the serialized message, while the bag is open; raises
+        BagError or OSError if it cannot be read.
+    """
+
+    topic: BagTopic
+    log_ns: int
+    load: Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Damage:
+    """
+    A part of a bag that cannot be read.
+
+    :param reason: what is wrong, and where.
+    """
+
+    reason: str
+
+
+class BagReader(Protocol):
+    """
+    A bag that is open for reading.
+
+    ``topics`` has the number of messages of each topic. ``first_ns`` and ``last_ns`` are the
+    times of the first and the last message. ``warning`` describes a bag that is cut off; '' for a
+    complete bag.
+    """
+
+    topics: dict[BagTopic, int]
+    first_ns: int
+    last_ns: int
+    warning: str
+
+    def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
+        """
+        Yield the messages of some topics, in the order of their times.
+
+        :param topics: topics to read.
+        :raises BagError: the file cannot be read any more.
+        """
+
+    def close(self) -> None:
+        """Close the file."""

@@ -1,0 +1,275 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Writing of bags: MCAP files as rosbag2 writes them, with the records of the library mcap.
+
+Each message is in the file when ``write`` returns, and the length of its chunk includes it.
+Therefore a file that was cut off has all messages but the last, and a file can be read while it is
+written. The pixels go to the file from their own memory, without a copy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+import fcntl
+import hashlib
+from importlib.metadata import PackageNotFoundError, version
+import os
+from pathlib import Path
+from typing import Any
+
+from opencv_tools.bags.errors import check_mcap
+from opencv_tools.bags.index import (
+    BagIndex, CHANNEL_CODE, CHUNK_BYTES, COUNT_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME,
+    MESSAGE, MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
+)
+from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
+from opencv_tools.regular_files import write_buffer
+
+BAG_SUFFIX = '.mcap'
+# Bytes after which the pages of the file are written to the disk, and number of such parts after
+# which they are freed. Else a recording fills the memory, and new pages cost more than old ones.
+_PART_BYTES = 1 << 25
+_PARTS_IN_MEMORY = 4
+#: Time between the first and the last message of a chunk in nanoseconds.
+CHUNK_NS = 500_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagChannel:
+    """
+    A topic in a bag.
+
+    :param topic: name of the topic.
+    :param type_name: type of its messages, one of ``MESSAGE_DEFINITIONS``.
+    :param qos: text of ``offered_qos_text``; '' if unknown.
+    :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
+    """
+
+    topic: str
+    type_name: str
+    qos: str = ''
+    type_hash: str = ''
+
+
+class BagWriter:
+    """A new bag; used by one thread at a time."""
+
+    def __init__(self, path: Path) -> None:
+        """
+        Create the file and lock it until it is closed.
+
+        :param path: path of the file, usually with the extension ``.mcap``.
+        :raises BagError: the library mcap is not installed.
+        :raises FileExistsError: the file exists; it is not changed.
+        :raises OSError: the file cannot be written.
+        """
+        check_mcap()
+        from mcap.records import Header
+        self.size = 0  # bytes that are written and complete
+        self._path = path
+        self._index = BagIndex()
+        self._schema_ids: dict[str, int] = {}
+        self._channel_ids: dict[BagChannel, int] = {}
+        self._chunk: OpenChunk | None = None
+        self._unhashed: list[Any] = []  # buffers of the messages of the open chunk
+        self._digest = hashlib.sha256()
+        self._parts = 0  # whose pages are being written
+        self._pages: ThreadPoolExecutor | None = None  # the call waits for a slow disk
+        self._file = path.open('xb', buffering=0)
+        self._status = os.fstat(self._file.fileno())
+        try:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            header = Header(profile=PROFILE, library=f'{LIBRARY} {_version()}'.rstrip())
+            self._append(MAGIC + encode_record(header))
+        except BaseException:
+            self._file.close()
+            path.unlink(missing_ok=True)
+            raise
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 digest of a closed file, in hexadecimal digits."""
+        return self._digest.hexdigest()
+
+    def size_with(self, channel: BagChannel, data_bytes: int) -> int:
+        """
+        Return the largest size in bytes that the closed file has with another message.
+
+        :param channel: topic of the message.
+        :param data_bytes: size of its CDR.
+        """
+        missing = self._missing_records(channel)
+        added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
+        return self._final_size() + added + MESSAGE_BYTES + data_bytes
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+        try:
+            return os.path.samestat(self._status, self._path.lstat())
+        except FileNotFoundError:
+            return False
+        except OSError:  # the folder cannot be read now
+            return True
+
+    def write(
+        self, channel: BagChannel, parts: Sequence[Any], *, log_ns: int, publish_ns: int,
+        sequence: int = 0,
+    ) -> None:
+        """
+        Write a message; it is in the file when this method returns.
+
+        :param channel: topic of the message, which is added to the bag before its first message.
+        :param parts: contiguous buffers with the CDR of the message, in order. They must not
+            change until the next call.
+        :param log_ns: time of reception in nanoseconds of the system clock.
+        :param publish_ns: time of publication in nanoseconds of the system clock.
+        :param sequence: number of the message from its publisher; 0 if unknown.
+        :raises OSError: the file cannot be written; it has all earlier messages.
+        """
+        self._add_channel(channel)
+        channel_id = self._channel_ids[channel]
+        size = sum(memoryview(part).nbytes for part in parts)
+        log_ns, publish_ns = _time(log_ns), _time(publish_ns)
+        head = MESSAGE.pack(
+            MESSAGE_CODE, MESSAGE.size - RECORD.size + size, channel_id, sequence % 2**32, log_ns,
+            publish_ns)
+        size += len(head)
+        if self._chunk and (self._chunk.size + size > CHUNK_BYTES
+                            or abs(log_ns - self._chunk.start_ns) >= CHUNK_NS):
+            self._end_chunk()
+        if self._chunk:
+            self._write_at(self._chunk.end, head, *parts)
+            # The longer header follows, because a message that is cut off must be after the chunk.
+            chunk = self._chunk.extended(log_ns, size)
+            self._write_at(chunk.offset, chunk.header())
+        else:
+            chunk = OpenChunk(self.size).extended(log_ns, size)
+            self._write_at(chunk.offset, chunk.header() + head, *parts)
+        chunk.enter(channel_id, log_ns, size)
+        self._chunk = chunk
+        self.size = chunk.end
+        is_long = chunk.size >= CHUNK_BYTES
+        # The memory of the pixels may be used again, so those of short messages are copied.
+        self._unhashed += head, *(parts if is_long else map(bytes, parts))
+        self._free_pages()
+        if is_long:
+            with suppress(OSError):  # the next message ends the chunk, or its error is raised
+                self._end_chunk()
+
+    def close(self) -> None:
+        """
+        Write the summary and close the file.
+
+        :raises OSError: the summary cannot be written; the file has all messages, and
+            ``finish_bag`` can finish it.
+        """
+        if self._file.closed:
+            return
+        try:
+            self._end_chunk()
+            self._append(self._index.end(self.size))
+        finally:
+            if self._pages:
+                self._pages.shutdown(wait=True, cancel_futures=True)
+            self._file.close()
+
+    def _free_pages(self) -> None:
+        """Write the pages of the next part of the file to the disk, and free those before."""
+        if self.size < (self._parts + 1) * _PART_BYTES:
+            return
+        self._pages = self._pages or ThreadPoolExecutor(1, 'pages')
+        for part in (self._parts, self._parts - _PARTS_IN_MEMORY):
+            if part >= 0:
+                self._pages.submit(
+                    os.posix_fadvise, self._file.fileno(), part * _PART_BYTES, _PART_BYTES,
+                    os.POSIX_FADV_DONTNEED)
+        self._parts += 1
+
+    def _final_size(self) -> int:
+        """Return the size of the file in bytes if it were closed now."""
+        return self.size + self._index.end_bytes + (
+            self._chunk.index_bytes if self._chunk else 0)
+
+    def _missing_records(self, channel: BagChannel) -> list[tuple[int, bytes]]:
+        """Return the code and the bytes of the schema and the channel that the file has not."""
+        if channel in self._channel_ids:
+            return []
+        from mcap.records import Channel, Schema
+        type_name, records = channel.type_name, []
+        schema_id = self._schema_ids.get(type_name, len(self._schema_ids) + 1)
+        if type_name not in self._schema_ids:
+            records.append((SCHEMA_CODE, encode_record(Schema(
+                id=schema_id, name=type_name, encoding='ros2msg',
+                data=MESSAGE_DEFINITIONS[type_name].encode()))))
+        records.append((CHANNEL_CODE, encode_record(Channel(
+            id=len(self._channel_ids) + 1, schema_id=schema_id, topic=channel.topic,
+            message_encoding='cdr', metadata={
+                'offered_qos_profiles': channel.qos, 'topic_type_hash': channel.type_hash}))))
+        return records
+
+    def _add_channel(self, channel: BagChannel) -> None:
+        for code, record in self._missing_records(channel):
+            self._end_chunk()
+            self._append(record)
+            self._index.add_record(code, record)
+            ids: dict[Any, int] = self._schema_ids if code == SCHEMA_CODE else self._channel_ids
+            ids[channel.type_name if code == SCHEMA_CODE else channel] = len(ids) + 1
+
+    def _end_chunk(self) -> None:
+        """Write the message indexes of the open chunk, if any."""
+        chunk = self._chunk
+        if chunk is None:
+            return
+        indexes, offsets = chunk.message_indexes()
+        self._write_at(self.size, indexes)
+        for part in (chunk.header(), *self._unhashed, indexes):
+            self._digest.update(part)
+        self.size += len(indexes)
+        self._index.add_chunk(chunk, chunk.counts(), offsets, len(indexes))
+        self._chunk = None
+        self._unhashed.clear()
+
+    def _append(self, data: bytes) -> None:
+        """Write bytes at the end of the file."""
+        self._write_at(self.size, data)
+        self._digest.update(data)
+        self.size += len(data)
+
+    def _write_at(self, offset: int, *parts: Any) -> None:
+        """Write buffers; if not all can be written, remove what follows the complete part."""
+        try:
+            self._file.seek(offset)
+            for part in parts:
+                write_buffer(self._file, part)
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self.size)
+            raise
+
+
+def _time(nanoseconds: int) -> int:
+    return min(max(0, nanoseconds), MAX_TIME)
+
+
+def _version() -> str:
+    try:
+        return version('opencv_tools')
+    except PackageNotFoundError:  # used from its source
+        return ''

@@ -1,0 +1,233 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags as a source: the images of one topic, with the times and headers of the bag."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.open_bag import bag_files, open_bag_file
+from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
+from opencv_tools.capture.image_files import natural_order
+from opencv_tools.image.cdr import (
+    cdr_to_compressed_image, cdr_to_image, WireMessage)
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.layout import view_pixels
+from opencv_tools.image.text import MAX_PATH, printable
+
+_REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
+_MAX_LISTED = 20  # topics in an error message
+_MAX_INFO = 1 << 20  # bytes of a calibration
+
+
+class BagSource:
+    """
+    The images of one topic of a bag, in the order of their times.
+
+    Several files are read one after the other, in natural order.
+    """
+
+    live: Literal[False] = False
+
+    def __init__(self, path: Path, topic: str = '', files: Sequence[Path] = ()) -> None:
+        """
+        Open a bag and select a topic.
+
+        :param path: path of a file, or of a folder of rosbag2.
+        :param topic: topic of the images; '' for the only one.
+        :param files: files of the bag; empty for those of the path.
+        :raises CaptureError: the bag cannot be read, or the topic cannot be selected.
+        """
+        self.name = printable(path, MAX_PATH)
+        #: Sentences about parts of the bag that are missing.
+        self.warnings: list[str] = []
+        self._reader: BagReader | None = None
+        self._play = 0
+        try:
+            self._paths = sorted(files or bag_files(path), key=natural_order)
+            counts = self._read_topics()
+        except (BagError, OSError) as err:
+            raise self._error(err) from err
+        self.topic = self._select(topic, counts)
+        info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
+        self._wanted = [self.topic, *({info} & counts.keys())]
+        self.count = counts[self.topic]
+        seconds = (self._last_ns - self._first_ns) / NANO
+        rate = (self.count - 1) / seconds if seconds > 0 else 0.0
+        self.rate = rate if 0 < rate <= MAX_RATE else 0.0
+        self.description = (
+            f'{self.count} frames of {printable(self.topic.name)} ({self.topic.type_name}) at '
+            f'{self.rate:.3g} Hz')
+        self._messages = self._all_messages()
+        self._next: deque[BagMessage | Damage] = deque()
+        self._skipped_damage: list[BrokenFrameError] = []
+        self._last_info: Any = None
+
+    def skip(self) -> bool:
+        while True:
+            try:
+                return self._next_image() is not None
+            except BrokenFrameError as err:
+                self._skipped_damage.append(err)  # the next call of read reports it
+
+    def read(self) -> Frame | None:
+        if self._skipped_damage:
+            raise self._skipped_damage.pop()
+        message = self._next_image()
+        if message is None:
+            return None
+        try:
+            serialized = message.load()
+            return self._frame(message, serialized, self._find_camera_info(serialized))
+        except (BagError, ImageError, OSError) as err:
+            raise BrokenFrameError(f'{self.name}: a message of {printable(self.topic.name)} '
+                                   f'cannot be read: {err}') from err
+
+    def rewind(self) -> None:
+        self.close()
+        self._play += 1
+        self._messages = self._all_messages()
+        self._next.clear()
+        self._skipped_damage.clear()
+        self._last_info = None
+
+    def close(self) -> None:
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+
+    def _next_image(self) -> BagMessage | None:
+        """
+        Return the next image of the bag, which is not loaded; None at its end.
+
+        :raises BrokenFrameError: a part of the bag is damaged.
+        """
+        while self._next or self._look_ahead():
+            item = self._next.popleft()
+            if isinstance(item, Damage):
+                raise BrokenFrameError(item.reason)
+            if item.topic == self.topic:
+                return item
+            self._use_camera_info(item)
+        return None
+
+    def _look_ahead(self) -> bool:
+        """Read the head of another message; return False at the end of the bag."""
+        try:
+            item = next(self._messages, None)
+        except (BagError, OSError) as err:
+            raise self._error(err) from err
+        if item is not None:
+            self._next.append(item)
+        return item is not None
+
+    def _find_camera_info(self, image: Any) -> Any:
+        """Return the calibration with the stamp of an image, else the last one before it."""
+        while len(self._wanted) > 1 and (
+                self._last_info is None or _stamp(self._last_info) != _stamp(image)):
+            if not self._next and not self._look_ahead():
+                break
+            item = self._next[0]
+            if isinstance(item, Damage) or item.topic == self.topic:
+                break
+            self._next.popleft()
+            self._use_camera_info(item)
+        return self._last_info
+
+    def _use_camera_info(self, message: BagMessage) -> None:
+        """Keep a calibration for the images that follow; skip one that cannot be read."""
+        with suppress(BagError):
+            serialized = message.load()
+            if len(serialized) <= _MAX_INFO:
+                self._last_info = serialized
+
+    def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> Frame:
+        """Return the frame of a message, as a view of its data."""
+        wire: WireMessage
+        if self.topic.type_name == COMPRESSED_IMAGE:
+            wire = cdr_to_compressed_image(serialized)
+            image, encoding = np.frombuffer(wire.data, np.uint8), JPEG
+        else:
+            wire = cdr_to_image(serialized)
+            image = view_pixels(wire.data, wire.height, wire.width, wire.step,
+                                find_encoding(wire.encoding), wire.is_bigendian)
+            encoding = wire.encoding
+        return Frame(
+            image, encoding, position=(message.log_ns - self._first_ns) / NANO,
+            recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
+                              play=self._play, camera_info=camera_info))
+
+    def _all_messages(self) -> Iterator[BagMessage | Damage]:
+        """Yield the messages of all files."""
+        for path in self._paths:
+            self._reader = open_bag_file(path)
+            yield from self._reader.messages(self._wanted)
+            self.close()
+
+    def _read_topics(self) -> Counter[BagTopic]:
+        """Return the number of messages of each topic in all files."""
+        counts: Counter[BagTopic] = Counter()
+        times: list[int] = []
+        for path in self._paths:
+            with closing(open_bag_file(path)) as reader:
+                counts.update(reader.topics)
+                self.warnings += [reader.warning] if reader.warning else []
+                times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
+        self._first_ns, self._last_ns = min(times, default=0), max(times, default=0)
+        return counts
+
+    def _select(self, name: str, counts: Counter[BagTopic]) -> BagTopic:
+        """Return the topic with a name, or the only topic of images."""
+        images = [topic for topic in counts if topic.has_images]
+        found = [topic for topic in images if name in ('', topic.name)]
+        if len(found) == 1:
+            return found[0]
+        if not images:
+            others = _listed(counts, list(counts))
+            raise CaptureError(f'{self.name} has no topic of images; '
+                               + (f'its topics are {others}' if others else 'it has no topic'))
+        if not found:
+            raise CaptureError(f'{self.name} has no topic {printable(name)} of images; '
+                               f'{_REMEDY} {_listed(counts, images)}')
+        raise CaptureError(f'{self.name} has {len(found)} topics of images; {_REMEDY} '
+                           f'{_listed(counts, found)}')
+
+    def _error(self, err: Exception) -> CaptureError:
+        reason = err.strerror if isinstance(err, OSError) else err
+        return CaptureError(f'{self.name} cannot be played: {reason}')
+
+
+def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:
+    """Return a list of topics with their types and numbers of messages."""
+    shown = [f'{printable(topic.name)} ({printable(topic.type_name)}'
+             + ('' if topic.serialization == CDR else f' in {printable(topic.serialization)}')
+             + f', {counts[topic]} messages)' for topic in sorted(
+                 topics, key=lambda topic: topic.name)[:_MAX_LISTED]]
+    return ', '.join([*shown, *(['...'] if len(topics) > _MAX_LISTED else [])])
+
+
+def _stamp(serialized: Any) -> bytes:
+    """Return the bytes of the stamp of a message, with its byte order."""
+    return bytes(serialized[:2]) + bytes(serialized[4:12])

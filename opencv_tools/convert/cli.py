@@ -1,0 +1,108 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The command img_convert.
+
+Slow imports are inside functions, so that ``--help`` is fast.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import signal
+import sys
+
+from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
+
+_INTERRUPTED = 1
+_USAGE_ERROR = 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Convert between bags, videos and image files, without ROS.
+
+    :param argv: arguments; None for those of the process.
+    :returns: 0 on success, 1 if a frame or file failed, 2 for invalid arguments.
+    """
+    parser = _parser()
+    options = parser.parse_args(argv)
+    open_standard_streams()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as it is under nohup
+            signal.signal(number, signal.default_int_handler)
+    from opencv_tools.convert.convert import convert, Request
+    try:
+        return convert(Request(**vars(options)))
+    except ValueError as err:
+        print(f'img_convert: error: {err}', file=sys.stderr)
+        return _USAGE_ERROR
+    except KeyboardInterrupt:
+        return _INTERRUPTED  # a second request; pending work was not finished
+    finally:
+        discard_broken_streams()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='img_convert', allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Convert between bags, videos and image files, without ROS.',
+        epilog="""\
+examples:
+  img_convert drive.mcap 'out/{stamp}.png' --topic /camera/image_raw
+  img_convert clip.mp4 clip.mcap
+  img_convert 'frames/*.png' clip.mp4 --lossy
+
+exit status:
+  0  success
+  1  a frame or file failed
+  2  invalid arguments
+""")
+    parser.add_argument(
+        'source', metavar='SOURCE', help='bag (.mcap, .db3 or folder of rosbag2), video file, '
+        'image file, folder or glob of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]')
+    parser.add_argument(
+        'target', metavar='TARGET', help='template of the file names, such as out/{seq:06d}.png, '
+        'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, {encoding} or {topic}; the extension '
+        'selects the format: .mcap, .mp4, .mkv, .avi, .png, .jpg, .tiff, .bmp, .webp or .npy')
+    parser.add_argument('--topic', default='', help='topic of the images of a bag, if it has '
+                        'several')
+    parser.add_argument('--every', type=_positive, default=1, metavar='N',
+                        help='convert the first of every N frames [%(default)s]')
+    parser.add_argument('--start', type=_count, default=0, metavar='FRAME',
+                        help='number of the first frame to convert, counted from 0 [%(default)s]')
+    parser.add_argument('--stop', type=_positive, default=0, metavar='FRAME',
+                        help='number of the first frame not to convert [end of the source]')
+    parser.add_argument('--lossy', action='store_true', help='allow a format that loses quality, '
+                        'although the source is lossless')
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of 0 or more')
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    if not _count(text):
+        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of 1 or more')
+    return int(text)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,252 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Conversion of the frames of a source to files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import chain
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from opencv_tools.capture.bag import BagSource
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.frame import Frame, JPEG, Source
+from opencv_tools.capture.image_files import ImageFileSource
+from opencv_tools.capture.pattern import PatternSource
+from opencv_tools.capture.source import is_camera, names_bag, open_source
+from opencv_tools.convert.source_frames import (
+    camera_info_message, numbered_frames, received_frame)
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.jpeg import JPEG_SOI
+from opencv_tools.image.text import printable, without_password
+from opencv_tools.progress import open_progress
+from opencv_tools.recording.bag_sink import BagSink
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.recorder import Recorder, Sink
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.writer import VIDEO_FORMATS
+
+_EXIT_OK = 0
+_EXIT_FAILURE = 1
+
+_JPEGS = ('.jpg', '.jpeg', '.jpe')
+_LOSSY_FORMATS = (*_JPEGS, *VIDEO_FORMATS)
+# Formats that hold every encoding, also Bayer and YUV, without a conversion.
+_LOSSLESS_FOR_ALL = ('.mcap', '.npy')
+# Largest size of the frames that wait to be written, and of those that are being written.
+_QUEUED_BYTES = 1 << 27
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """
+    Arguments of a conversion.
+
+    :param source: source of the frames, as for ``open_source``, but not a camera.
+    :param target: folder and template of the file names.
+    :param topic: topic of the images of a bag; '' for the only one.
+    :param every: convert the first of every n frames.
+    :param start: number of the first frame, from 0.
+    :param stop: number of the first frame not to convert; 0 for the end of the source.
+    :param lossy: whether a lossless source may be converted to a lossy format.
+    """
+
+    source: str
+    target: str
+    topic: str = ''
+    every: int = 1
+    start: int = 0
+    stop: int = 0
+    lossy: bool = False
+
+
+class _Console:
+    """A log on standard error."""
+
+    def info(self, message: str) -> None:
+        print(f'img_convert: {message}', file=sys.stderr, flush=True)
+
+    def warning(self, message: str) -> None:
+        self.info(f'warning: {message}')
+
+    def error(self, message: str) -> None:
+        self.info(f'error: {message}')
+
+
+def convert(request: Request) -> int:
+    """
+    Convert the frames of a source to files.
+
+    :param request: what is converted to what.
+    :returns: the exit status.
+    :raises ValueError: an argument is invalid.
+    """
+    names = _check(request)
+    console = _Console()
+    try:
+        with closing(open_source(request.source, bag_topic=request.topic)) as source:
+            return _Conversion(request, names, source, console).run()
+    except (CaptureError, RecordingError) as err:
+        console.error(str(err))
+    except KeyboardInterrupt:
+        console.error('interrupted before the first frame')
+    return _EXIT_FAILURE
+
+
+def _check(request: Request) -> FileNames:
+    """
+    Check the arguments that do not need the source.
+
+    :returns: template of the file names.
+    :raises ValueError: an argument is invalid.
+    """
+    if is_camera(request.source):
+        raise ValueError(f'{request.source} is a camera: record it with img_publisher and '
+                         'img_subscriber')
+    if request.topic and not names_bag(request.source):
+        raise ValueError(f'--topic is {printable(request.topic)}, but the source '
+                         f'{without_password(request.source)} is not a bag')
+    if 0 < request.stop <= request.start:
+        raise ValueError(f'--start is {request.start}, which is not before --stop {request.stop}')
+    names = FileNames(Path(request.target).name)
+    check_format(names.suffix)
+    return names
+
+
+class _Conversion:
+    """A conversion whose source is open."""
+
+    def __init__(
+        self, request: Request, names: FileNames, source: Source, console: _Console,
+    ) -> None:
+        self._request = request
+        self._names = names
+        self._source = source
+        self._folder = Path(request.target).expanduser().absolute().parent
+        self._log, self._progress = open_progress(console, 'Converting frame', self._total())
+        self._failure_log = FailureLog(self._log)
+        self._unreadable = 0
+
+    def run(self) -> int:
+        """Convert the frames and log an account; return the exit status."""
+        request, source = self._request, self._source
+        for warning in source.warnings if isinstance(source, BagSource) else ():
+            self._log.warning(warning)
+        if isinstance(source, PatternSource) and not request.stop:
+            raise ValueError(f'{request.source} has no end: give --stop')
+        if isinstance(source, ImageFileSource):
+            source.keeps_jpegs = self._names.suffix in _JPEGS
+        frames = numbered_frames(source, request.start, request.stop, request.every, self._skip)
+        with closing(self._progress):
+            first = next(frames, None)
+            if first is None:
+                raise CaptureError(f'{source.name} has no readable frame')
+            self._check_loss(first[1])
+            sink = open_sink(
+                self._folder, self._names, EncoderSettings(self._names.suffix), 'continue',
+                Limits(), sync=False)
+            threads = _threads(first[1])
+            recorder = Recorder(
+                sink, self._log, queue_size=threads, writers=threads, block=True)
+            is_complete = self._record(recorder, sink, chain((first,), frames))
+        counts = recorder.counts
+        failed = counts.failed + self._unreadable
+        self._log.info(
+            f'Converted {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
+            f'{counts.written} written to {self._folder}, {failed} failed')
+        is_ok = is_complete and not failed and not recorder.is_unfinished
+        return _EXIT_OK if is_ok else _EXIT_FAILURE
+
+    def _record(
+        self, recorder: Recorder[Any], sink: Sink[Any], frames: Iterable[tuple[int, Frame]],
+    ) -> bool:
+        """Record frames and finish the files; return False if the source did not end."""
+        last_info = None
+        bag = sink if isinstance(sink, BagSink) else None
+        try:
+            for number, frame in frames:
+                recorded = frame.recorded
+                if bag and recorded and recorded.camera_info not in (None, last_info):
+                    last_info = recorded.camera_info
+                    bag.add_message(camera_info_message(recorded))
+                recorder.put(received_frame(frame, number, self._source.rate, bag is not None))
+                self._progress.tick(_description(frame), self._unreadable)
+            return True
+        except CaptureError as err:
+            self._log.error(str(err))
+        except KeyboardInterrupt:
+            self._log.error('interrupted')
+        finally:
+            recorder.close()
+        return False
+
+    def _check_loss(self, frame: Frame) -> None:
+        """
+        Check that the target is as lossless as the source, or that a loss is allowed.
+
+        :raises ValueError: a loss is not allowed.
+        """
+        suffix = self._names.suffix
+        if self._request.lossy or suffix in _LOSSLESS_FOR_ALL:
+            return
+        if frame.encoding != JPEG and find_encoding(frame.encoding).kind in ('bayer', 'yuv'):
+            raise ValueError(
+                f'{frame.encoding} frames are converted to colour for {suffix}: give --lossy, or '
+                f'a target with the extension {" or ".join(_LOSSLESS_FOR_ALL)}')
+        if suffix in _LOSSY_FORMATS and self._is_lossless(frame):
+            raise ValueError(
+                f'{suffix} loses quality that {self._source.name} has: give --lossy, or a target '
+                'with an extension such as .png or .mcap')
+
+    def _is_lossless(self, frame: Frame) -> bool:
+        """Return whether a frame was never compressed with a loss, as far as that is known."""
+        if isinstance(self._source, BagSource):
+            return not (frame.encoding == JPEG and frame.image[:2].tobytes() == JPEG_SOI)
+        if isinstance(self._source, ImageFileSource):
+            return not all(path.suffix.lower() in _JPEGS for path in self._source.paths)
+        return isinstance(self._source, PatternSource)
+
+    def _total(self) -> int:
+        """Return the number of frames to convert; 0 if it is unknown."""
+        request = self._request
+        end = 0 if self._source.live else self._source.count
+        end = min(end or request.stop, request.stop or end)
+        return max(0, -(-(end - request.start) // request.every))
+
+    def _skip(self, err: BrokenFrameError) -> None:
+        """Count and log a frame that cannot be read."""
+        self._unreadable += 1
+        self._failure_log.bad_frame(f'a frame was not read: {err}')
+
+
+def _threads(first: Frame) -> int:
+    """Return the number of threads: one a processor, as far as the size of a frame allows."""
+    return max(1, min(len(os.sched_getaffinity(0)), _QUEUED_BYTES // (first.image.nbytes or 1)))
+
+
+def _description(frame: Frame) -> str:
+    """Return the size and encoding of a frame, which is not decoded."""
+    if frame.encoding == JPEG:
+        return f'{frame.image.nbytes} compressed bytes'
+    return f'{frame.image.shape[1]}x{frame.image.shape[0]} {frame.encoding}'

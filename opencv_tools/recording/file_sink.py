@@ -1,0 +1,265 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recording of frames in files that hold many: videos and bags."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+import os
+from pathlib import Path
+import time
+from typing import Generic, TypeVar
+
+from opencv_tools.image.errors import ImageError
+from opencv_tools.recording.errors import error_text, LimitReached
+from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.manifest import ManifestEntry
+from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.open_file import OpenFile, W
+from opencv_tools.recording.recorder import Prepared, SinkCounts
+from opencv_tools.recording.selection import Limits
+
+# Delay after an error of the disk before a new file begins.
+_RETRY_SECONDS = 2.0
+# Period of the check whether the file was removed or moved.
+_CHECK_SECONDS = 1.0
+# A new file begins when the disk has room for this multiple of the data that did not fit.
+_ROOM = 2
+
+
+P = TypeVar('P', bound=Prepared)
+
+
+class FileSink(ABC, Generic[W, P]):
+    """Write frames to files, which have their final names from the start."""
+
+    def __init__(
+        self, folder: Folder, numbering: Numbering, limits: Limits,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """
+        Create a sink; the first file begins with the first frame.
+
+        :param folder: output folder, closed together with this sink.
+        :param numbering: source of the file names.
+        :param limits: limits of the recording.
+        :param monotonic: monotonic clock in seconds.
+        """
+        self.counts = SinkCounts()
+        self._folder = folder
+        self._limits = limits
+        self._limits_of_one = limits.of_one_file()
+        self._bytes = 0
+        self._numbering = numbering
+        self._monotonic = monotonic
+        self._file: OpenFile[W] | None = None
+        self._ended = 0  # frames of finished files
+        self._is_full = False
+        self._outage: tuple[int, str] | None = None
+        self._retry_at = self._next_check_at = 0.0
+        self._needed = 0  # bytes of free space required for a new file
+        self._paths: set[Path] = set()
+
+    @abstractmethod
+    def prepare(self, frame: ReceivedFrame) -> P:
+        """
+        Convert a frame for the writer; thread-safe.
+
+        :param frame: frame to convert.
+        :returns: the converted frame.
+        :raises ImageError: no file can hold the frame.
+        """
+
+    @abstractmethod
+    def _open(self, path: Path, frame: ReceivedFrame, prepared: P, room: int) -> W:
+        """Create a file of at most ``room`` bytes, 0 for any size; the frame is not written."""
+
+    @abstractmethod
+    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> ManifestEntry:
+        """Return the manifest entry of a file that begins with a frame."""
+
+    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame) -> bool:
+        """Return whether a file has reached the limits of one file."""
+        limits, writer = self._limits_of_one, file.writer
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+                or 0 < limits.max_ns <= frame.arrival_ns - file.began_ns)
+
+    @abstractmethod
+    def _fits(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
+        """Return whether a frame can continue a file."""
+
+    @abstractmethod
+    def _write(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
+        """Write a frame; return False if it would exceed the maximum size."""
+
+    def _measured(self, file: OpenFile[W]) -> ManifestEntry:
+        """Return the manifest entry of a closed file."""
+        return file.entry.measured(self._folder.path)
+
+    def commit(self, frame: ReceivedFrame, prepared: P) -> Path:
+        """
+        Write a frame; one thread at a time, in the order of the frames.
+
+        :param frame: frame to write.
+        :param prepared: the frame as ``prepare`` returned it.
+        :returns: path of the file; ``counts`` counts the frame when it is complete in the file.
+        :raises LimitReached: the recording has reached its limits.
+        :raises OSError: the file cannot be written; a new one begins when the disk has room.
+        """
+        if self._outage and not self._has_room():
+            raise OSError(*self._outage)
+        try:
+            return self._commit(frame, prepared)
+        except OSError as err:
+            self._end_after_disk_error(err)
+            raise
+        except ImageError as err:
+            self._end_after_error(error_text(err))
+            raise
+        finally:
+            self._count()
+
+    def close(self) -> None:
+        """
+        Finish the file and close the folder.
+
+        :raises OSError: the last frames or the manifest line of the file were not written.
+        """
+        try:
+            if self._file:
+                self._end(self._file)
+            self._folder.write_deferred()
+        finally:
+            self._count()
+            self._folder.close()
+
+    def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
+        file = self._file
+        if file and (self._is_over(file, frame) or not (
+                self._is_at_path(file) and self._fits(file, frame, prepared))):
+            self._end(file)
+        if not self._is_full:
+            file = self._file = self._file or self._numbering.claim(
+                frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
+            self._is_full = not self._write(file, frame, prepared)
+        if self._is_full or not file:
+            raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
+        if file.writer.flushed:
+            self._outage, self._needed = None, 0
+        return file.path
+
+    def _has_room(self) -> bool:
+        """Return whether to retry now, and the disk has room for the data that did not fit."""
+        if self._file:
+            return True
+        now = self._monotonic()
+        if now < self._retry_at:
+            return False
+        self._retry_at = now + _RETRY_SECONDS
+        try:
+            disk = os.statvfs(self._folder.path)
+        except OSError:  # the folder was removed, and is created again
+            return True
+        return disk.f_bavail * disk.f_frsize >= self._needed
+
+    def _end_after_disk_error(self, err: OSError) -> None:
+        """Finish the file that could not be written, and delay the next one."""
+        self._outage = err.errno or 0, error_text(err)
+        self._retry_at = self._monotonic() + _RETRY_SECONDS
+        if self._file:
+            self._needed = max(self._needed, _ROOM * self._file.writer.bytes_waiting)
+        self._end_after_error(error_text(err))
+
+    def _end_after_error(self, reason: str) -> None:
+        """Finish a file that cannot be continued."""
+        with suppress(OSError, ImageError):  # the error of the frame itself is reported
+            if self._file:
+                self._end(self._file, reason)
+
+    def _is_at_path(self, file: OpenFile[W]) -> bool:
+        """Return whether a file is still at its path; checked once a second."""
+        now = self._monotonic()
+        if now < self._next_check_at:
+            return True
+        self._next_check_at = now + _CHECK_SECONDS
+        return file.writer.is_at_path()
+
+    def _begin(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> OpenFile[W]:
+        self._folder.recreate()
+        self._folder.write_deferred()
+        path = self._folder.path / name
+        if self._numbering.replaces and path not in self._paths:
+            path.unlink(missing_ok=True)
+        room = max(1, self._limits.max_bytes - self._bytes) if self._limits.max_bytes else 0
+        writer = self._open(path, frame, prepared, room)
+        entry = self._entry(seq, name, frame, prepared)
+        try:
+            self._folder.write_journal(entry)
+        except OSError:
+            writer.close()
+            raise
+        self._paths.add(path)
+        return OpenFile(path=path, entry=entry, writer=writer, began_ns=frame.arrival_ns,
+                        offset_ns=frame.receive_ns - frame.arrival_ns)
+
+    def _end(self, file: OpenFile[W], reason: str = '') -> None:
+        """
+        Finish a file and add its line to the manifest, now or when the disk has room.
+
+        :param reason: reason for the loss of frames that are not flushed.
+        :raises OSError: these frames were not written.
+        :raises ImageError: the file was not finished.
+        """
+        self._file = None
+        writer = file.writer
+        is_at_path = writer.is_at_path()
+        try:
+            writer.close()
+        except (OSError, ImageError) as err:
+            reason = reason or error_text(err)
+            raise
+        finally:
+            problem = self._add_line(file) if is_at_path else file.removed_text()
+            kept = 0 if problem else writer.flushed
+            lost = writer.frames - writer.skipped - kept
+            self._ended += kept
+            self._is_full = self._is_full or writer.is_full
+            self.counts.skipped += writer.skipped
+            if lost:
+                self.counts.lost += lost
+                self.counts.reason = problem or reason
+
+    def _add_line(self, file: OpenFile[W]) -> str:
+        """Add or keep the manifest line of a file; return the problem with the file, or ''."""
+        if not file.writer.flushed:
+            return ''
+        try:
+            entry = self._measured(file)
+        except FileNotFoundError:
+            return file.removed_text()
+        except OSError as err:
+            return error_text(err)
+        self._bytes += entry.size
+        self._folder.defer_line(replace(entry, frames=file.writer.flushed))
+        with suppress(OSError):  # the line is added before the next file, or at the end
+            self._folder.write_deferred()
+        return ''
+
+    def _count(self) -> None:
+        self.counts.kept = self._ended + (self._file.writer.flushed if self._file else 0)

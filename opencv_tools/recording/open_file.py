@@ -1,0 +1,83 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A file with many frames that is being written, and the interface of its writer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, Protocol, TypeVar
+
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.manifest import ManifestEntry
+
+
+class FrameWriter(Protocol):
+    """
+    The writer of one file with many frames.
+
+    ``frames`` were accepted. ``flushed`` of them are complete in the file, and ``skipped`` exceed
+    the maximum size. ``is_full`` means that the next frame would exceed it. ``bytes_waiting`` is
+    an upper bound for the frames that are not in the file.
+    """
+
+    frames: int
+    flushed: int
+    is_full: bool
+    bytes_waiting: int
+
+    @property
+    def size(self) -> int:
+        """Size of the file in bytes."""
+
+    @property
+    def skipped(self) -> int:
+        """Count of accepted frames that exceed the maximum size."""
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+
+    def close(self) -> None:
+        """Finish the file; remove it if it has no frame."""
+
+
+W = TypeVar('W', bound=FrameWriter)
+
+
+@dataclass(kw_only=True)
+class OpenFile(Generic[W]):
+    """
+    A file that frames are written to.
+
+    :param path: path of the file.
+    :param entry: manifest entry of the file, without its size and digest.
+    :param writer: writer of the file.
+    :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
+    :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
+    """
+
+    path: Path
+    entry: ManifestEntry
+    writer: W
+    offset_ns: int
+    began_ns: int
+
+    def time_ns(self, frame: ReceivedFrame) -> int:
+        """Return the time of a frame, independent of changes of the system clock."""
+        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
+
+    def removed_text(self) -> str:
+        """Return the reason for the loss of frames in a file that is gone."""
+        return f'{self.path.name} was removed or moved while it was written'

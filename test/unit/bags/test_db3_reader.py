@@ -1,0 +1,204 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""SQLite files of rosbags, damaged and hostile ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+import sqlite3
+import subprocess
+import sys
+
+from conftest import PRINT_PEAK_MEMORY
+from hypothesis import given, settings, strategies
+import numpy as np
+from opencv_tools.bags.db3_reader import Db3Reader
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.reading import BagTopic, MAX_BYTES
+from opencv_tools.bags.schemas import IMAGE
+from played_bags import BEGAN_NS, Entry, image_entry, read_all, write_rosbag2, written
+import pytest
+
+ENTRIES = [image_entry(number, topic=f'/camera_{number % 2}') for number in range(6)]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Create a bag in SQLite."""
+    return write_rosbag2(tmp_path / 'bag', '.db3', ENTRIES) / 'bag.db3'
+
+
+def change(path: Path, *statements: str) -> Path:
+    """Execute statements of SQL."""
+    with sqlite3.connect(path) as database:
+        for statement in statements:
+            database.execute(statement)
+    database.close()
+    return path
+
+
+def test_file_of_rosbags_is_read(path: Path) -> None:
+    assert read_all(path) == (written(ENTRIES), [])
+    reader = Db3Reader(path)
+    assert reader.topics == {BagTopic(f'/camera_{number}', IMAGE): 3 for number in range(2)}
+    assert (reader.first_ns, reader.last_ns) == (ENTRIES[0].log_ns, ENTRIES[-1].log_ns)
+    found = [item.log_ns for item in reader.messages([BagTopic('/camera_1', IMAGE)])]
+    assert found == [entry.log_ns for entry in ENTRIES[1::2]]
+    reader.close()
+
+
+def test_messages_come_in_the_order_of_their_times(tmp_path: Path) -> None:
+    entries = [Entry(BEGAN_NS + int(number), bytes([number]))
+               for number in np.random.default_rng(1).permutation(40)]
+    folder = write_rosbag2(tmp_path / 'bag', '.db3', entries)
+    assert read_all(folder / 'bag.db3') == (written(entries), [])
+
+
+@pytest.mark.parametrize('statements', [
+    ['DROP TABLE messages'], ['DROP TABLE topics'],
+    ['ALTER TABLE topics RENAME COLUMN serialization_format TO other'],
+    ['ALTER TABLE messages RENAME TO old', 'CREATE VIEW messages AS SELECT * FROM old'],
+    ['ALTER TABLE messages RENAME TO old',
+     'CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, '
+     'data BLOB GENERATED ALWAYS AS (hex(zeroblob(400000000))))'],
+    ['DROP TABLE messages',
+     'CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)']])
+def test_other_tables_are_refused(path: Path, statements: list[str]) -> None:
+    with pytest.raises(BagError, match=r'^bag\.db3 (is not a bag of rosbag2|cannot be read)'):
+        Db3Reader(change(path, *statements))
+
+
+def test_messages_in_another_serialization_have_no_images(path: Path) -> None:
+    change(path, "UPDATE topics SET serialization_format = 'ros1', type = 'sensor_msgs/Image'")
+    reader = Db3Reader(path)
+    assert not any(topic.has_images for topic in reader.topics)
+    reader.close()
+
+
+@pytest.mark.parametrize('content', [b'', b'no database', b'SQLite format 3\0' + bytes(100)])
+def test_file_that_is_no_database_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / 'a.db3').write_bytes(content)
+    with pytest.raises(BagError, match=r'^a\.db3 (is not a bag of rosbag2|cannot be read)'):
+        Db3Reader(tmp_path / 'a.db3')
+
+
+def test_missing_file_is_not_created(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        Db3Reader(tmp_path / 'a.db3')
+    assert not any(tmp_path.iterdir())
+
+
+def test_file_is_not_changed(path: Path) -> None:
+    before = path.read_bytes()
+    read_all(path)
+    assert path.read_bytes() == before
+    assert sorted(file.name for file in path.parent.iterdir()) == ['bag.db3', 'metadata.yaml']
+
+
+def test_locked_file_is_reported(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('opencv_tools.bags.db3_reader._LOCK_SECONDS', 0.01)
+    writer = sqlite3.connect(path, isolation_level=None)
+    writer.execute('BEGIN EXCLUSIVE')
+    with pytest.raises(BagError, match='database is locked'):
+        Db3Reader(path)
+    writer.close()
+
+
+def test_bag_that_is_being_written_is_read_up_to_the_last_commit(path: Path) -> None:
+    writer = sqlite3.connect(path, isolation_level=None)
+    writer.execute('PRAGMA journal_mode = WAL')
+    writer.execute('BEGIN')
+    writer.execute("INSERT INTO messages VALUES (100, 1, 5, x'00')")
+    assert read_all(path) == (written(ENTRIES), [])
+    writer.execute('COMMIT')
+    assert len(read_all(path)[0]) == len(ENTRIES) + 1
+    writer.close()
+
+
+@pytest.mark.parametrize(('statement', 'reason'), [
+    (f'UPDATE messages SET data = zeroblob({MAX_BYTES + 1}) WHERE id = 2',
+     f'has {MAX_BYTES + 1} bytes; more than {MAX_BYTES} are not read'),
+    ("UPDATE messages SET data = 'text' WHERE id = 2", 'has no binary data'),
+    ("UPDATE messages SET timestamp = 'never' WHERE id = 2", 'has no time')])
+def test_bad_message_is_reported_and_the_rest_is_read(
+        path: Path, statement: str, reason: str) -> None:
+    reader = Db3Reader(change(path, statement))
+    loaded, reasons = [], []
+    for item in reader.messages(reader.topics):
+        try:
+            loaded.append(bytes(item.load()))
+        except (AttributeError, BagError) as err:
+            reasons.append(str(err) if isinstance(err, BagError) else item.reason)
+    reader.close()
+    assert loaded == [entry.data for number, entry in enumerate(ENTRIES) if number != 1]
+    assert len(reasons) == 1 and reason in reasons[0]
+
+
+@pytest.mark.process
+def test_huge_messages_need_less_than_a_gigabyte(path: Path) -> None:
+    change(path, *(f'UPDATE messages SET data = zeroblob(900000000) WHERE id = {number}'
+                   for number in (1, 2)))
+    script = ('import sys; from pathlib import Path\n'
+              'from opencv_tools.bags.db3_reader import Db3Reader\n'
+              'from opencv_tools.bags.errors import BagError\n'
+              'reader, failures = Db3Reader(Path(sys.argv[1])), 0\n'
+              'for item in reader.messages(reader.topics):\n'
+              '    try: item.load()\n'
+              '    except BagError: failures += 1\n'
+              'assert failures == 2\n' + PRINT_PEAK_MEMORY)
+    finished = subprocess.run([sys.executable, '-c', script, path], capture_output=True, text=True,
+                              timeout=120, check=False)
+    path.unlink()
+    assert finished.returncode == 0, finished.stderr
+    assert int(finished.stdout) < 500_000  # KB
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the content of a bag in SQLite."""
+    folder = tmp_path_factory.mktemp('whole') / 'bag'
+    content = (write_rosbag2(folder, '.db3', ENTRIES) / 'bag.db3').read_bytes()
+    shutil.rmtree(folder)
+    return content
+
+
+def read_damaged(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    """Read a file, which may raise a BagError of one line only."""
+    path = tmp_path_factory.getbasetemp() / 'damaged.db3'
+    path.write_bytes(content)
+    try:
+        read_all(path)
+    except BagError as err:
+        assert '\n' not in str(err)
+
+
+@settings(max_examples=200, deadline=None)
+@given(positions=strategies.lists(strategies.tuples(
+    strategies.integers(0, 1 << 16), strategies.binary(min_size=1, max_size=9)), max_size=6))
+def test_damaged_bytes_raise_nothing_else_than_bag_errors(
+        tmp_path_factory: pytest.TempPathFactory, whole: bytes,
+        positions: list[tuple[int, bytes]]) -> None:
+    content = bytearray(whole)
+    for position, data in positions:
+        position %= len(content)
+        content[position:position + len(data)] = data
+    read_damaged(tmp_path_factory, content)
+
+
+def test_cut_file_raises_nothing_else_than_bag_errors(
+        tmp_path_factory: pytest.TempPathFactory, whole: bytes) -> None:
+    for size in range(0, len(whole), 97):
+        read_damaged(tmp_path_factory, whole[:size])

@@ -1,0 +1,44 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Quality of service in a bag, read by rosbags."""
+
+from __future__ import annotations
+
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
+from rosbags.rosbag2.metadata import parse_qos
+
+
+def test_policies_are_read_by_rosbags() -> None:
+    first, second = parse_qos(offered_qos_text([
+        OfferedQos(), OfferedQos(history=3, depth=0, reliability=2, durability=1,
+                                 deadline_ns=1_500_000_000, liveliness=3)]))
+    assert (first.history, first.depth, first.reliability, first.durability) == (
+        QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE)
+    assert first.deadline == first.lifespan == first.liveliness_lease_duration == QosTime(
+        9223372036, 854775807)
+    assert (second.history, second.reliability, second.durability, second.liveliness.value) == (
+        QosHistory.UNKNOWN, QosReliability.BEST_EFFORT, QosDurability.TRANSIENT_LOCAL, 3)
+    assert second.deadline == QosTime(1, 500_000_000)
+
+
+def test_policies_are_numbers_for_humble() -> None:
+    text = offered_qos_text([OfferedQos(lifespan_ns=-1)])
+    assert '- history: 1\n  depth: 10\n  reliability: 1\n  durability: 2\n  deadline:\n' in text
+    assert '  lifespan:\n    sec: 0\n    nsec: 0\n' in text
+
+
+def test_no_publisher() -> None:
+    assert offered_qos_text([]) == ''

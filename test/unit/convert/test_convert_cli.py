@@ -1,0 +1,292 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Conversions between bags, videos and image files by the command, without ROS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from bag_judges import read_by_all
+from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
+import cv2
+from images import oriented_jpeg, random_image
+import numpy as np
+from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.source import open_source
+from opencv_tools.convert.cli import main
+from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.bags.schemas import CAMERA_INFO
+from played_bags import (
+    compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap,
+    write_rosbag2, written)
+from playback import frames_of
+import pytest
+
+PICTURE = np.random.default_rng(1).integers(0, 256, (16, 24, 3), np.uint8)
+JPEG_BYTES = cv2.imencode('.jpg', PICTURE)[1].tobytes()
+
+
+def convert(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
+def frames(path: Path) -> list[Frame]:
+    return list(frames_of(open_source(str(path))))
+
+
+def test_clip_becomes_a_bag_and_the_bag_becomes_images(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert convert(CLIP, tmp_path / 'clip.mcap', '--stop', 30) == 0
+    assert 'Converted 30 frames at ' in capsys.readouterr().err.splitlines()[-1]
+    assert convert(tmp_path / 'clip.mcap', tmp_path / 'out' / '{stamp}.png') == 0
+    paths = sorted((tmp_path / 'out').glob('*.png'), key=lambda path: float(path.stem))
+    assert [path.stem for path in paths] == [
+        f'{number // 25}.{number % 25 * 40:03d}000000' for number in range(30)]
+    for path, expected in zip(paths, decode_clip(30), strict=True):
+        np.testing.assert_array_equal(cv2.imread(str(path)), expected)
+    assert len(read_manifest(tmp_path / 'out')) == 30
+
+
+@pytest.mark.parametrize('encoding', [*ENCODINGS, '32FC1', '16SC1', '64FC3'])
+def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: str) -> None:
+    images = [random_image(encoding, 4, 6) for _ in range(3)]
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(number, image, encoding) for number, image in enumerate(images)])
+    assert convert(source, tmp_path / 'b.mcap') == 0
+    assert convert(tmp_path / 'b.mcap', tmp_path / '{frame_id}.npy') == 0
+    assert read_all(tmp_path / 'b.mcap') == read_all(source)
+    assert len(read_by_all(tmp_path / 'b.mcap')) == 3
+    for number, image in enumerate(images):
+        np.testing.assert_array_equal(
+            np.load(tmp_path / f'optical_{number}.npy'), image, strict=True)
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_folder_of_rosbag2_with_two_topics(
+        tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
+    entries = [image_entry(1), image_entry(2, topic='/depth'), image_entry(3, topic='/depth')]
+    folder = write_rosbag2(tmp_path / 'bag', suffix, entries)
+    assert convert(folder, tmp_path / '{topic}_{sec}_{nanosec}.png') == 1
+    assert 'or --topic of img_convert, to one of /camera/image_raw (' in capsys.readouterr().err
+    assert convert(folder, tmp_path / '{topic}_{sec}_{nanosec}.png', '--topic', '/depth') == 0
+    assert sorted(path.name for path in tmp_path.glob('*.png')) == [
+        f'depth_1700000000_{nanosec}.png' for nanosec in ('080000000', '120000000')]
+
+
+def test_jpegs_of_a_bag_become_files_byte_for_byte(tmp_path: Path) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [
+        compressed_entry(number, JPEG_BYTES) for number in range(3)])
+    assert convert(source, tmp_path / '{seq}.jpg') == 0
+    assert convert(source, tmp_path / 'b.mcap') == 0
+    assert [path.read_bytes() for path in tmp_path.glob('*.jpg')] == [JPEG_BYTES] * 3
+    assert read_all(tmp_path / 'b.mcap') == read_all(source)
+
+
+def test_jpeg_files_stay_jpeg_files_byte_for_byte(tmp_path: Path) -> None:
+    turned = oriented_jpeg(PICTURE, 6)
+    for name, content in (('a.jpg', JPEG_BYTES), ('b.JPG', turned), ('c.jpg', JPEG_BYTES[:-50])):
+        (tmp_path / name).write_bytes(content)
+    cv2.imwrite(str(tmp_path / 'd.png'), PICTURE)
+    assert convert(tmp_path, tmp_path / 'out' / '{seq}.jpg', '--lossy') == 1
+    assert [path.read_bytes() for path in sorted((tmp_path / 'out').glob('*.jpg'))] == [
+        JPEG_BYTES, turned, cv2.imencode('.jpg', PICTURE)[1].tobytes()]
+    assert convert(tmp_path / 'b.JPG', tmp_path / 'b.mcap') == 0
+    frame, = frames(tmp_path / 'b.mcap')
+    assert frame.image.shape == (24, 16, 3)
+
+
+def test_calibration_goes_with_its_images(tmp_path: Path) -> None:
+    infos = [Entry(image_entry(number).log_ns, image_entry(number).data[:12] + b'calibration',
+                   '/camera/camera_info', CAMERA_INFO) for number in range(2)]
+    source = write_mcap(tmp_path / 'a.mcap', [
+        *infos, *map(image_entry, range(3)), image_entry(4, topic='/other')])
+    assert convert(source, tmp_path / 'b.mcap', '--topic', TOPIC) == 0
+    messages, _ = read_all(tmp_path / 'b.mcap')
+    assert sorted(messages) == sorted(written([*infos, *map(image_entry, range(3))]))
+
+
+@pytest.mark.parametrize(('options', 'expected'), [
+    ((), range(6)), (('--every', '4'), [0, 4]), (('--start', '2'), [2, 3, 4, 5]),
+    (('--stop', '2'), [0, 1]), (('--start', '1', '--stop', '5', '--every', '2'), [1, 3]),
+    (('--stop', '99'), range(6))])
+@pytest.mark.parametrize('kind', ['bag', 'folder'])
+def test_part_of_a_source(
+        tmp_path: Path, options: tuple[str, ...], expected: list[int], kind: str) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(6)))
+    if kind == 'folder':
+        assert convert(source, tmp_path / 'in' / '{seq}.png') == 0
+        source = tmp_path / 'in'
+    assert convert(source, tmp_path / 'out' / '{seq}.png', *options) == 0
+    shown = [int(frame.image[0, 0]) for frame in frames(tmp_path / 'out')]
+    assert shown == [*expected]
+
+
+def test_times_of_frames_without_a_header(tmp_path: Path) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), PICTURE)
+    assert convert(tmp_path / '*.png', tmp_path / 'a.mcap') == 0
+    recorded = [frame.recorded for frame in frames(tmp_path / 'a.mcap')]
+    assert [(found.log_ns, found.header_ns, found.topic, found.message.header.frame_id)
+            for found in recorded if found] == [
+        (number * 100_000_000, number * 100_000_000, '/video_frames', 'camera')
+        for number in range(3)]
+
+
+@pytest.mark.parametrize(('encoding', 'target', 'reason'), [
+    ('bgr8', 'a.mp4', r'\.mp4 loses quality'), ('bgr8', '{seq}.jpg', r'\.jpg loses quality'),
+    ('bayer_rggb8', '{seq}.png', 'bayer_rggb8 frames are converted to colour'),
+    ('yuv422', '{seq}.png', 'yuv422 frames are converted to colour'),
+    ('nv12', 'a.mkv', 'nv12 frames are converted to colour')])
+def test_loss_has_to_be_allowed(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str, target: str,
+        reason: str) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(1, random_image(encoding, 8, 16), encoding)])
+    assert convert(source, tmp_path / 'out' / target) == 2
+    assert re.search(f'error: {reason}.*give --lossy', capsys.readouterr().err)
+    assert not (tmp_path / 'out').exists()
+    assert convert(source, tmp_path / 'out' / target, '--lossy') == 0
+    assert len(frames(next((tmp_path / 'out').glob('[!m]*')))) == 1
+
+
+@pytest.mark.parametrize('target', ['{seq}.jpg', 'a.mp4'])
+def test_source_that_has_lost_quality_needs_no_permission(tmp_path: Path, target: str) -> None:
+    bag = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, JPEG_BYTES)])
+    (tmp_path / 'in.jpg').write_bytes(JPEG_BYTES)
+    for number, source in enumerate((bag, tmp_path / 'in.jpg', CLIP)):
+        assert convert(source, tmp_path / f'{number}' / target, '--stop', 2) == 0
+
+
+def test_lossless_compressed_images_need_permission(tmp_path: Path) -> None:
+    png = cv2.imencode('.png', PICTURE)[1].tobytes()
+    source = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, png, 'png')])
+    assert convert(source, tmp_path / 'a.jpg') == 2
+    assert convert(source, tmp_path / 'a.png') == 0
+    assert (tmp_path / 'a.png').read_bytes() == png
+
+
+@pytest.mark.parametrize(('words', 'reason'), [
+    (('0', 'a.png'), '0 is a camera'), (('/dev/video7', 'a.png'), '/dev/video7 is a camera'),
+    (('', 'a.png'), 'give a camera, a file'), (('pattern:1', 'a.png'), 'write a pattern as'),
+    (('pattern', 'a.png'), 'pattern has no end: give --stop'),
+    (('a.mp4', 'a'), "the extension '' is unknown"), (('a.mp4', 'out/'), 'is unknown'),
+    (('a.mp4', '{bad}.png'), r'the field \{bad\} is unknown'),
+    (('a.mp4', 'a.png', '--topic', '/a'), '--topic is /a, but the source a.mp4 is not a bag'),
+    (('a.mp4', 'a.png', '--start', '5', '--stop', '5'), 'which is not before --stop 5')])
+def test_invalid_arguments(
+        words: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert re.fullmatch(f'img_convert: error: .*{reason}.*\n', capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('words', [('--every', '0'), ('--every', '-1'), ('--start', 'x'), ()])
+def test_options_that_are_no_numbers(words: tuple[str, ...]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(['a.mp4', *(['a.png', *words] if words else [])])
+    assert ended.value.code == 2
+
+
+def test_failures_are_counted_and_change_the_exit_status(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    entries = [image_entry(0), image_entry(1)._replace(data=b''), image_entry(
+        2, random_image('32FC1', 4, 6), '32FC1'), image_entry(3)]
+    source = write_mcap(tmp_path / 'a.mcap', entries)
+    assert convert(source, tmp_path / 'out' / '{nanosec}.png') == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert re.search(r'Converted 3 frames at .* Hz: 2 written to .*/out, 2 failed$', lines[-1])
+    assert sum('error: a frame was not read' in line for line in lines) == 1
+    assert sum('error: a frame was not written: a 32FC1 frame' in line for line in lines) == 1
+    assert sorted(path.stem for path in (tmp_path / 'out').glob('*.png')) == [
+        '000000000', '120000000']
+
+
+def test_cut_bag_is_converted_with_one_warning(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(6)), use_chunking=False)
+    os.truncate(source, source.read_bytes().index(bytes([4]) * 24))
+    assert convert(source, tmp_path / '{seq}.png') == 0
+    assert capsys.readouterr().err.count('warning: a.mcap has no end') == 1
+    assert len(list(tmp_path.glob('*.png'))) == 4
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(2)))
+    before = source.read_bytes()
+    for _ in range(2):
+        assert convert(source, tmp_path / 'a.mcap') == 0
+        assert convert(source, tmp_path / '{seq}.png') == 0
+    assert source.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        '0.png', '1.png', '2.png', '3.png', 'a.mcap', 'a_1.mcap', 'a_2.mcap', 'manifest.jsonl']
+
+
+def test_full_disk_is_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with disk_of(100_000):
+        assert convert(CLIP, tmp_path / '{seq}.npy', '--stop', 3) == 1
+    assert 'Converted 3 frames' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] in ([], ['manifest.jsonl'])
+
+
+@pytest.mark.parametrize('start', ['2', '9'])
+def test_start_after_the_end(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(2)))
+    assert convert(source, tmp_path / 'a.png', '--start', start) == 1
+    assert f'--start is {start}, but' in capsys.readouterr().err
+
+
+def test_missing_library_is_named_with_its_remedy(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(1)])
+    monkeypatch.setitem(sys.modules, 'mcap.records', None)
+    assert convert(source, tmp_path / 'a.png') == 1
+    assert convert(CLIP, tmp_path / 'a.mcap') == 2
+    assert capsys.readouterr().err.count("install it with 'pip install mcap'") == 2
+
+
+@pytest.mark.process
+def test_interrupted_conversion_keeps_whole_files(tmp_path: Path) -> None:
+    with subprocess.Popen(
+            [sys.executable, '-m', 'opencv_tools.convert.cli', 'pattern:640x480',
+             tmp_path / '{seq}.png', '--stop', '1000000'],
+            stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + DEADLINE
+        while len(list(tmp_path.glob('[0-9]*'))) < 3:
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGTERM)
+        lines = process.communicate(timeout=DEADLINE)[1].splitlines()
+    assert process.returncode == 1
+    assert lines[-2] == 'img_convert: error: interrupted'
+    assert f': {len(read_manifest(tmp_path))} written to ' in lines[-1]
+
+
+@pytest.mark.process
+def test_help_imports_nothing_slow() -> None:
+    script = ('import sys; from opencv_tools.convert.cli import main\n'
+              'try: main(["--help"])\n'
+              'except SystemExit: pass\n'
+              'print(sorted({"numpy", "cv2", "rclpy", "mcap", "av", "tqdm"} & {*sys.modules}))')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60, check=True)
+    assert finished.stdout.startswith('usage: img_convert ')
+    assert finished.stdout.splitlines()[-1] == '[]'

@@ -1,0 +1,496 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recording of bags: counts, manifest, limits, rings, full disks and killed recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import errno
+import json
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import time
+
+from bag_judges import decode, read_by_all, read_indexed
+from conftest import disk_of, read_manifest, recorded_files
+import numpy as np
+from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.image.cdr import (
+    compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader, WireImage,
+)
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.recording.bag_sink import BagMessage, BagSink
+from opencv_tools.recording.errors import LimitReached, RecordingError
+from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.manifest import Manifest
+from opencv_tools.recording.naming import FileNames, FrameMetadata
+from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Limits
+import pytest
+from rclpy.serialization import serialize_message
+from recordings import Console, frame_of, NANO, NO_LIMITS, open_videos, random_image
+from sensor_msgs.msg import CameraInfo
+from stepped_clock import SteppedClock
+
+CHANNEL = BagChannel(topic='/video_frames', type_name=IMAGE)
+
+
+def open_bags(
+    folder: Path, name: str = 'drive.mcap', on_exists: str = 'continue',
+    limits: Limits = NO_LIMITS, clock: SteppedClock | None = None,
+) -> BagSink:
+    sink = open_sink(folder, FileNames(name), EncoderSettings('.mcap'), on_exists, limits,
+                     sync=False, monotonic=clock.monotonic if clock else time.monotonic)
+    assert isinstance(sink, BagSink)
+    return sink
+
+
+def frame(number: int, data_bytes: int = 1000, seconds: float | None = None) -> MessageFrame:
+    """Return a frame as it is received, one per second."""
+    time_ns = round((number if seconds is None else seconds) * NANO)
+    message = WireImage(
+        header=WireHeader(number, 7, 'camera'), height=1, width=data_bytes, encoding='my_own',
+        is_bigendian=False, step=data_bytes, data=np.full(data_bytes, number % 256, np.uint8))
+    return MessageFrame(
+        metadata=FrameMetadata(number * NANO + 7, 'camera', 'my_own', CHANNEL.topic),
+        message=message, channel=CHANNEL, receive_ns=1_700_000_000 * NANO + time_ns,
+        arrival_ns=time_ns, publish_ns=number + 1, number=number)
+
+
+def put(bags: BagSink, one: ReceivedFrame) -> str:
+    return bags.commit(one, bags.prepare(one)).name
+
+
+def put_all(bags: BagSink, numbers: Iterable[int], error: str = '', size: int = 1000) -> int:
+    """Put frames and return the number of refused ones, whose error must contain a text."""
+    failed = 0
+    for number in numbers:
+        try:
+            put(bags, frame(number, size))
+        except OSError as err:
+            assert err.strerror == error
+            failed += 1
+    return failed
+
+
+def numbers(path: Path) -> list[int]:
+    """Return the numbers of the frames in a bag."""
+    return [message.header.stamp.sec for message in decode(path) if hasattr(message, 'encoding')]
+
+
+def lines(folder: Path) -> list[tuple[str, int]]:
+    return [(line['file'], line['frames']) for line in read_manifest(folder)]
+
+
+def camera_info(seconds: float, width: int = 3) -> BagMessage:
+    time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
+    return BagMessage(
+        channel=BagChannel(topic='/camera_info', type_name=CAMERA_INFO), log_ns=time_ns,
+        parts=(serialize_message(CameraInfo(width=width)),), publish_ns=time_ns)
+
+
+def test_messages_as_they_came(tmp_path: Path) -> None:
+    recorder = Recorder(open_bags(tmp_path), Console(), block=True)
+    frames = [frame(number) for number in range(20)]
+    for one in frames:
+        recorder.put(one)
+    recorder.close()
+    assert recorder.counts.written == 20 and not recorder.is_unfinished
+    assert [stored.data for stored in read_by_all(tmp_path / 'drive.mcap')] == [
+        image_to_cdr(one.message) for one in frames]
+    assert lines(tmp_path) == [('drive.mcap', 20)]
+    line, = read_manifest(tmp_path)
+    assert (line['encoding'], line['stored_encoding'], line['size']) == (
+        'my_own', 'my_own', [1000, 1])
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', 'mono16', '32FC1', 'bayer_rggb8', 'nv12'])
+def test_frames_of_pixels(tmp_path: Path, encoding: str) -> None:
+    image = random_image(encoding)
+    bags = open_bags(tmp_path)
+    put(bags, frame_of(image[:, ::-1][:, ::-1], encoding))
+    bags.close()
+    header = WireHeader(1_700_000_000, 0, 'camera')
+    expected = array_to_wire(image, find_encoding(encoding), header)
+    stored, = read_by_all(tmp_path / 'drive.mcap')
+    assert stored.data == image_to_cdr(expected) and stored.topic == '/video_frames'
+
+
+def test_compressed_frames(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    metadata = FrameMetadata(-1, 'camera', 'jpeg', '/video_frames/compressed')
+    put(bags, CompressedFrame(metadata=metadata, receive_ns=7, data=b'no picture'))
+    bags.close()
+    stored, = read_by_all(tmp_path / 'drive.mcap')
+    assert stored.data == compressed_image_to_cdr(WireCompressedImage(
+        header=WireHeader(-1, 999_999_999, 'camera'), format='jpeg', data=b'no picture'))
+    assert (stored.topic, stored.log_ns) == ('/video_frames/compressed', 7)
+
+
+def test_frames_of_messages_can_be_decoded() -> None:
+    image = random_image('bgr8')
+    message = array_to_wire(image, find_encoding('bgr8'))
+    metadata = FrameMetadata(5, 'camera', 'bgr8', '/video_frames')
+    decoded = MessageFrame(metadata=metadata, message=message, channel=CHANNEL, receive_ns=7,
+                           arrival_ns=8).decode()
+    assert np.array_equal(decoded.image, image)
+    assert (decoded.metadata, decoded.receive_ns, decoded.arrival_ns) == (metadata, 7, 8)
+
+
+def test_camera_info_is_written_in_the_order_of_reception(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    for number in range(3):
+        bags.add_message(camera_info(number + 0.5, number))
+    for number in range(3):
+        put(bags, frame(number))
+    bags.close()
+    found = read_by_all(tmp_path / 'drive.mcap')
+    assert [stored.topic for stored in found] == 3 * ['/video_frames', '/camera_info']
+    assert [stored.log_ns for stored in found] == sorted(stored.log_ns for stored in found)
+    assert lines(tmp_path) == [('drive.mcap', 3)] and bags.counts.kept == 3
+
+
+def test_newest_camera_info_is_kept_without_frames(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    for number in range(1500):
+        bags.add_message(camera_info(0, number))
+    put(bags, frame(1))
+    bags.close()
+    *infos, _ = decode(tmp_path / 'drive.mcap')
+    assert [info.width for info in infos] == [*range(500, 1500)]
+
+
+def test_camera_info_alone_makes_no_bag(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    bags.add_message(camera_info(0))
+    bags.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_of_existing_bags(tmp_path: Path) -> None:
+    for expected in ('drive.mcap', 'drive_1.mcap', 'drive_2.mcap'):
+        bags = open_bags(tmp_path)
+        assert put(bags, frame(1)) == expected
+        bags.close()
+    bags = open_bags(tmp_path, on_exists='overwrite')
+    assert put_all(bags, range(2)) == 0
+    bags.close()
+    assert numbers(tmp_path / 'drive.mcap') == [0, 1]
+    with pytest.raises(RecordingError, match=r'already contains drive\.mcap'):
+        open_bags(tmp_path, on_exists='error')
+
+
+def test_limit_of_bytes_is_exact(tmp_path: Path) -> None:
+    for size in (2000, 20_000, 21_000):
+        folder = tmp_path / str(size)
+        bags = open_bags(folder, limits=Limits(max_bytes=size))
+        taken = 0
+        with pytest.raises(LimitReached, match=f'^max_bytes is {size}$'):
+            for taken in range(100):
+                bags.add_message(camera_info(taken))
+                put(bags, frame(taken))
+        bags.close()
+        assert bags.counts.kept == taken
+        files = recorded_files(folder)
+        assert size - 1500 < sum(path.stat().st_size for path in files) <= size or not files
+        assert [numbers(path) for path in files] == ([[*range(taken)]] if taken else [])
+
+
+@pytest.mark.parametrize(('limits', 'expected'), [
+    (Limits(split_seconds=4.0), [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9]]),
+    (Limits(split_bytes=4000), [[0, 1, 2], [3, 4, 5], [6, 7, 8], [9]])])
+def test_split(tmp_path: Path, limits: Limits, expected: list[list[int]]) -> None:
+    bags = open_bags(tmp_path, 'drive_{seq}.mcap', limits=limits)
+    assert put_all(bags, range(10)) == 0
+    bags.close()
+    assert bags.counts.kept == 10
+    assert [numbers(path) for path in recorded_files(tmp_path)] == expected
+    assert lines(tmp_path) == [
+        (f'drive_{index}.mcap', len(part)) for index, part in enumerate(expected)]
+
+
+def test_split_of_videos(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, 'clip_{seq}.mkv', limits=Limits(split_seconds=2.0))
+    for number in range(5):
+        one = frame_of(np.full((16, 16), number, np.uint8), 'mono8', number)
+        videos.commit(one, videos.prepare(one))
+    videos.close()
+    assert lines(tmp_path) == [('clip_0.mkv', 2), ('clip_1.mkv', 2), ('clip_2.mkv', 1)]
+
+
+def test_split_of_images_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r'^a \.png file has one frame and cannot be split'):
+        open_videos(tmp_path / 'out', 'x.png', limits=Limits(split_bytes=7))
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize(('limits', 'least', 'most'), [
+    (Limits(max_frames=20, ring=True), 18, 20),
+    (Limits(max_seconds=20.0, ring=True), 20, 22),
+    (Limits(max_bytes=60_000, ring=True), 20, 55)])
+def test_ring_keeps_the_newest_bags(
+        tmp_path: Path, limits: Limits, least: int, most: int) -> None:
+    bags = open_bags(tmp_path, 'drive_{seq:03d}.mcap', limits=limits)
+    for number in range(200):
+        put(bags, frame(number))
+        if limits.max_bytes:
+            total = sum(path.stat().st_size for path in recorded_files(tmp_path))
+            assert total <= limits.max_bytes
+    bags.close()
+    files = recorded_files(tmp_path)
+    kept = [number for path in files for number in numbers(path)]
+    assert kept == [*range(kept[0], 200)] and least <= len(kept) <= most
+    assert sum(path.stat().st_size for path in files) <= (limits.max_bytes or 10**9)
+    assert [frames for _, frames in lines(tmp_path)] == [len(numbers(path)) for path in files]
+
+
+def test_ring_deletes_bags_of_earlier_recordings(tmp_path: Path) -> None:
+    for begin in (0, 30):
+        bags = open_bags(tmp_path, 'drive_{seq:03d}.mcap', limits=Limits(max_frames=40, ring=True))
+        assert put_all(bags, range(begin, begin + 30)) == 0
+        bags.close()
+    kept = [number for path in recorded_files(tmp_path) for number in numbers(path)]
+    assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
+    assert len(lines(tmp_path)) == len(recorded_files(tmp_path))
+
+
+def test_frame_larger_than_the_ring(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, limits=Limits(max_bytes=5000, ring=True))
+    put(bags, frame(0, 500))
+    with pytest.raises(LimitReached, match='max_bytes is 5000, the next file has'):
+        put(bags, frame(1, 6000))
+    bags.close()
+    assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 5000
+
+
+def test_full_disk_then_room_again(tmp_path: Path) -> None:
+    clock, console = SteppedClock(), Console()
+    bags = open_bags(tmp_path, clock=clock)
+    too_large = os.strerror(errno.EFBIG)
+    with disk_of(50_000):
+        failed = put_all(bags, range(100), too_large)
+    kept = bags.counts.kept
+    assert kept + failed == 100 and 30 < kept < 50
+    clock.step_to(clock.now + 3)
+    assert put_all(bags, range(100, 110)) == 0
+    bags.close()
+    files = recorded_files(tmp_path)
+    assert [numbers(path) for path in files] == [[*range(kept)], [*range(100, 110)]]
+    assert lines(tmp_path) == [('drive.mcap', kept), ('drive_1.mcap', 10)]
+    assert bags.counts.kept == kept + 10 and not bags.counts.lost and not console.lines
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.parametrize('when', ['next file', 'end', 'next recording'])
+def test_summary_without_room_is_written_later(tmp_path: Path, when: str) -> None:
+    bags = open_bags(tmp_path)
+    put_all(bags, range(5))
+    with disk_of((tmp_path / 'drive.mcap').stat().st_size):
+        with pytest.raises(OSError, match=r'File too large: drive\.mcap has no index yet, which'):
+            bags._end(bags._file)
+        if when == 'next recording':
+            with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
+                bags.close()
+    assert bags.counts.lost == 0
+    if when == 'next file':
+        put(bags, frame(9))
+        assert [entry.frames for entry in Manifest(tmp_path).entries()] == [5]
+    elif when == 'next recording':
+        assert not (tmp_path / 'manifest.jsonl').exists()
+        bags = open_bags(tmp_path)
+    bags.close()
+    assert lines(tmp_path)[0] == ('drive.mcap', 5)
+    assert numbers(tmp_path / 'drive.mcap') == [*range(5)]
+    assert not list(tmp_path.glob('.*'))
+
+
+def test_every_frame_is_counted_on_a_full_disk(tmp_path: Path) -> None:
+    clock, console = SteppedClock(), Console()
+    recorder = Recorder(open_bags(tmp_path, clock=clock), console, block=True)
+    with disk_of(20_000):
+        for number in range(100):
+            recorder.put(frame(number))
+            clock.step_to(clock.now + 0.05)
+        recorder.close()
+    counts = recorder.counts
+    assert counts.written + counts.failed == 100 and counts.written > 10
+    assert recorder.is_unfinished  # the summary needs more room than a frame
+    open_bags(tmp_path).close()
+    files = recorded_files(tmp_path)
+    assert counts.written == sum(len(numbers(path)) for path in files)
+    assert counts.written == sum(frames for _, frames in lines(tmp_path))
+    assert console.lines[0] == f'error: a frame was not written: {os.strerror(errno.EFBIG)}'
+
+
+def test_removed_bag_is_noticed(tmp_path: Path) -> None:
+    clock = SteppedClock()
+    bags = open_bags(tmp_path, clock=clock)
+    put_all(bags, range(3))
+    (tmp_path / 'drive.mcap').unlink()
+    clock.step_to(clock.now + 1)
+    put_all(bags, range(3, 5))
+    bags.close()
+    assert (bags.counts.kept, bags.counts.lost) == (2, 3)
+    assert bags.counts.reason == 'drive.mcap was removed or moved while it was written'
+    assert lines(tmp_path) == [('drive.mcap', 2)] and numbers(tmp_path / 'drive.mcap') == [3, 4]
+
+
+def test_error_of_one_frame(tmp_path: Path) -> None:
+    console = Console()
+    recorder = Recorder(open_bags(tmp_path), console, block=True)
+    metadata = FrameMetadata(2**70, 'camera', 'jpeg', '/a')
+    recorder.put(CompressedFrame(metadata=metadata, receive_ns=1, data=b'a'))
+    recorder.put(frame(1))
+    recorder.close()
+    assert (recorder.counts.written, recorder.counts.failed) == (1, 1)
+    assert 'a number is out of the range of its field' in console.lines[0]
+
+
+RECORD = """
+import pathlib, sys
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.image.cdr import WireHeader, WireImage
+from opencv_tools.recording.frames import MessageFrame
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.naming import FileNames, FrameMetadata
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.selection import Limits
+bags = open_sink(pathlib.Path(sys.argv[1]), FileNames('drive_{seq}.mcap'),
+                 EncoderSettings('.mcap'), 'continue', Limits(), False)
+channel = BagChannel(topic='/video_frames', type_name='sensor_msgs/msg/Image')
+number = 0
+while True:
+    size = (10, 3000, 800_000)[number % 3]
+    message = WireImage(header=WireHeader(number, 7, 'camera'), height=1, width=size, step=size,
+                        encoding='mono8', is_bigendian=False, data=bytes(size))
+    metadata = FrameMetadata(number, 'camera', 'mono8', '/video_frames')
+    frame = MessageFrame(metadata=metadata, message=message, channel=channel,
+                         receive_ns=number * 10**7, arrival_ns=0)
+    bags.commit(frame, bags.prepare(frame))
+    number += 1
+    print(number, flush=True)
+"""
+
+
+@pytest.mark.process
+def test_twenty_killed_recordings_are_finished(tmp_path: Path) -> None:
+    chosen = random.Random(21)
+    for run in range(20):
+        moment = chosen.randrange(1, 60)
+        with subprocess.Popen([sys.executable, '-c', RECORD, str(tmp_path)],
+                              stdout=subprocess.PIPE, text=True) as recording:
+            for line in recording.stdout:
+                if int(line) == moment:
+                    time.sleep(chosen.random() / 100)  # anywhere within a frame
+                    recording.send_signal(signal.SIGKILL)
+                    break
+            written = max([moment, *map(int, recording.stdout.read().split())])
+        open_bags(tmp_path, 'other.mcap').close()  # the next recording
+        path = tmp_path / f'drive_{run}.mcap'
+        found = numbers(path)
+        assert found in ([*range(written)], [*range(written + 1)])
+        assert len(read_by_all(path)) == len(found)
+        assert lines(tmp_path)[-1] == (path.name, len(found))
+        assert not list(tmp_path.glob('.*'))
+
+
+def cut_bag(folder: Path, cut: int) -> Path:
+    """Record ten frames, and cut off the end of the bag."""
+    bags = open_bags(folder)
+    put_all(bags, range(10))
+    bags.close()
+    path = folder / 'drive.mcap'
+    path.write_bytes(path.read_bytes()[:-cut])
+    return path
+
+
+def test_cut_bag_without_a_journal_is_finished(tmp_path: Path) -> None:
+    path = cut_bag(tmp_path, 1000)
+    open_bags(tmp_path).close()
+    assert numbers(path) == [*range(10)]
+    last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
+    assert last['bytes'] == path.stat().st_size and last['frames'] == 10
+
+
+def test_bag_of_a_running_recording_is_left_alone(tmp_path: Path) -> None:
+    first = open_bags(tmp_path)
+    put_all(first, range(3))
+    second = open_bags(tmp_path)
+    assert put(second, frame(9)) == 'drive_1.mcap'
+    second.close()
+    put_all(first, range(3, 6))
+    first.close()
+    assert numbers(tmp_path / 'drive.mcap') == [*range(6)]
+    assert sorted(lines(tmp_path)) == [('drive.mcap', 6), ('drive_1.mcap', 1)]
+
+
+def test_damaged_and_foreign_bags_are_left_alone(tmp_path: Path) -> None:
+    damaged = bytearray(cut_bag(tmp_path, 300).read_bytes())
+    damaged[17 + damaged[9]] = 0x33  # the code of the record after the header
+    (tmp_path / 'drive.mcap').write_bytes(damaged)
+    (tmp_path / 'text.mcap').write_text('text')
+    (tmp_path / 'folder.mcap').mkdir()
+    (tmp_path / 'link.mcap').symlink_to('nowhere')
+    bags = open_bags(tmp_path, 'new.mcap')
+    put(bags, frame(1))
+    bags.close()
+    assert (tmp_path / 'drive.mcap').read_bytes() == damaged
+    assert (tmp_path / 'text.mcap').read_text() == 'text'
+
+
+def test_bag_killed_in_its_header_is_removed(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    put(bags, frame(1))
+    journal, = tmp_path.glob('.*')
+    kept = journal.read_bytes()
+    bags.close()
+    (tmp_path / 'manifest.jsonl').unlink()
+    journal.write_bytes(kept)
+    (tmp_path / 'drive.mcap').write_bytes((tmp_path / 'drive.mcap').read_bytes()[:30])
+    open_bags(tmp_path).close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_library_refuses_bags_only(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'mcap.records', None)
+    text = "^bags need the library mcap, .* install it with 'pip install mcap'$"
+    with pytest.raises(ValueError, match=text):
+        check_format('.mcap')
+    with pytest.raises(RecordingError, match=text):
+        open_bags(tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+    check_format('.png')
+
+
+def test_killed_bag_waits_for_the_library(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = cut_bag(tmp_path, 500)
+    content = path.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, 'mcap.records', None)
+        open_videos(tmp_path, 'x.png').close()
+        assert path.read_bytes() == content
+    open_bags(tmp_path).close()
+    assert len(read_indexed(path)) == 10
