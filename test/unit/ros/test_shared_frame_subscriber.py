@@ -180,6 +180,8 @@ def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool
         subscription = subscriber._subscription
         spin_until(node, lambda: ours.subscribers > 0
                    and subscription._subscription.publisher_count() > 0)
+        ours.send()
+        spin_until(node, lambda: bool(numbers))
 
         def send_until_shared() -> bool:
             ours.send()
