@@ -25,12 +25,12 @@ from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.priority import current_priority, use_priority
-from opencv_tools.ros.shared_frames.announcement import (
-    AnnouncementError, read_announcement, SUFFIX)
+from opencv_tools.ros.shared_frames.announcement import SUFFIX
 from opencv_tools.ros.shared_frames.header import SharedFrame
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH, process_memory
 from opencv_tools.ros.shared_frames.pages import SharedMemoryError
 from opencv_tools.ros.shared_frames.reader import FrameReader
+from opencv_tools.ros.shared_frames.services import MAX_PUBLISHERS, SharedServices
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
 from opencv_tools.ros.zero_copy import MessageInfo
 from rclpy.node import Node
@@ -41,7 +41,6 @@ from std_msgs.msg import String
 _JOIN_SECONDS = 0.3
 # Threads notice their end after this time.
 _WAIT_SECONDS = 0.05
-_MAX_PUBLISHERS = 64
 
 
 class _State(Enum):
@@ -110,9 +109,7 @@ class SharedFrameSubscriber:
         self._on_broken = on_broken
         self._on_change = on_change
         self._links: dict[bytes, _Link] = {}
-        self._services: dict[bytes, str] = {}  # that can be reached, by publisher
-        self._reasons: dict[bytes, str] = {}  # why others cannot be reached
-        self._broken: set[str] = set()
+        self._services = SharedServices(log)
         # Numbers of the last message and of the last shared one, by publisher.
         self._passed: dict[bytes, int] = {}
         self._shared: dict[bytes, int] = {}
@@ -120,7 +117,7 @@ class SharedFrameSubscriber:
         self._guard = node.create_guard_condition(self._wake)
         self._subscription = node.create_subscription(
             String, f'{node.resolve_topic_name(topic)}{SUFFIX}', self._read_announcement,
-            QoSProfile(depth=_MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            QoSProfile(depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
     def update(self, publishers: frozenset[bytes]) -> bool:
         """
@@ -134,25 +131,23 @@ class SharedFrameSubscriber:
                 self._drain(self._links[publisher])
                 self._close(publisher)
             for numbers in (self._passed, self._shared):
-                if len(numbers) > _MAX_PUBLISHERS:
+                if len(numbers) > MAX_PUBLISHERS:
                     for publisher in numbers.keys() - publishers:
                         del numbers[publisher]
-            are_shared = bool(publishers) and publishers <= self._services.keys()
+            are_shared = bool(publishers) and self._services.include(publishers)
             for publisher in publishers:
                 link = self._links.get(publisher)
                 if link is None and are_shared:
                     are_shared = self._open(publisher)
                 elif link is not None and (
-                        not are_shared or link.service != self._services[publisher]):
+                        not are_shared or link.service != self._services.of(publisher)):
                     self._leave(link)
             return are_shared and all(
                 link.state == _State.SHARING for link in self._links.values())
 
     def explain(self, publishers: frozenset[bytes]) -> str:
         """Return why a publisher does not share its frames with this process, or ''."""
-        return next((self._reasons.get(
-            publisher, 'it has no frames yet, reads a file, or is not of opencv_tools with '
-            'iceoryx2') for publisher in publishers - self._services.keys()), '')
+        return self._services.explain(publishers)
 
     def receive(self, info: MessageInfo, deliver: Callable[[], None]) -> None:
         """
@@ -167,11 +162,11 @@ class SharedFrameSubscriber:
             if link is not None and link.state == _State.SHARING:
                 return
             if link is not None and link.state == _State.LEAVING:
-                following = max(number, self._passed[publisher] + 1)
-                is_followed = self._drain(link, following)
+                first = max(number, self._passed[publisher] + 1)  # of those that are passed on
+                is_followed = self._drain(link, first)
                 self._close(publisher)
                 self._losses.resume(
-                    publisher, following - 1 if is_followed else self._passed[publisher])
+                    publisher, first - 1 if is_followed else self._passed[publisher])
                 self._report_change()
             if number and number <= self._shared.get(publisher, 0):
                 return
@@ -213,34 +208,17 @@ class SharedFrameSubscriber:
     # Announcements
 
     def _read_announcement(self, message: String) -> None:
-        try:
-            announcement = read_announcement(message.data)
-        except AnnouncementError as err:
-            self._log.debug(str(err))
-            return
-        publisher = bytes.fromhex(announcement.publisher)
         with self.lock:
-            self._services.pop(publisher, None)
-            self._reasons.pop(publisher, None)
-            if not announcement.service:
-                self._reasons[publisher] = 'its /dev/shm has too little room'
-            elif not announcement.is_reachable:
-                self._reasons[publisher] = (
-                    'it runs on another machine, in another container or as another user')
-            elif announcement.service not in self._broken:
-                self._services[publisher] = announcement.service
-            for texts in (self._services, self._reasons):
-                while len(texts) > _MAX_PUBLISHERS:
-                    del texts[next(iter(texts))]
+            self._services.add(message.data)
         self._on_change()
 
     def _open(self, publisher: bytes) -> bool:
         """Open the frames of a publisher and return whether that was possible."""
-        service = self._services[publisher]
+        service = self._services.of(publisher)
         try:
             reader = process_memory().open_reader(service, self._depth, self._max_views)
         except SharedMemoryError as err:
-            self._give_up(publisher, service, err)
+            self._services.remove(publisher, service, err)
             return False
         link = self._links[publisher] = _Link(publisher, service, reader)
         link.thread = Thread(
@@ -248,16 +226,6 @@ class SharedFrameSubscriber:
             daemon=True)
         link.thread.start()
         return True
-
-    def _give_up(self, publisher: bytes, service: str, err: SharedMemoryError) -> None:
-        """Return to the image topic until the publisher announces another service."""
-        self._log.debug(f'frames are not shared: {err}')
-        if self._services.get(publisher) == service:
-            del self._services[publisher]
-            self._reasons[publisher] = str(err)
-        if len(self._broken) >= _MAX_PUBLISHERS:
-            self._broken.clear()
-        self._broken.add(service)
 
     def _leave(self, link: _Link) -> None:
         if link.state == _State.JOINING:
@@ -330,7 +298,7 @@ class SharedFrameSubscriber:
             yield frame
 
     def _fail(self, link: _Link, err: SharedMemoryError) -> None:
-        self._give_up(link.publisher, link.service, err)
+        self._services.remove(link.publisher, link.service, err)
         if not link.is_closed:
             self._leave(link)
         self._report_change()
