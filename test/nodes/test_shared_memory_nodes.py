@@ -30,7 +30,7 @@ import numpy as np
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
-from sharing import picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
+from sharing import Camera, picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
 
 pytestmark = pytest.mark.process
 
@@ -223,6 +223,25 @@ def test_killed_readers(viewer: Viewer, remote_camera: Callable[..., RemoteCamer
             reader.kill()
         viewer.watch_sharing(ours)
     viewer.assert_complete(ours)
+
+
+def test_nothing_is_written_for_killed_readers(
+        node: Node, remote_viewer: Callable[..., RemoteViewer]) -> None:
+    camera = Camera(node)
+    killed = remote_viewer()
+
+    def send_until_shared() -> bool:
+        camera.send()
+        return killed.has_shared(5)
+
+    killed.wait_until(send_until_shared)
+    killed.kill()
+
+    def send_until_unread() -> bool:
+        camera.send()
+        return not camera._frames._shared._writer.readers
+
+    spin_until(node, send_until_unread)
 
 
 def test_killed_publishers(memory: Callable[[float], Memory],
