@@ -387,7 +387,8 @@ def test_large_frames_in_little_memory(
     assert all(viewer.is_running() for viewer in viewers)
     for viewer in viewers:
         numbers = [number for _, number, _, _ in viewer.frames]
-        assert numbers == sorted(set(numbers))
+        # Fast DDS may deliver a message late to a new subscription, after the next one.
+        assert len(numbers) == len(set(numbers))
     if megabytes in (4, 64):  # the others have room at times, beside Fast DDS
         are_shared = any(frame[2] for viewer in viewers for frame in viewer.frames)
         assert are_shared == (megabytes == 64)
