@@ -184,8 +184,8 @@ def test_plain_publisher_beside_shared_frames(
         plain = remote_camera(f'plain{turn}', is_plain=True)
         viewer.watch(lambda: not viewer.is_sharing, ours)
         viewer.match(ours, plain)
-        viewer.watch(lambda: not viewer.shared and plain.sent > 50,  # noqa: B023
-              ours, plain)
+        viewer.watch(
+            lambda: not viewer.shared and plain.sent > 50, ours, plain)  # noqa: B023
         viewer.assert_complete(ours, plain)
         plain.destroy()
     viewer.watch_sharing(ours)

@@ -38,7 +38,6 @@ from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
 
 
-
 @pytest.fixture
 def view(node: Node) -> Iterator[Callable[..., Viewer]]:
     """Return a function that creates viewers, which end with the test."""
