@@ -30,7 +30,7 @@ import numpy as np
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
-from sharing import picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
+from sharing import Camera, picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
 
 pytestmark = pytest.mark.process
 
@@ -184,8 +184,8 @@ def test_plain_publisher_beside_shared_frames(
         plain = remote_camera(f'plain{turn}', is_plain=True)
         viewer.watch(lambda: not viewer.is_sharing, ours)
         viewer.match(ours, plain)
-        viewer.watch(lambda: not viewer.shared and plain.sent > 50,  # noqa: B023
-              ours, plain)
+        viewer.watch(
+            lambda: not viewer.shared and plain.sent > 50, ours, plain)  # noqa: B023
         viewer.assert_complete(ours, plain)
         plain.destroy()
     viewer.watch_sharing(ours)
@@ -223,6 +223,25 @@ def test_killed_readers(viewer: Viewer, remote_camera: Callable[..., RemoteCamer
             reader.kill()
         viewer.watch_sharing(ours)
     viewer.assert_complete(ours)
+
+
+def test_nothing_is_written_for_killed_readers(
+        node: Node, remote_viewer: Callable[..., RemoteViewer]) -> None:
+    camera = Camera(node)
+    killed = remote_viewer()
+
+    def send_until_shared() -> bool:
+        camera.send()
+        return killed.has_shared(5)
+
+    killed.wait_until(send_until_shared)
+    killed.kill()
+
+    def send_until_unread() -> bool:
+        camera.send()
+        return not camera._frames._shared._writer.readers
+
+    spin_until(node, send_until_unread)
 
 
 def test_killed_publishers(memory: Callable[[float], Memory],
@@ -368,7 +387,8 @@ def test_large_frames_in_little_memory(
     assert all(viewer.is_running() for viewer in viewers)
     for viewer in viewers:
         numbers = [number for _, number, _, _ in viewer.frames]
-        assert numbers == sorted(set(numbers))
+        # Fast DDS may deliver a message late to a new subscription, after the next one.
+        assert len(numbers) == len(set(numbers))
     if megabytes in (4, 64):  # the others have room at times, beside Fast DDS
         are_shared = any(frame[2] for viewer in viewers for frame in viewer.frames)
         assert are_shared == (megabytes == 64)

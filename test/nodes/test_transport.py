@@ -67,7 +67,7 @@ rclpy.init()
 with configured_fastdds(24_883_200):
     node = Node('sender')
 publisher = node.create_publisher(
-    Image, 'video_frames', QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    Image, 'video_frames', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
 publish_small_until_signal(1)
 for _ in range(5):
     publish(7680, 3240)

@@ -74,7 +74,7 @@ class Camera:
 
     @property
     def subscribers(self) -> int:
-        """Number of subscriptions of the image topic."""
+        """Return the number of subscriptions of the image topic."""
         publisher = self._plain or self._frames._images
         return int(publisher.get_subscription_count())
 
@@ -112,7 +112,7 @@ class RemoteCamera:
 
     @property
     def subscribers(self) -> int:
-        """Number of subscriptions of the image topic."""
+        """Return the number of subscriptions of the image topic."""
         return int(self._ask(['subscribers']))
 
     def send(self, *arguments: object) -> None:
@@ -160,7 +160,7 @@ class Viewer:
 
     @property
     def count(self) -> int:
-        """Number of received frames."""
+        """Return the number of received frames."""
         return sum(map(len, self.numbers.values()))
 
     def _take(self, message: WireMessage, _: int) -> None:

@@ -22,6 +22,7 @@ machine look at the frame there. The memory of a slot is allocated before it is 
 
 from __future__ import annotations
 
+from contextlib import suppress
 import ctypes
 import os
 from pathlib import Path
@@ -82,6 +83,11 @@ class FrameMemory:
         if free < size + RESERVE_BYTES:
             raise SharedMemoryError(f'{self._shared_memory} has {free} bytes free, but {size} and '
                                     f'a reserve of {RESERVE_BYTES} are needed')
+
+    def remove_dead(self) -> None:
+        """Remove the writers and readers of killed processes of this user, and their files."""
+        with suppress(SharedMemoryError), shared_memory_errors():
+            self._node.try_cleanup_dead_nodes()
 
     def create_writer(self, frame_bytes: int) -> FrameWriter:
         """

@@ -121,6 +121,7 @@ class SharedFramePublisher:
             return
         self._next_check = now + _CHECK_SECONDS
         memory = process_memory()
+        memory.remove_dead()  # killed readers still count
         try:
             memory.check_room(_SPARE_FRAMES * frame_bytes)
         except SharedMemoryError as err:

@@ -82,7 +82,7 @@ class FrameWriter:
 
     @property
     def readers(self) -> int:
-        """Number of readers."""
+        """Return the number of readers."""
         return int(self._frames.dynamic_config.number_of_subscribers)
 
     def skip(self) -> None:

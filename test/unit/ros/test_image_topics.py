@@ -18,13 +18,17 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from builtin_interfaces.msg import Time
 from conftest import spin_until
+from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.ros.fastdds.profile import NOT_CONFIGURED
 from opencv_tools.ros.publisher.camera_info import Calibration
 from opencv_tools.ros.publisher.image_topics import ImageTopics
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image
+from sharing import picture, TOPIC, Viewer
 
 
 def test_delay_after_the_last_awaited_subscriber(
@@ -51,3 +55,27 @@ def test_delay_after_the_last_awaited_subscriber(
     assert topics.may_publish()
     now -= 1.0
     assert topics.may_publish()
+
+
+@pytest.mark.parametrize('is_live', [False, True])
+def test_frames_of_a_live_source_are_shared(node: Node, camera: Node, is_live: bool) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    viewer = Viewer(node)
+    viewer.watch(lambda: topics.images.get_subscription_count() > 0
+                 and viewer.subscription._subscription.publisher_count() > 0)
+    number = 0
+
+    def publish() -> bool:
+        nonlocal number
+        if viewer.count == number:
+            number += 1
+            output = OutputImage(Frame(picture(number), '16UC1'), OutputSettings())
+            assert topics.publish(output, Time(sec=number), 'eye', is_live=is_live)
+        return viewer.shared > 20 if is_live else viewer.count > 300
+
+    viewer.watch(publish)
+    viewer.watch(lambda: viewer.count == number)
+    viewer.subscription.destroy()
+    topics.close()
+    assert viewer.numbers == {'eye': [*range(1, number + 1)]}
+    assert bool(viewer.shared) == is_live

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 import gc
 import json
 from threading import Event
+import time
 from typing import Any
 
 from conftest import DEADLINE, spin_until
@@ -35,7 +36,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
-
 
 
 @pytest.fixture
@@ -63,6 +63,42 @@ def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
     viewer.watch_sharing(ours)
     assert not viewer.node.count_subscribers(TOPIC)
     viewer.assert_complete(ours)
+
+
+@pytest.mark.parametrize('first', ['message', 'shared frame'])
+def test_each_order_of_arrival(
+        view: Callable[..., Viewer], camera: Node, first: str) -> None:
+    viewer = view()
+    ours = Camera(camera)
+    viewer.match(ours)
+    shared = viewer.subscription._shared
+
+    def receive() -> None:
+        """Receive the waiting frames, first by one way and then by both."""
+        deadline = time.monotonic() + DEADLINE
+        while viewer.count < ours.sent:
+            assert time.monotonic() < deadline, viewer.numbers
+            if first == 'message':
+                viewer.subscription._subscription.drain()
+            else:
+                shared._wake()
+
+    viewer.watch(lambda: bool(shared._links), ours)
+    deadline = time.monotonic() + DEADLINE
+    while viewer.count < ours.sent:
+        assert time.monotonic() < deadline
+        viewer.subscription._subscription.drain()
+    ours.send()
+    receive()
+    viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
+    plain = Camera(camera, 'plain', is_plain=True)
+    viewer.match(ours, plain)
+    ours.send()
+    receive()
+    viewer.watch(lambda: plain.sent > 20, ours, plain)
+    viewer.assert_complete(ours, plain)
+    assert not shared._links
 
 
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
@@ -180,6 +216,8 @@ def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool
         subscription = subscriber._subscription
         spin_until(node, lambda: ours.subscribers > 0
                    and subscription._subscription.publisher_count() > 0)
+        ours.send()
+        spin_until(node, lambda: bool(numbers))
 
         def send_until_shared() -> bool:
             ours.send()
