@@ -25,13 +25,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import os
 import struct
-from typing import Any
 import zlib
 
+from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.index import CHUNK_CODE, RECORD
 from opencv_tools.bags.reading import Damage, MAX_BYTES
-from opencv_tools.image.text import printable
 
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
@@ -153,46 +152,7 @@ def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
     data = read(begin, length)
     if len(data) < length:
         raise BagError('it is cut off')
-    content = memoryview(_decompress(data, compression, size))
+    content = decompress(data, compression, size) if compression else data
     if crc and zlib.crc32(content) != crc:
         raise BagError('its checksum is wrong')
     return lambda offset, count: content[offset:offset + count], 0, len(content)
-
-
-def _decompress(data: memoryview, compression: str, size: int) -> Any:
-    """Return the data of a chunk; a chunk with more than the claimed data is refused."""
-    if not compression:
-        return data
-    if compression not in _DECOMPRESSORS:
-        raise BagError(f'its compression {printable(compression)!r} is unknown')
-    try:
-        content = _DECOMPRESSORS[compression](data, size)
-    except ImportError as err:
-        raise BagError(f'it needs {compression}, which cannot be imported ({err}); install it '
-                       "with 'pip install mcap'") from err
-    except (MemoryError, RuntimeError, ValueError) as err:
-        raise BagError(f'its data cannot be decompressed: {printable(err)}') from err
-    if len(content) != size:
-        raise BagError('its data have another size than it claims')
-    return content
-
-
-def _decompress_lz4(data: memoryview, size: int) -> Any:
-    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-    decompressor = LZ4FrameDecompressor()
-    content = decompressor.decompress(data, max_length=size)
-    return content if decompressor.eof else b''
-
-
-def _decompress_zstd(data: memoryview, size: int) -> Any:
-    import zstandard
-    try:
-        # A size in the data themselves would be allocated, even if it exceeds the limit.
-        if zstandard.frame_content_size(data) > size:
-            return b''
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    except zstandard.ZstdError as err:
-        raise ValueError(err) from err
-
-
-_DECOMPRESSORS = {'lz4': _decompress_lz4, 'zstd': _decompress_zstd}

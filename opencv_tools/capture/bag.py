@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
@@ -99,7 +100,7 @@ class BagSource:
         if message is None:
             return None
         try:
-            serialized = message.load()
+            serialized = decompressed_message(message.load())
             return self._frame(message, serialized, self._find_camera_info(serialized))
         except (BagError, ImageError, OSError) as err:
             raise BrokenFrameError(f'{self.name}: a message of {printable(self.topic.name)} '
@@ -159,7 +160,7 @@ class BagSource:
     def _use_camera_info(self, message: BagMessage) -> None:
         """Keep a calibration for the images that follow; skip one that cannot be read."""
         with suppress(BagError):
-            serialized = message.load()
+            serialized = decompressed_message(message.load())
             if len(serialized) <= _MAX_INFO:
                 self._last_info = serialized
 

@@ -24,6 +24,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from opencv_tools.bags.reading import MAX_BYTES
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.capture.bag import BagSource
@@ -39,6 +40,7 @@ from images import random_image
 from playback import frames_of, play
 import pytest
 from stepped_clock import BEGAN, SteppedClock
+import zstandard
 
 JPEG_BYTES = cv2.imencode('.jpg', np.zeros((8, 16, 3), np.uint8))[1].tobytes()
 NAMES = (*ENCODINGS, '8UC2', '16SC1', '32FC1', '32SC4', '64FC3')
@@ -260,7 +262,9 @@ def broken(data: Callable[[bytes], bytes]) -> Entry:
 @pytest.mark.parametrize('entry', [
     broken(lambda data: b''), broken(lambda data: data[:30]), broken(lambda data: data[:-1]),
     broken(lambda data: b'\0\7' + data[2:]),  # another CDR version
-    broken(lambda data: b'\x28\xb5\x2f\xfd' + data[4:]),  # compressed by rosbag2
+    broken(lambda data: b'\x28\xb5\x2f\xfd' + data[4:]),
+    broken(lambda data: zstandard.compress(data)[:-4]),
+    broken(lambda data: zstandard.compress(bytes(MAX_BYTES + 1))),
     broken(lambda data: data.replace(b'mono8', b'mono9')),
     broken(lambda data: data.replace(b'\4\0\0\0\6\0\0\0', b'\xff\xff\xff\xff' * 2))])
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
@@ -271,6 +275,25 @@ def test_broken_message_is_reported_and_the_next_one_is_read(
     player = play(BagSource(folder), reasons.append)
     assert [frame.image[0, 0] for frame in player.frames()] == [0, 2]
     assert len(reasons) == 1 and f'a message of {TOPIC} cannot be read: ' in str(reasons[0])
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_messages_that_rosbag2_has_compressed(tmp_path: Path, suffix: str) -> None:
+    entries = [entry._replace(data=zstandard.compress(entry.data))
+               for number in range(3) for entry in (image_entry(number), info_entry(number, 1))]
+    source = BagSource(write_rosbag2(tmp_path / 'bag', suffix, entries))
+    shown = [(frame.image[0, 0], bytes(frame.recorded.camera_info)[-1:])
+             for frame in frames_of(source) if frame.recorded]
+    assert shown == [(0, b'0'), (1, b'1'), (2, b'2')]
+
+
+def test_missing_decompressor_of_messages(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = broken(zstandard.compress)
+    source = BagSource(write_mcap(tmp_path / 'a.mcap', [entry], use_chunking=False))
+    monkeypatch.setitem(sys.modules, 'zstandard', None)
+    with pytest.raises(BrokenFrameError, match=r"install it with 'pip install mcap'$"):
+        source.read()
 
 
 def test_damaged_chunk_is_reported_once(tmp_path: Path) -> None:
