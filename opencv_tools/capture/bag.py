@@ -31,8 +31,7 @@ from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
 from opencv_tools.capture.image_files import natural_order
-from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, WireMessage)
+from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
@@ -159,10 +158,10 @@ class BagSource:
 
     def _use_camera_info(self, message: BagMessage) -> None:
         """Keep a calibration for the images that follow; skip one that cannot be read."""
-        with suppress(BagError):
+        with suppress(BagError, OSError):
             serialized = decompressed_message(message.load())
             if len(serialized) <= _MAX_INFO:
-                self._last_info = serialized
+                self._last_info = bytes(serialized)  # a view would keep its chunk in memory
 
     def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> Frame:
         """Return the frame of a message, as a view of its data."""
