@@ -34,8 +34,10 @@ from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import expected_size, names_bag, open_source
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.image.errors import ImageError
 from played_bags import (
     BEGAN_NS, compressed_entry, Entry, image_entry, NANO, TOPIC, write_mcap, write_rosbag2)
+from hypothesis import given, settings, strategies
 from images import random_image
 from playback import frames_of, play
 import pytest
@@ -86,11 +88,11 @@ def test_big_endian_pixels_are_converted(tmp_path: Path, encoding: str) -> None:
     path = write_mcap(tmp_path / 'a.mcap', [image_entry(1, image.astype('>u2'), 'mono16')])
     frame = BagSource(path).read()
     native = Frame(image, 'mono16')
-    for settings in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
+    for output in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
         np.testing.assert_array_equal(
-            OutputImage(frame, settings).image, OutputImage(native, settings).image)
+            OutputImage(frame, output).image, OutputImage(native, output).image)
         np.testing.assert_array_equal(
-            OutputImage(frame, settings).jpeg[0], OutputImage(native, settings).jpeg[0])
+            OutputImage(frame, output).jpeg[0], OutputImage(native, output).jpeg[0])
 
 
 def test_metadata_of_a_frame(tmp_path: Path) -> None:
@@ -275,6 +277,32 @@ def test_broken_message_is_reported_and_the_next_one_is_read(
     player = play(BagSource(folder), reasons.append)
     assert [frame.image[0, 0] for frame in player.frames()] == [0, 2]
     assert len(reasons) == 1 and f'a message of {TOPIC} cannot be read: ' in str(reasons[0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(changes=strategies.lists(strategies.tuples(
+    strategies.integers(0, 200), strategies.binary(min_size=1, max_size=5)), max_size=4),
+    is_raw=strategies.booleans(), length=strategies.integers(0, 300))
+def test_hostile_messages_raise_nothing_else_than_their_errors(
+        tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, bytes]],
+        is_raw: bool, length: int) -> None:
+    entry = image_entry(1, random_image('bgr8', 4, 6), 'bgr8') if is_raw else compressed_entry(
+        1, JPEG_BYTES)
+    data = bytearray(entry.data)
+    for position, changed in changes:
+        data[position:position + len(changed)] = changed
+    path = tmp_path_factory.getbasetemp() / 'hostile.mcap'
+    write_mcap(path, [entry._replace(data=bytes(data[:length] if length < 200 else data))])
+    source = BagSource(path)
+    try:
+        frame = source.read()
+        assert frame is not None
+        output = OutputImage(frame, OutputSettings(rotate=90))
+        _ = output.description, output.jpeg
+    except (BrokenFrameError, ImageError) as err:
+        assert '\n' not in str(err)
+    finally:
+        source.close()
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
