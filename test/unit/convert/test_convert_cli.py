@@ -33,6 +33,7 @@ from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.progress import open_progress
 from opencv_tools.bags.schemas import CAMERA_INFO
 from played_bags import (
     compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap,
@@ -137,6 +138,28 @@ def test_part_of_a_source(
     assert convert(source, tmp_path / 'out' / '{seq}.png', *options) == 0
     shown = [int(frame.image[0, 0]) for frame in frames(tmp_path / 'out')]
     assert shown == [*expected]
+
+
+@pytest.mark.parametrize(('options', 'total'), [
+    ((), 6), (('--stop', '4'), 4), (('--stop', '9'), 6), (('--every', '4'), 2),
+    (('--start', '1', '--every', '2'), 3)])
+def test_number_of_frames_in_the_progress(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...],
+        total: int) -> None:
+    totals: list[int] = []
+    monkeypatch.setattr('opencv_tools.convert.convert.open_progress', lambda log, phrase, number: (
+        totals.append(number) or open_progress(log, phrase, number)))
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(6)))
+    assert convert(source, tmp_path / 'out' / '{seq}.png', *options) == 0
+    assert convert('pattern:64x48', tmp_path / '{seq}.png', '--stop', '7', '--every', '3') == 0
+    assert totals == [total, 3]
+
+
+def test_source_without_frames(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(1)._replace(data=b'')])
+    assert convert(source, tmp_path / 'a.png') == 1
+    assert capsys.readouterr().err.endswith('a.mcap has no readable frame\n')
 
 
 def test_times_of_frames_without_a_header(tmp_path: Path) -> None:
