@@ -246,17 +246,11 @@ def finish_bags(folder: Folder) -> None:
     Finish the bags of a folder whose recorders were killed.
 
     :param folder: output folder; its manifest gets the new size and digest of these bags.
-    :raises OSError: the folder or its manifest cannot be used.
     """
-    lines = {entry.name: entry for entry in folder.manifest.entries()}
     for path in folder.path.glob(f'*{BAG_SUFFIX}'):
         with suppress(BagError, OSError):  # damaged, or without permission: it is left alone
-            if has_footer(path):
-                continue
-            frames = finish_bag(path)
-            if frames is not None and path.name in lines:
-                entry = lines[path.name].measured(folder.path)
-                folder.manifest.append(replace(entry, frames=frames))
+            if not has_footer(path):
+                folder.update_line(path.name, finish_bag(path))
 
 
 def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import errno
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -431,6 +432,18 @@ def test_cut_bag_without_a_journal_is_finished(tmp_path: Path) -> None:
     assert numbers(path) == [*range(10)]
     last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
     assert last['bytes'] == path.stat().st_size and last['frames'] == 10
+
+
+@pytest.mark.parametrize('limit', [10, 10**6])
+def test_long_killed_bag_has_no_digest(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int) -> None:
+    monkeypatch.setattr('opencv_tools.recording.folder._MAX_HASHED_BYTES', limit)
+    path = cut_bag(tmp_path, 1000)
+    open_bags(tmp_path).close()
+    last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert last['sha256'] == ('' if limit == 10 else digest)
+    assert (last['bytes'], last['frames']) == (path.stat().st_size, 10)
 
 
 def test_bag_of_a_running_recording_is_left_alone(tmp_path: Path) -> None:
