@@ -38,7 +38,7 @@ from opencv_tools.image.cdr import (
 )
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_sink import BagMessage, BagSink
+from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
@@ -103,9 +103,9 @@ def lines(folder: Path) -> list[tuple[str, int]]:
     return [(line['file'], line['frames']) for line in read_manifest(folder)]
 
 
-def camera_info(seconds: float, width: int = 3) -> BagMessage:
+def camera_info(seconds: float, width: int = 3) -> RecordedMessage:
     time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
-    return BagMessage(
+    return RecordedMessage(
         channel=BagChannel(topic='/camera_info', type_name=CAMERA_INFO), log_ns=time_ns,
         parts=(serialize_message(CameraInfo(width=width)),), publish_ns=time_ns)
 
