@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import os
 import struct
+from typing import NamedTuple
 import zlib
 
 from opencv_tools.bags.compression import decompress
@@ -35,7 +36,8 @@ from opencv_tools.bags.reading import Damage, MAX_BYTES
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-_MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time and publish time
+#: Channel, sequence, log time and publish time of a message.
+MESSAGE_HEAD = struct.Struct('<HIQQ')
 _CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
 _LONGEST_NAME = 16  # characters of the name of a compression
 
@@ -78,15 +80,30 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
         begin += length
 
 
-def message_head(read: Read, record: Record) -> tuple[int, int, int] | None:
-    """Return channel, log time and offset of the data of a message; None if it is too short."""
-    if record.end - record.begin < _MESSAGE.size:
+class MessageHead(NamedTuple):
+    """
+    The fields of a message before its data.
+
+    :param channel: number of the channel.
+    :param sequence: number of the message from its publisher.
+    :param log_ns: time of reception in nanoseconds.
+    :param publish_ns: time of publication in nanoseconds.
+    """
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+
+
+def message_head(read: Read, record: Record) -> MessageHead | None:
+    """Return the head of a message; None if the record is too short."""
+    if record.end - record.begin < MESSAGE_HEAD.size:
         return None
-    head = read(record.begin, _MESSAGE.size)
-    if len(head) < _MESSAGE.size:
+    head = read(record.begin, MESSAGE_HEAD.size)
+    if len(head) < MESSAGE_HEAD.size:
         return None
-    channel, _, log_ns, _ = _MESSAGE.unpack(head)
-    return channel, log_ns, record.begin + _MESSAGE.size
+    return MessageHead(*MESSAGE_HEAD.unpack(head))
 
 
 def flat_records(

@@ -177,7 +177,8 @@ class BagSource:
         return Frame(
             image, encoding, position=(message.log_ns - self._first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
-                              play=self._play, camera_info=camera_info))
+                              play=self._play, publish_ns=message.publish_ns,
+                              number=message.number, camera_info=camera_info))
 
     def _all_messages(self) -> Iterator[BagMessage | Damage]:
         """Yield the messages of all files."""

@@ -28,6 +28,7 @@ from bag_judges import read_by_all
 from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
 import cv2
 from images import oriented_jpeg, random_image
+from mcap.reader import make_reader
 import numpy as np
 from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.source import open_source
@@ -66,6 +67,13 @@ def test_clip_becomes_a_bag_and_the_bag_becomes_images(
     assert len(read_manifest(tmp_path / 'out')) == 30
 
 
+def heads(path: Path) -> list[tuple[int, int, int]]:
+    """Return the numbers and times of messages, as the library mcap reads them."""
+    with path.open('rb') as file:
+        return [(message.sequence, message.log_time, message.publish_time)
+                for _, _, message in make_reader(file).iter_messages()]
+
+
 @pytest.mark.parametrize('encoding', [*ENCODINGS, '32FC1', '16SC1', '64FC3'])
 def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: str) -> None:
     images = [random_image(encoding, 4, 6) for _ in range(3)]
@@ -75,6 +83,7 @@ def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: s
     assert convert(tmp_path / 'b.mcap', tmp_path / '{frame_id}.npy') == 0
     assert read_all(tmp_path / 'b.mcap') == read_all(source)
     assert len(read_by_all(tmp_path / 'b.mcap')) == 3
+    assert heads(tmp_path / 'b.mcap') == heads(source)
     for number, image in enumerate(images):
         np.testing.assert_array_equal(
             np.load(tmp_path / f'optical_{number}.npy'), image, strict=True)
