@@ -23,10 +23,10 @@ import time
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.progress import open_progress
 from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
 from opencv_tools.ros.subscriber.bag_messages import BagMessages
 from opencv_tools.ros.subscriber.conversion import FrameConverter

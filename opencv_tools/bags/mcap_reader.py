@@ -28,7 +28,7 @@ from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import CHUNK_CODE, MAGIC, MESSAGE_CODE
 from opencv_tools.bags.mcap_contents import read_contents, Span
 from opencv_tools.bags.mcap_records import (
-    file_reader, flat_records, message_head, MESSAGE_HEAD, Read, records)
+    file_reader, flat_records, MESSAGE_HEAD, message_head, Read, records)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular

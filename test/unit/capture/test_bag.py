@@ -23,6 +23,8 @@ import sys
 from typing import Any
 
 import cv2
+from hypothesis import given, settings, strategies
+from images import random_image
 import numpy as np
 from opencv_tools.bags.reading import MAX_BYTES
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
@@ -35,11 +37,9 @@ from opencv_tools.capture.source import expected_size, names_bag, open_source
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.image.errors import ImageError
+from playback import frames_of, play
 from played_bags import (
     BEGAN_NS, compressed_entry, Entry, image_entry, NANO, TOPIC, write_mcap, write_rosbag2)
-from hypothesis import given, settings, strategies
-from images import random_image
-from playback import frames_of, play
 import pytest
 from stepped_clock import BEGAN, SteppedClock
 import zstandard

@@ -30,16 +30,15 @@ import cv2
 from images import oriented_jpeg, random_image
 from mcap.reader import make_reader
 import numpy as np
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.progress import open_progress
-from opencv_tools.bags.schemas import CAMERA_INFO
-from played_bags import (
-    compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap,
-    write_rosbag2, written)
 from playback import frames_of
+from played_bags import (
+    compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)
 import pytest
 
 PICTURE = np.random.default_rng(1).integers(0, 256, (16, 24, 3), np.uint8)
