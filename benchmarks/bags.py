@@ -19,12 +19,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import sys
-import tempfile
 
 from bag_conversion import converting, help_start
 from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain
-from recording import print_recording, record_publisher, Recording
+from recording import folder_here, print_recording, record_publisher, Recording
 
 RATE, LARGE_RATE = 30, 15
 MAX_CPU = 12.0  # ms of a 1080p frame
@@ -75,7 +74,7 @@ def main() -> int:
         parser.error('give a second or more')
     enter_domain()
     figures = [*recording(options.seconds), *help_start()]
-    with tempfile.TemporaryDirectory() as folder:
+    with folder_here() as folder:
         figures += converting(Path(folder))
     if options.json:
         write_figures(options.json, figures)

@@ -177,11 +177,11 @@ class _Scan:
                 continue
             if record.opcode == MESSAGE_CODE:
                 head = message_head(read, record)
-                if head and head[0] in contents.channels:
-                    contents.counts[head[0]] += 1
-                    times = *contents.times, head[1]
+                if head and head.channel in contents.channels:
+                    contents.counts[head.channel] += 1
+                    times = *contents.times, head.log_ns
                     contents.times = min(times), max(times)
-                    yield head[1]
+                    yield head.log_ns
             elif record.opcode == SCHEMA_CODE:
                 schema = _definition(Schema, read, record)
                 if schema is not None:

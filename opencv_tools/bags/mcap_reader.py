@@ -27,7 +27,8 @@ from pathlib import Path
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import CHUNK_CODE, MAGIC, MESSAGE_CODE
 from opencv_tools.bags.mcap_contents import read_contents, Span
-from opencv_tools.bags.mcap_records import file_reader, flat_records, message_head, Read, records
+from opencv_tools.bags.mcap_records import (
+    file_reader, flat_records, MESSAGE_HEAD, message_head, Read, records)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular
@@ -119,10 +120,11 @@ class McapReader:
                 yield span.start_ns, Damage(f'{self._name}: {found.reason}')
             elif found.opcode == MESSAGE_CODE:
                 head = message_head(read, found)
-                if head is not None and head[0] in wanted:
-                    channel, log_ns, begin = head
+                if head is not None and head.channel in wanted:
+                    begin = found.begin + MESSAGE_HEAD.size
                     load = partial(self._load, read, begin, found.end - begin)
-                    yield log_ns, BagMessage(wanted[channel], log_ns, load)
+                    yield head.log_ns, BagMessage(
+                        wanted[head.channel], head.log_ns, load, head.publish_ns, head.sequence)
 
     def _load(self, read: Read, begin: int, size: int) -> memoryview:
         if size > MAX_BYTES:

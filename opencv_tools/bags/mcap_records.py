@@ -25,18 +25,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import os
 import struct
-from typing import Any
+from typing import NamedTuple
 import zlib
 
+from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.index import CHUNK_CODE, RECORD
 from opencv_tools.bags.reading import Damage, MAX_BYTES
-from opencv_tools.image.text import printable
 
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-_MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time and publish time
+#: Channel, sequence, log time and publish time of a message.
+MESSAGE_HEAD = struct.Struct('<HIQQ')
 _CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
 _LONGEST_NAME = 16  # characters of the name of a compression
 
@@ -79,15 +80,30 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
         begin += length
 
 
-def message_head(read: Read, record: Record) -> tuple[int, int, int] | None:
-    """Return channel, log time and offset of the data of a message; None if it is too short."""
-    if record.end - record.begin < _MESSAGE.size:
+class MessageHead(NamedTuple):
+    """
+    The fields of a message before its data.
+
+    :param channel: number of the channel.
+    :param sequence: number of the message from its publisher.
+    :param log_ns: time of reception in nanoseconds.
+    :param publish_ns: time of publication in nanoseconds.
+    """
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+
+
+def message_head(read: Read, record: Record) -> MessageHead | None:
+    """Return the head of a message; None if the record is too short."""
+    if record.end - record.begin < MESSAGE_HEAD.size:
         return None
-    head = read(record.begin, _MESSAGE.size)
-    if len(head) < _MESSAGE.size:
+    head = read(record.begin, MESSAGE_HEAD.size)
+    if len(head) < MESSAGE_HEAD.size:
         return None
-    channel, _, log_ns, _ = _MESSAGE.unpack(head)
-    return channel, log_ns, record.begin + _MESSAGE.size
+    return MessageHead(*MESSAGE_HEAD.unpack(head))
 
 
 def flat_records(
@@ -153,46 +169,7 @@ def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
     data = read(begin, length)
     if len(data) < length:
         raise BagError('it is cut off')
-    content = memoryview(_decompress(data, compression, size))
+    content = decompress(data, compression, size) if compression else data
     if crc and zlib.crc32(content) != crc:
         raise BagError('its checksum is wrong')
     return lambda offset, count: content[offset:offset + count], 0, len(content)
-
-
-def _decompress(data: memoryview, compression: str, size: int) -> Any:
-    """Return the data of a chunk; a chunk with more than the claimed data is refused."""
-    if not compression:
-        return data
-    if compression not in _DECOMPRESSORS:
-        raise BagError(f'its compression {printable(compression)!r} is unknown')
-    try:
-        content = _DECOMPRESSORS[compression](data, size)
-    except ImportError as err:
-        raise BagError(f'it needs {compression}, which cannot be imported ({err}); install it '
-                       "with 'pip install mcap'") from err
-    except (MemoryError, RuntimeError, ValueError) as err:
-        raise BagError(f'its data cannot be decompressed: {printable(err)}') from err
-    if len(content) != size:
-        raise BagError('its data have another size than it claims')
-    return content
-
-
-def _decompress_lz4(data: memoryview, size: int) -> Any:
-    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-    decompressor = LZ4FrameDecompressor()
-    content = decompressor.decompress(data, max_length=size)
-    return content if decompressor.eof else b''
-
-
-def _decompress_zstd(data: memoryview, size: int) -> Any:
-    import zstandard
-    try:
-        # A size in the data themselves would be allocated, even if it exceeds the limit.
-        if zstandard.frame_content_size(data) > size:
-            return b''
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    except zstandard.ZstdError as err:
-        raise ValueError(err) from err
-
-
-_DECOMPRESSORS = {'lz4': _decompress_lz4, 'zstd': _decompress_zstd}

@@ -57,7 +57,7 @@ def bag_files(path: Path) -> list[Path]:
     if not files:
         packed = next(path.glob('*.zstd'), None)
         raise BagError(
-            f'{printable(packed, MAX_PATH)} is compressed; unpack it with \'unzstd\'' if packed
+            f"{printable(packed, MAX_PATH)} is compressed; unpack it with 'unzstd'" if packed
             else f'{shown} has no file with the extension {" or ".join(BAG_SUFFIXES)}')
     return files
 

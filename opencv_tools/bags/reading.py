@@ -58,11 +58,15 @@ class BagMessage:
     :param log_ns: time of the recording in nanoseconds.
     :param load: returns a buffer with the serialized message, while the bag is open; raises
         BagError or OSError if it cannot be read.
+    :param publish_ns: time of publication in nanoseconds; 0 if unknown.
+    :param number: number of the message from its publisher; 0 if unknown.
     """
 
     topic: BagTopic
     log_ns: int
     load: Callable[[], Any]
+    publish_ns: int = 0
+    number: int = 0
 
 
 @dataclass(frozen=True)

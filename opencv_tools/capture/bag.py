@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
@@ -30,8 +31,7 @@ from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
 from opencv_tools.capture.image_files import natural_order
-from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, WireMessage)
+from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
@@ -99,7 +99,7 @@ class BagSource:
         if message is None:
             return None
         try:
-            serialized = message.load()
+            serialized = decompressed_message(message.load())
             return self._frame(message, serialized, self._find_camera_info(serialized))
         except (BagError, ImageError, OSError) as err:
             raise BrokenFrameError(f'{self.name}: a message of {printable(self.topic.name)} '
@@ -158,10 +158,10 @@ class BagSource:
 
     def _use_camera_info(self, message: BagMessage) -> None:
         """Keep a calibration for the images that follow; skip one that cannot be read."""
-        with suppress(BagError):
-            serialized = message.load()
+        with suppress(BagError, OSError):
+            serialized = decompressed_message(message.load())
             if len(serialized) <= _MAX_INFO:
-                self._last_info = serialized
+                self._last_info = bytes(serialized)  # a view would keep its chunk in memory
 
     def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> Frame:
         """Return the frame of a message, as a view of its data."""
@@ -177,7 +177,8 @@ class BagSource:
         return Frame(
             image, encoding, position=(message.log_ns - self._first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
-                              play=self._play, camera_info=camera_info))
+                              play=self._play, publish_ns=message.publish_ns,
+                              number=message.number, camera_info=camera_info))
 
     def _all_messages(self) -> Iterator[BagMessage | Damage]:
         """Yield the messages of all files."""

@@ -39,6 +39,8 @@ class Recorded:
     :param topic: topic of the message.
     :param log_ns: time of the recording in nanoseconds.
     :param play: number of times that the bag was rewound before this frame.
+    :param publish_ns: time of publication in nanoseconds; 0 if unknown.
+    :param number: number of the message from its publisher; 0 if unknown.
     :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
     """
 
@@ -46,6 +48,8 @@ class Recorded:
     topic: str
     log_ns: int
     play: int = 0
+    publish_ns: int = 0
+    number: int = 0
     camera_info: Any = None
 
     @property

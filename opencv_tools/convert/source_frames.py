@@ -26,7 +26,7 @@ from opencv_tools.capture.errors import BrokenFrameError, CaptureError, Unavaila
 from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import WireCompressedImage
-from opencv_tools.recording.bag_sink import BagMessage
+from opencv_tools.recording.bag_sink import RecordedMessage
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
 
@@ -105,14 +105,15 @@ def received_frame(frame: Frame, number: int, rate: float, for_bag: bool = False
     if recorded and for_bag:
         kind = COMPRESSED_IMAGE if frame.encoding == JPEG else IMAGE
         return MessageFrame(metadata=metadata, message=recorded.message,
-                            channel=BagChannel(topic=topic, type_name=kind), **times)
+                            channel=BagChannel(topic=topic, type_name=kind),
+                            publish_ns=recorded.publish_ns, number=recorded.number, **times)
     if frame.encoding == JPEG:
         return CompressedFrame(metadata=metadata, data=frame.image.data, **times)
     return RawFrame(metadata=metadata, image=frame.image, **times)
 
 
-def camera_info_message(recorded: Recorded) -> BagMessage:
+def camera_info_message(recorded: Recorded) -> RecordedMessage:
     """Return the calibration of a frame as a message for a bag."""
     channel = BagChannel(topic=camera_info_topic(recorded.topic), type_name=CAMERA_INFO)
-    return BagMessage(channel=channel, parts=(recorded.camera_info,), log_ns=recorded.log_ns,
-                      publish_ns=recorded.log_ns)
+    return RecordedMessage(channel=channel, parts=(recorded.camera_info,), log_ns=recorded.log_ns,
+                           publish_ns=recorded.log_ns)

@@ -48,7 +48,7 @@ _MAX_WAITING = 1000  # other messages between two frames
 
 
 @dataclass(frozen=True, kw_only=True)
-class BagMessage:
+class RecordedMessage:
     """
     A message for a bag.
 
@@ -101,11 +101,11 @@ class BagFile:
         """Size of the file in bytes."""
         return self._writer.size
 
-    def size_with(self, message: BagMessage) -> int:
+    def size_with(self, message: RecordedMessage) -> int:
         """Return the largest size of the finished file with another message."""
         return self._writer.size_with(message.channel, message.size)
 
-    def write(self, message: BagMessage, is_frame: bool = True) -> bool:
+    def write(self, message: RecordedMessage, is_frame: bool = True) -> bool:
         """
         Write a message; it is in the file when this method returns.
 
@@ -148,7 +148,7 @@ class BagFile:
                        sha256=self._writer.sha256 if self.is_finished else '')
 
 
-class BagSink(FileSink[BagFile, BagMessage]):
+class BagSink(FileSink[BagFile, RecordedMessage]):
     """Write messages to bags."""
 
     def __init__(
@@ -161,22 +161,22 @@ class BagSink(FileSink[BagFile, BagMessage]):
         :raises OSError: the manifest cannot be read.
         """
         super().__init__(folder, numbering, limits, monotonic)
-        self._waiting: deque[BagMessage] = deque(maxlen=_MAX_WAITING)
+        self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
         self._arrival_ns = 0
         self._retention = Retention(limits, [
             entry for entry in folder.manifest.entries()
             if numbering.names.matches(entry.name)]) if limits.ring else None
 
-    def prepare(self, frame: ReceivedFrame) -> BagMessage:
+    def prepare(self, frame: ReceivedFrame) -> RecordedMessage:
         """Convert a frame to a message, without a copy of its data; see ``FileSink``."""
         message, channel = _message(frame)
         publish_ns, number = (frame.publish_ns, frame.number) if isinstance(
             frame, MessageFrame) else (0, 0)
-        return BagMessage(
+        return RecordedMessage(
             channel=channel, parts=message_to_cdr_parts(message), log_ns=frame.receive_ns,
             publish_ns=publish_ns or frame.receive_ns, number=number)
 
-    def add_message(self, message: BagMessage) -> None:
+    def add_message(self, message: RecordedMessage) -> None:
         """
         Add a message that is not a frame, such as a camera_info; thread-safe.
 
@@ -199,17 +199,20 @@ class BagSink(FileSink[BagFile, BagMessage]):
         finally:
             super().close()
 
-    def _open(self, path: Path, frame: ReceivedFrame, prepared: BagMessage, room: int) -> BagFile:
+    def _open(self, path: Path, frame: ReceivedFrame, prepared: RecordedMessage, room: int,
+              ) -> BagFile:
         return BagFile(path, 0 if self._retention else room)
 
-    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: BagMessage,
+    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: RecordedMessage,
                ) -> ManifestEntry:
         return file_entry(seq, name, frame, frame.metadata.encoding, _image_size(frame))
 
-    def _fits(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: BagMessage) -> bool:
+    def _fits(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedMessage,
+              ) -> bool:
         return True
 
-    def _write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: BagMessage) -> bool:
+    def _write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedMessage,
+               ) -> bool:
         self._write_waiting(file.writer, prepared.log_ns)
         if self._retention:
             self._delete_oldest(self._retention, replace(
@@ -246,17 +249,11 @@ def finish_bags(folder: Folder) -> None:
     Finish the bags of a folder whose recorders were killed.
 
     :param folder: output folder; its manifest gets the new size and digest of these bags.
-    :raises OSError: the folder or its manifest cannot be used.
     """
-    lines = {entry.name: entry for entry in folder.manifest.entries()}
     for path in folder.path.glob(f'*{BAG_SUFFIX}'):
         with suppress(BagError, OSError):  # damaged, or without permission: it is left alone
-            if has_footer(path):
-                continue
-            frames = finish_bag(path)
-            if frames is not None and path.name in lines:
-                entry = lines[path.name].measured(folder.path)
-                folder.manifest.append(replace(entry, frames=frames))
+            if not has_footer(path):
+                folder.update_line(path.name, finish_bag(path))
 
 
 def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:

@@ -45,8 +45,10 @@ _LINE = 1 << 24
 # new file begins only if the disk has room for it.
 _MAX_DEFERRED = 100
 
-# A bag that was cut off in its header is shorter.
-_BAG_HEADER_BYTES = 64
+# Files of killed recordings that are larger have no digest, because a start must not take minutes.
+_MAX_HASHED_BYTES = 1 << 30
+
+_BAG_HEADER_BYTES = 64  # a bag that was cut off in its header is not longer
 
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
@@ -166,6 +168,18 @@ class Folder:
                     self._complete_file(self._deferred[0])
             self._deferred = self._deferred[1:]
 
+    def update_line(self, name: str, frames: int | None) -> None:
+        """
+        Add the line of a file again that has changed, if the manifest has one.
+
+        :param name: name of the file.
+        :param frames: number of its frames; None if it has not changed.
+        :raises OSError: the file cannot be read, or the manifest cannot be written.
+        """
+        if frames is not None:
+            for entry in [line for line in self.manifest.entries() if line.name == name][-1:]:
+                self.manifest.append(self._measured(replace(entry, sha256='', frames=frames)))
+
     def close(self) -> None:
         """Remove the journal, unless it holds an entry that the manifest does not have."""
         if self._journal >= 0:
@@ -230,7 +244,7 @@ class Folder:
     def _complete_file(self, entry: ManifestEntry) -> None:
         path = self.path / entry.name
         frames = None if entry.sha256 else _finished_frames(path)
-        found = entry.measured(self.path)
+        found = self._measured(entry)
         # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(
                 (line.name, line.sha256) == (entry.name, found.sha256)
@@ -242,6 +256,13 @@ class Folder:
                 return
             found = replace(found, frames=frames or 0)
         self.manifest.append(found)
+
+    def _measured(self, entry: ManifestEntry) -> ManifestEntry:
+        """Return an entry with its size and its digest, which a long unfinished file has not."""
+        size = (self.path / entry.name).lstat().st_size
+        if not entry.sha256 and size > _MAX_HASHED_BYTES:
+            return replace(entry, size=size)
+        return entry.measured(self.path)
 
 
 def _finished_frames(path: Path) -> int | None:

@@ -20,9 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import NonSeekingReader, SeekingReader
-from mcap_ros2.decoder import DecoderFactory
-from rosbags.rosbag2.storage_mcap import McapReader
+import pytest
+
+_REMEDY = 'not packaged for ROS: pip install mcap mcap-ros2-support rosbags'
+_mcap = pytest.importorskip('mcap.reader', reason=_REMEDY)
+_decoder = pytest.importorskip('mcap_ros2.decoder', reason=_REMEDY)
+_rosbags = pytest.importorskip('rosbags.rosbag2.storage_mcap', reason=_REMEDY)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Stored:
 def read_indexed(path: Path) -> list[Stored]:
     """Read with mcap by the indexes, with all checksums."""
     with path.open('rb') as file:
-        reader = SeekingReader(file, validate_crcs=True)
+        reader = _mcap.SeekingReader(file, validate_crcs=True)
         found = [Stored(channel.topic, message.log_time, message.data)
                  for _, channel, message in reader.iter_messages(log_time_order=False)]
         assert reader.get_summary().statistics.message_count == len(found)
@@ -47,13 +50,14 @@ def read_indexed(path: Path) -> list[Stored]:
 def read_streaming(path: Path) -> list[Stored]:
     """Read with mcap from the start to the end, without the indexes."""
     with path.open('rb') as file:
-        return [Stored(channel.topic, message.log_time, message.data) for _, channel, message in
-                NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)]
+        reader = _mcap.NonSeekingReader(file, validate_crcs=True)
+        return [Stored(channel.topic, message.log_time, message.data)
+                for _, channel, message in reader.iter_messages(log_time_order=False)]
 
 
 def read_by_rosbags(path: Path) -> list[Stored]:
     """Read with rosbags, in the order of time."""
-    reader = McapReader(path)
+    reader = _rosbags.McapReader(path)
     reader.open()
     try:
         return [Stored(connection.topic, log_ns, bytes(data)) for connection, log_ns, data in
@@ -65,7 +69,7 @@ def read_by_rosbags(path: Path) -> list[Stored]:
 def decode(path: Path) -> list[Any]:
     """Read with mcap-ros2-support, which decodes the messages by the schemas."""
     with path.open('rb') as file:
-        reader = SeekingReader(file, decoder_factories=[DecoderFactory()])
+        reader = _mcap.SeekingReader(file, decoder_factories=[_decoder.DecoderFactory()])
         return [decoded for *_, decoded in reader.iter_decoded_messages(log_time_order=False)]
 
 

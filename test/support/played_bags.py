@@ -86,7 +86,7 @@ def write_mcap(path: Path, entries: Iterable[Entry], encoding: str = 'cdr',
                 channels[key] = writer.register_channel(
                     entry.topic, encoding, schemas[entry.type_name])
             writer.add_message(
-                channels[key], entry.log_ns, entry.data, entry.log_ns, number)
+                channels[key], entry.log_ns, entry.data, entry.log_ns // 2, number)
         writer.finish()
     return path
 

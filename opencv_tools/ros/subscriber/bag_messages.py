@@ -27,7 +27,7 @@ from opencv_tools.bags.schemas import (
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.logs import Log, Throttle
-from opencv_tools.recording.bag_sink import BagMessage
+from opencv_tools.recording.bag_sink import RecordedMessage
 from opencv_tools.recording.frames import ArrivalClock, MessageFrame
 from opencv_tools.recording.naming import FrameMetadata, NANO
 from opencv_tools.ros.qos import following_qos
@@ -52,7 +52,7 @@ class BagMessages:
     """Create the messages of a bag. The topics are described with what their publishers offer."""
 
     def __init__(
-        self, node: Node, topic: str, log: Log, on_message: Callable[[BagMessage], object],
+        self, node: Node, topic: str, log: Log, on_message: Callable[[RecordedMessage], object],
     ) -> None:
         """
         Create a converter and subscribe to the camera_info beside the images.
@@ -130,7 +130,7 @@ class BagMessages:
                                   f'recorded: a camera_info has at most {_MAX_BYTES}')
             return
         log_ns = received_ns or time.time_ns()
-        self._on_message(BagMessage(
+        self._on_message(RecordedMessage(
             channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
             publish_ns=source_ns or log_ns, number=number))
 

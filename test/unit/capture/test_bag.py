@@ -23,7 +23,10 @@ import sys
 from typing import Any
 
 import cv2
+from hypothesis import given, settings, strategies
+from images import random_image
 import numpy as np
+from opencv_tools.bags.reading import MAX_BYTES
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.capture.bag import BagSource
@@ -33,12 +36,13 @@ from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import expected_size, names_bag, open_source
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.image.errors import ImageError
+from playback import frames_of, play
 from played_bags import (
     BEGAN_NS, compressed_entry, Entry, image_entry, NANO, TOPIC, write_mcap, write_rosbag2)
-from images import random_image
-from playback import frames_of, play
 import pytest
 from stepped_clock import BEGAN, SteppedClock
+import zstandard
 
 JPEG_BYTES = cv2.imencode('.jpg', np.zeros((8, 16, 3), np.uint8))[1].tobytes()
 NAMES = (*ENCODINGS, '8UC2', '16SC1', '32FC1', '32SC4', '64FC3')
@@ -84,11 +88,11 @@ def test_big_endian_pixels_are_converted(tmp_path: Path, encoding: str) -> None:
     path = write_mcap(tmp_path / 'a.mcap', [image_entry(1, image.astype('>u2'), 'mono16')])
     frame = BagSource(path).read()
     native = Frame(image, 'mono16')
-    for settings in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
+    for output in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
         np.testing.assert_array_equal(
-            OutputImage(frame, settings).image, OutputImage(native, settings).image)
+            OutputImage(frame, output).image, OutputImage(native, output).image)
         np.testing.assert_array_equal(
-            OutputImage(frame, settings).jpeg[0], OutputImage(native, settings).jpeg[0])
+            OutputImage(frame, output).jpeg[0], OutputImage(native, output).jpeg[0])
 
 
 def test_metadata_of_a_frame(tmp_path: Path) -> None:
@@ -260,7 +264,9 @@ def broken(data: Callable[[bytes], bytes]) -> Entry:
 @pytest.mark.parametrize('entry', [
     broken(lambda data: b''), broken(lambda data: data[:30]), broken(lambda data: data[:-1]),
     broken(lambda data: b'\0\7' + data[2:]),  # another CDR version
-    broken(lambda data: b'\x28\xb5\x2f\xfd' + data[4:]),  # compressed by rosbag2
+    broken(lambda data: b'\x28\xb5\x2f\xfd' + data[4:]),
+    broken(lambda data: zstandard.compress(data)[:-4]),
+    broken(lambda data: zstandard.compress(bytes(MAX_BYTES + 1))),
     broken(lambda data: data.replace(b'mono8', b'mono9')),
     broken(lambda data: data.replace(b'\4\0\0\0\6\0\0\0', b'\xff\xff\xff\xff' * 2))])
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
@@ -271,6 +277,51 @@ def test_broken_message_is_reported_and_the_next_one_is_read(
     player = play(BagSource(folder), reasons.append)
     assert [frame.image[0, 0] for frame in player.frames()] == [0, 2]
     assert len(reasons) == 1 and f'a message of {TOPIC} cannot be read: ' in str(reasons[0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(changes=strategies.lists(strategies.tuples(
+    strategies.integers(0, 200), strategies.binary(min_size=1, max_size=5)), max_size=4),
+    is_raw=strategies.booleans(), length=strategies.integers(0, 300))
+def test_hostile_messages_raise_nothing_else_than_their_errors(
+        tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, bytes]],
+        is_raw: bool, length: int) -> None:
+    entry = image_entry(1, random_image('bgr8', 4, 6), 'bgr8') if is_raw else compressed_entry(
+        1, JPEG_BYTES)
+    data = bytearray(entry.data)
+    for position, changed in changes:
+        data[position:position + len(changed)] = changed
+    path = tmp_path_factory.getbasetemp() / 'hostile.mcap'
+    write_mcap(path, [entry._replace(data=bytes(data[:length] if length < 200 else data))])
+    source = BagSource(path)
+    try:
+        frame = source.read()
+        assert frame is not None
+        output = OutputImage(frame, OutputSettings(rotate=90))
+        _ = output.description, output.jpeg
+    except (BrokenFrameError, ImageError) as err:
+        assert '\n' not in str(err)
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_messages_that_rosbag2_has_compressed(tmp_path: Path, suffix: str) -> None:
+    entries = [entry._replace(data=zstandard.compress(entry.data))
+               for number in range(3) for entry in (image_entry(number), info_entry(number, 1))]
+    source = BagSource(write_rosbag2(tmp_path / 'bag', suffix, entries))
+    shown = [(frame.image[0, 0], bytes(frame.recorded.camera_info)[-1:])
+             for frame in frames_of(source) if frame.recorded]
+    assert shown == [(0, b'0'), (1, b'1'), (2, b'2')]
+
+
+def test_missing_decompressor_of_messages(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = broken(zstandard.compress)
+    source = BagSource(write_mcap(tmp_path / 'a.mcap', [entry], use_chunking=False))
+    monkeypatch.setitem(sys.modules, 'zstandard', None)
+    with pytest.raises(BrokenFrameError, match=r"install it with 'pip install mcap'$"):
+        source.read()
 
 
 def test_damaged_chunk_is_reported_once(tmp_path: Path) -> None:

@@ -28,16 +28,17 @@ from bag_judges import read_by_all
 from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
 import cv2
 from images import oriented_jpeg, random_image
+from mcap.reader import make_reader
 import numpy as np
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.capture.frame import Frame
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS
-from opencv_tools.bags.schemas import CAMERA_INFO
-from played_bags import (
-    compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap,
-    write_rosbag2, written)
+from opencv_tools.progress import open_progress
 from playback import frames_of
+from played_bags import (
+    compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)
 import pytest
 
 PICTURE = np.random.default_rng(1).integers(0, 256, (16, 24, 3), np.uint8)
@@ -65,6 +66,13 @@ def test_clip_becomes_a_bag_and_the_bag_becomes_images(
     assert len(read_manifest(tmp_path / 'out')) == 30
 
 
+def heads(path: Path) -> list[tuple[int, int, int]]:
+    """Return the numbers and times of messages, as the library mcap reads them."""
+    with path.open('rb') as file:
+        return [(message.sequence, message.log_time, message.publish_time)
+                for _, _, message in make_reader(file).iter_messages()]
+
+
 @pytest.mark.parametrize('encoding', [*ENCODINGS, '32FC1', '16SC1', '64FC3'])
 def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: str) -> None:
     images = [random_image(encoding, 4, 6) for _ in range(3)]
@@ -74,6 +82,7 @@ def test_every_encoding_goes_through_bags_and_arrays(tmp_path: Path, encoding: s
     assert convert(tmp_path / 'b.mcap', tmp_path / '{frame_id}.npy') == 0
     assert read_all(tmp_path / 'b.mcap') == read_all(source)
     assert len(read_by_all(tmp_path / 'b.mcap')) == 3
+    assert heads(tmp_path / 'b.mcap') == heads(source)
     for number, image in enumerate(images):
         np.testing.assert_array_equal(
             np.load(tmp_path / f'optical_{number}.npy'), image, strict=True)
@@ -137,6 +146,28 @@ def test_part_of_a_source(
     assert convert(source, tmp_path / 'out' / '{seq}.png', *options) == 0
     shown = [int(frame.image[0, 0]) for frame in frames(tmp_path / 'out')]
     assert shown == [*expected]
+
+
+@pytest.mark.parametrize(('options', 'total'), [
+    ((), 6), (('--stop', '4'), 4), (('--stop', '9'), 6), (('--every', '4'), 2),
+    (('--start', '1', '--every', '2'), 3)])
+def test_number_of_frames_in_the_progress(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...],
+        total: int) -> None:
+    totals: list[int] = []
+    monkeypatch.setattr('opencv_tools.convert.convert.open_progress', lambda log, phrase, number: (
+        totals.append(number) or open_progress(log, phrase, number)))
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(6)))
+    assert convert(source, tmp_path / 'out' / '{seq}.png', *options) == 0
+    assert convert('pattern:64x48', tmp_path / '{seq}.png', '--stop', '7', '--every', '3') == 0
+    assert totals == [total, 3]
+
+
+def test_source_without_frames(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(1)._replace(data=b'')])
+    assert convert(source, tmp_path / 'a.png') == 1
+    assert capsys.readouterr().err.endswith('a.mcap has no readable frame\n')
 
 
 def test_times_of_frames_without_a_header(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 import errno
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -37,7 +38,7 @@ from opencv_tools.image.cdr import (
 )
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_sink import BagMessage, BagSink
+from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
@@ -102,9 +103,9 @@ def lines(folder: Path) -> list[tuple[str, int]]:
     return [(line['file'], line['frames']) for line in read_manifest(folder)]
 
 
-def camera_info(seconds: float, width: int = 3) -> BagMessage:
+def camera_info(seconds: float, width: int = 3) -> RecordedMessage:
     time_ns = 1_700_000_000 * NANO + round(seconds * NANO)
-    return BagMessage(
+    return RecordedMessage(
         channel=BagChannel(topic='/camera_info', type_name=CAMERA_INFO), log_ns=time_ns,
         parts=(serialize_message(CameraInfo(width=width)),), publish_ns=time_ns)
 
@@ -431,6 +432,18 @@ def test_cut_bag_without_a_journal_is_finished(tmp_path: Path) -> None:
     assert numbers(path) == [*range(10)]
     last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
     assert last['bytes'] == path.stat().st_size and last['frames'] == 10
+
+
+@pytest.mark.parametrize('limit', [10, 10**6])
+def test_long_killed_bag_has_no_digest(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int) -> None:
+    monkeypatch.setattr('opencv_tools.recording.folder._MAX_HASHED_BYTES', limit)
+    path = cut_bag(tmp_path, 1000)
+    open_bags(tmp_path).close()
+    last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert last['sha256'] == ('' if limit == 10 else digest)
+    assert (last['bytes'], last['frames']) == (path.stat().st_size, 10)
 
 
 def test_bag_of_a_running_recording_is_left_alone(tmp_path: Path) -> None:
