@@ -27,7 +27,6 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.graph import FeedState
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
@@ -95,14 +94,14 @@ class StreamingHandler(SiteHandler):
 
         :raises RequestError: no frame has arrived.
         """
-        known = self.site.hub.state.feeds.get(stream.name)
-        if known and known.is_latched and stream.feed.newest:
+        state = await self.site.hub.refresh()
+        if stream.feed.newest and state.feeds[stream.name].is_latched:
             return stream.feed.newest
         frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
         state = await self.site.hub.refresh()
-        reason = state.feeds.get(stream.name, FeedState('', 0, False)).reason
+        reason = state.feeds[stream.name].reason
         raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
 
 
