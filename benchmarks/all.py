@@ -31,7 +31,8 @@ from figures import Figure, read_figures, table
 import numpy as np
 
 BENCHMARKS = (
-    'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'viewer', 'transport',
+    'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'viewer', 'viewer_page',
+    'transport',
     'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
     'transport --size 3840x2160 --runs 3')
 

@@ -62,6 +62,13 @@ def test_age_of_a_picture(
     page.wait_for(f'factOf({TOPIC!r}, "age") === {text!r}')
 
 
+def test_age_grows_without_frames(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 7)
+    page.wait_for(f'parseFloat(factOf({TOPIC!r}, "age")) > 2'
+                  f' && factOf({TOPIC!r}, "age").endsWith(" s")')
+
+
 def test_age_of_simulated_time(viewer: Viewer, browser: Browser, camera: Node) -> None:
     front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 7, 12 * NANO)
