@@ -32,8 +32,7 @@ import numpy as np
 
 BENCHMARKS = (
     'startup', 'robot', 'bridge', 'idle', 'playback', 'recording', 'viewer', 'viewer_page',
-    'transport',
-    'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
+    'transport', 'transport --qos best_effort --runs 3', 'transport --rate 60 --runs 3',
     'transport --size 3840x2160 --runs 3')
 
 

@@ -158,6 +158,20 @@ def test_paused_page_keeps_its_picture(viewer: Viewer, browser: Browser, camera:
     front.show(page, 2)
 
 
+def test_topic_that_ends_and_comes_back(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    page.press(' ')
+    front.wait_for_no_viewer()
+    camera.destroy_publisher(front.publisher)
+    page.wait_for('document.getElementById("empty").offsetWidth > 0')
+    page.press(' ')
+    front = Camera(camera, TOPIC)
+    front.show(page, 2)
+    assert page.complaints() == []
+
+
 def test_reconnection_after_a_restart(
         start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     front, viewer = Camera(camera, TOPIC), start_viewer()

@@ -77,7 +77,10 @@ const connection = new Connection({
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
 
 const inView = new IntersectionObserver((entries) => {
-  for (const entry of entries) tiles.get(entry.target.dataset.topic).inView = entry.isIntersecting;
+  for (const { target, isIntersecting } of entries) {
+    const tile = tiles.get(target.dataset.topic);
+    if (tile?.element === target) tile.inView = isIntersecting;
+  }
   ask();
 }, { rootMargin: '100px' });
 let settle = 0;
@@ -121,6 +124,8 @@ function listTopics(topics) {
   if (selected && !names.includes(selected)) names.push(selected);
   for (const [name, tile] of tiles) {
     if (!names.includes(name)) {
+      inView.unobserve(tile.element);
+      sizes.unobserve(tile.link);
       tile.element.remove();
       tiles.delete(name);
     }
@@ -134,7 +139,8 @@ function listTopics(topics) {
   }
   names.sort().forEach((name, place) => {
     const { element } = tiles.get(name) ?? addTile(name);
-    if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
+    const present = cameras.children[place];
+    if (present !== element) cameras.insertBefore(element, present);
   });
   showAll();
 }
