@@ -49,7 +49,8 @@ from tornado.web import Application
 _ENCODERS = 2
 _END_SECONDS = 5.0
 _IDLE_SECONDS = 20
-_PING_SECONDS = 10
+# Time in which a page on a slow link must have read its first picture.
+_PING_SECONDS = 20
 _MAX_HEADER_BYTES = 16_384
 _MAX_BODY_BYTES = 4096
 # Connections that are not WebSockets; a browser opens six.
@@ -94,8 +95,13 @@ class ViewerServer:
         self._has_started.wait()
 
     @property
+    def has_token(self) -> bool:
+        """Return whether a browser needs a token."""
+        return bool(self._access.token)
+
+    @property
     def url(self) -> str:
-        """Address of the page with its token, as a browser of another machine needs it."""
+        """Return the address of the page with its token, as a browser of another machine needs it."""
         address = self._settings.address
         if address in ('0.0.0.0', '::'):
             address = socket.gethostname()

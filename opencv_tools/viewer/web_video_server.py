@@ -27,6 +27,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.graph import NO_STATE
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
@@ -95,13 +96,13 @@ class StreamingHandler(SiteHandler):
         :raises RequestError: no frame has arrived.
         """
         state = await self.site.hub.refresh()
-        if stream.feed.newest and state.feeds[stream.name].is_latched:
+        if stream.feed.newest and state.feeds.get(stream.name, NO_STATE).is_latched:
             return stream.feed.newest
         frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
         state = await self.site.hub.refresh()
-        reason = state.feeds[stream.name].reason
+        reason = state.feeds.get(stream.name, NO_STATE).reason
         raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
 
 

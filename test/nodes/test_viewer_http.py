@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import json
+import os
 from pathlib import Path
 import re
 import socket
@@ -73,6 +74,16 @@ def test_token_is_needed_everywhere(guarded: NodeProcess) -> None:
 
     run_page(ask())
     assert 'wrong' not in guarded.output
+
+
+def test_log_does_not_have_the_token(start: Start) -> None:
+    viewer = start('img_viewer', port=0, token=TOKEN, nonsense=1)
+    assert TOKEN in address_of(viewer)
+    viewer.interrupt()
+    assert viewer.finish() == 0
+    text = ''.join(file.read_text() for file in Path(os.environ['ROS_HOME']).rglob('*.log'))
+    assert 'unknown parameter nonsense' in text
+    assert TOKEN not in text
 
 
 def test_token_of_the_url_becomes_a_cookie(guarded: NodeProcess) -> None:
