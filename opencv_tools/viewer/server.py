@@ -48,6 +48,7 @@ from tornado.web import Application
 
 _ENCODERS = 2
 _END_SECONDS = 5.0
+_CLOSE_SECONDS = 1.0
 _IDLE_SECONDS = 20
 # Time in which a page on a slow link must have read its first picture.
 _PING_SECONDS = 20
@@ -142,7 +143,8 @@ class ViewerServer:
             await self._end.wait()
             server.stop()
             await hub.close()
-            await asyncio.wait_for(server.close_all_connections(), _END_SECONDS)
+            with suppress(asyncio.TimeoutError):  # a request may wait for a frame
+                await asyncio.wait_for(server.close_all_connections(), _CLOSE_SECONDS)
 
 
 class _Server(HTTPServer):

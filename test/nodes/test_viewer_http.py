@@ -395,6 +395,26 @@ def test_last_picture_of_a_stream_is_repeated(viewer: NodeProcess, node: Node) -
     run_page(ask())
 
 
+def test_open_requests_do_not_delay_the_end(viewer: NodeProcess, node: Node) -> None:
+    cameras = [Camera(node, 'map', latched=True), Camera(node, 'silent')]
+    cameras[0].publish(np.zeros((48, 64), np.uint8), 'mono8')
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/map')
+        await until_listed(url, '/silent')
+        requests = [asyncio.ensure_future(fetch(url, path)) for path in (
+            '/stream?topic=/map', '/snapshot?topic=/silent')]
+        for camera in cameras:
+            await camera.seen()
+        viewer.interrupt()
+        await asyncio.wait(requests)
+
+    run_page(ask())
+    assert viewer.finish() == 0
+    assert 'ERROR' not in viewer.output
+
+
 def test_page_of_a_stream(viewer: NodeProcess) -> None:
     answer = run_page(fetch(
         address_of(viewer), '/stream_viewer?topic=/a&width=3&quality=%22%3E%3Cscript%3E'))
