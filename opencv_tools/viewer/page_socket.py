@@ -96,7 +96,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
             self._bad_messages += 1
             answer = {'error': str(err)}
         if answer:
-            await self._write(answer)
+            with suppress(WebSocketClosedError):
+                await self.write_message(json.dumps(answer))
         if self._bad_messages >= _MAX_BAD_MESSAGES:
             self.close(_POLICY_VIOLATION, 'too many messages that cannot be used')
 
@@ -182,12 +183,15 @@ class PageSocket(SiteHandler, WebSocketHandler):
         """Send a message without waiting for the page to read it."""
         self._sending = self._start(json.dumps(message))
 
-    def _start(self, message: str | bytes, binary: bool = False) -> asyncio.Future[None]:
-        return asyncio.ensure_future(self._write_safely(message, binary))
-
-    async def _write(self, message: _Message) -> None:
-        await self._write_safely(json.dumps(message), False)
-
-    async def _write_safely(self, message: str | bytes, binary: bool) -> None:
+    def _start(self, message: str | bytes, binary: bool = False) -> asyncio.Future[None] | None:
+        """Begin to send a message; nothing happens if the page was closed."""
         with suppress(WebSocketClosedError):  # on_close follows
-            await self.write_message(message, binary)
+            future = self.write_message(message, binary)
+            future.add_done_callback(_ignore_closed)
+            return future
+        return None
+
+
+def _ignore_closed(future: asyncio.Future[None]) -> None:
+    if not future.cancelled():
+        future.exception()

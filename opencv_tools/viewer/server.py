@@ -101,7 +101,7 @@ class ViewerServer:
 
     @property
     def url(self) -> str:
-        """Return the address of the page with its token, as a browser of another machine needs it."""
+        """Return the address of the page with its token, for browsers of other machines."""
         address = self._settings.address
         if address in ('0.0.0.0', '::'):
             address = socket.gethostname()

@@ -122,9 +122,9 @@ class SnapshotHandler(StreamingHandler):
             else:
                 self._write_picture(await stream.picture(frame, options))
 
-    def _write_picture(self, picture: Picture | None) -> None:
-        if picture is None:
-            raise RequestError('the frame is not a valid image', 503)
+    def _write_picture(self, picture: Picture | str) -> None:
+        if isinstance(picture, str):
+            raise RequestError(f'the frame cannot be shown: {picture}', 503)
         self.set_header('Content-Type', 'image/jpeg')
         self.finish(picture.data)
 
@@ -171,7 +171,7 @@ class StreamHandler(StreamingHandler):
         is_repeated = True
         while not self._is_closed:
             picture = await stream.picture(frame, options)
-            if picture:
+            if isinstance(picture, Picture):
                 part = (f'--{boundary}\r\nContent-Type: image/jpeg\r\n'
                         f'Content-Length: {len(picture.data)}\r\n\r\n').encode() + (
                             picture.data + b'\r\n')

@@ -39,7 +39,8 @@ NODES = {'/image_publisher': 'img_publisher', '/image_subscriber': 'img_subscrib
          '/image_filter': 'img_filter', '/image_viewer': 'img_viewer'}
 ROBOT_COMMANDS = ('robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf')
 LAUNCH_FILES = {path.name: path.read_text() for path in (ROOT / 'launch').glob('*.launch.py')}
-MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', (ROOT / 'Makefile').read_text(), re.MULTILINE)[0]
+_MAKEFILE = (ROOT / 'Makefile').read_text().replace('\\\n', '')
+MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', _MAKEFILE, re.MULTILINE)[0]
 
 #: Controls that most cameras have; the node has a parameter for each of the camera's own.
 CAMERA_CONTROLS = {'brightness', 'exposure_time_absolute', 'white_balance_automatic'}
