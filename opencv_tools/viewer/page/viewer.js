@@ -246,7 +246,7 @@ async function save(name) {
 
 function fillScreen() {
   if (document.fullscreenElement) document.exitFullscreen();
-  else tiles.get(selected)?.link.requestFullscreen();
+  else tiles.get(selected)?.link.requestFullscreen?.();
 }
 
 /** Move the focus in the grid. */
