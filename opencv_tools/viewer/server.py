@@ -26,7 +26,7 @@ import socket
 import ssl
 from threading import Event, Thread
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import printable, without_password
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.errors import ViewerError
@@ -168,7 +168,8 @@ class _NodeHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if self._throttle.passes():
             err = record.exc_info[1] if record.exc_info else None
-            self._log.error(f'{printable(record.getMessage().partition(chr(10))[0])}'
+            first_line, *_ = record.getMessage().splitlines() or ['']
+            self._log.error(without_password(first_line)
                             + (f': {type(err).__name__}: {printable(err)}' if err else ''))
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 import json
 import os
 from pathlib import Path
@@ -200,12 +201,11 @@ def test_hostile_requests(viewer: NodeProcess) -> None:
                     b'GET / HTTP/1.1\r\n\r\n',
                     b'GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n'):
         with socket.create_connection(('127.0.0.1', port), timeout=60) as connection:
-            connection.sendall(request)
-            connection.shutdown(socket.SHUT_WR)
-            try:
+            answer = b''
+            with suppress(OSError):  # the server closes the connection early
+                connection.sendall(request)
+                connection.shutdown(socket.SHUT_WR)
                 answer = connection.recv(1000)
-            except ConnectionResetError:
-                answer = b''
             assert answer == b'' or answer.startswith(b'HTTP/1.1 4'), request[:40]
     assert run_page(fetch(address_of(viewer), '/healthz')).body == b'ok\n'
     assert 'Traceback' not in viewer.output
