@@ -25,8 +25,8 @@ import time
 
 START_SECONDS = 30.0
 _POLL_SECONDS = 0.02
-_MODULES = {'publisher': 'basic_image_publisher', 'subscriber': 'basic_image_subscriber',
-            'viewer': 'image_viewer'}
+_MODULES = {'filter': 'image_filter', 'publisher': 'basic_image_publisher',
+            'subscriber': 'basic_image_subscriber', 'viewer': 'image_viewer'}
 
 # Each test has a domain from 1 to 100; the namespace keeps one benchmark from another.
 _DOMAIN = {'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -46,7 +46,7 @@ class NodeProcess:
         """
         Start it, with its console in a file.
 
-        :param name: ``publisher``, ``subscriber`` or ``viewer``.
+        :param name: ``publisher``, ``subscriber``, ``viewer`` or ``filter``.
         :param folder: where the file is.
         :param parameters: of the node.
         """

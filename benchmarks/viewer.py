@@ -121,9 +121,25 @@ async def load(viewer: Viewer, count: int, seconds: float, **options: object) ->
     return 100 * cpu / elapsed, received / elapsed / max(1, count)
 
 
+async def reception(folder: Path, seconds: float) -> list[Figure]:
+    """Measure the load of a node that only receives the raw images, which no page can avoid."""
+    receiver = NodeProcess('filter', folder, function='builtins:id', encoding="''",
+                           transport='raw')
+    try:
+        receiver.wait_for('Filtering video frame')
+        await asyncio.sleep(SETTLE_SECONDS)
+        cpu = receiver.cpu()
+        await asyncio.sleep(seconds)
+        percent = 100 * (receiver.cpu() - cpu) / seconds
+    finally:
+        receiver.end()
+    print(f'reception of raw 1080p30 alone: {percent:.1f} % of a core')
+    return [Figure('viewer', 'reception of raw 1080p30 alone', percent, '% of a core')]
+
+
 async def loads(folder: Path, seconds: float) -> list[Figure]:
     """Measure the load by the number of pages and by the kind of the topic."""
-    figures = []
+    figures = await reception(folder, seconds)
     for transport, counts, options, goals in (
             ('raw', (0, 1, 8), {'width': WIDTH}, {0: 0.5, 1: 12.0, 8: 20.0}),
             ('compressed', (1, 8), {}, {})):

@@ -153,9 +153,9 @@ def main() -> int:
         print(f'{len(frames)} frames of {shown(CLIP)} -> two processes -> {len(files)} PNG files '
               f'in {shown(folder)}, {equal} equal to the clip as OpenCV decodes it; '
               f'look at {shown(sheet)}')
-    print('look at a camera in a browser: .venv/bin/img_publisher & .venv/bin/img_viewer'
-          if Path('.venv').is_dir() else
-          'look at a camera in a browser: img_publisher & img_viewer')
+    scripts = '.venv/bin/' if Path('.venv').is_dir() else ''
+    print(f'to see images in a browser: {scripts}img_publisher --ros-args -p source:=pattern & '
+          f'{scripts}img_viewer, then open http://localhost:8080/')
     print(f'published {published}, received {received}, written {len(files)}, '
           f'pixel-identical {identical}')
     counts = {published, received, len(files), identical}

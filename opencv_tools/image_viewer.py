@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 import sys
 
 from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
@@ -58,7 +59,12 @@ class ImageViewer(Node):
             self._fail)
         for name in unknown_parameters(self, PARAMETERS):
             log.warning(describe_unknown(name, PARAMETERS))
-        log.info(f'Open {self._server.url} in a browser')
+        invitation = f'Open {self._server.url} in a browser'
+        if self._server.has_token:
+            with suppress(OSError):  # nobody reads; log files and /rosout would keep the token
+                print(invitation, file=sys.stderr, flush=True)
+        else:
+            log.info(invitation)
 
     def close(self) -> int:
         """

@@ -242,7 +242,8 @@ def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
 def _run(node: ClosableNode, signals: _Signals) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    node.done.add_done_callback(lambda _: executor.wake())
+    # A task ends spin_once(); a mere wake-up does not.
+    node.done.add_done_callback(lambda _: executor.create_task(bool))
     try:
         with _woken_by_signals(executor):
             while not (signals.received or node.done.done()):
@@ -258,13 +259,13 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
 
 @contextmanager
 def _woken_by_signals(executor: Executor) -> Iterator[None]:
-    """Wake the executor at each signal, because Python's handlers run when it returns."""
+    """Make the executor return at each signal, because Python's handlers run only then."""
     reader, writer = socket.socketpair()
     writer.setblocking(False)
 
     def wake() -> None:
         while reader.recv(1):
-            executor.wake()
+            executor.create_task(bool)
 
     thread = Thread(target=wake, name='signals', daemon=True)
     thread.start()

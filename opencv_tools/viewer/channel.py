@@ -133,11 +133,11 @@ class Channel:
         keep = not options.fixed and not (self._link and self._link.is_lowered)
         return PictureOptions(width, quality, limits=options.limits, keep=keep)
 
-    def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | None]) -> None:
+    def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | str]) -> None:
         self._is_encoding = False
-        picture = None if future.cancelled() or self._is_closed else future.result()
-        if picture:
-            self._send_picture(frame, picture)
+        outcome = future.result()
+        if isinstance(outcome, Picture) and not self._is_closed:
+            self._send_picture(frame, outcome)
         self.frame_arrived()
 
     def _send_picture(self, frame: NewFrame, picture: Picture) -> None:

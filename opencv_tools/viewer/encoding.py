@@ -36,7 +36,6 @@ _BRIDGE = CvBridge()
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
 _REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
             8: cv2.IMREAD_REDUCED_COLOR_8}
-_BROWSER_PIXELS = 2**27
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ def _encode_compressed(message: WireCompressedImage, options: PictureOptions) ->
         return _encode_pixels(image, decoded_encoding(image, message.format), options, size,
                               described)
     width, height = jpeg_size(content)
-    check_size(width, height, _BROWSER_PIXELS)
+    check_size(width, height, MAX_PIXELS)
     check_complete(content)
     wanted = options.width_for(width, height)
     if options.keep and wanted == width:

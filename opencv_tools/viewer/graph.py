@@ -85,6 +85,10 @@ class FeedState:
     is_latched: bool
 
 
+#: State of a subscription that has not begun yet.
+NO_STATE = FeedState('', 0, False)
+
+
 @dataclass(frozen=True)
 class GraphState:
     """

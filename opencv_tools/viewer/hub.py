@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
+from contextlib import suppress
 from typing import Any, Protocol
 
 from opencv_tools.image.text import printable
@@ -26,7 +27,7 @@ from opencv_tools.logs import Log
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.graph import FeedState, Graph, GraphState
+from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewOptions
 from opencv_tools.viewer.stream import Stream
@@ -37,6 +38,7 @@ _POLL_SECONDS = 1.0
 _NAMED_TOPICS = 5
 _GOING_AWAY = 1001  # status of WebSockets
 _CLOSE_SECONDS = 1.0
+_EXECUTOR_SECONDS = 5.0
 
 
 class Viewer(Protocol):
@@ -130,14 +132,15 @@ class Hub:
         :param name: name of the topic.
         :raises RequestError: there is no such image topic.
         """
-        if name not in self._streams:
-            if name not in self.state.topics:
-                await self.refresh()
-            if name not in self.state.topics:
-                raise RequestError(self._describe_unknown(name), 404)
+        if name not in self._streams and name not in self.state.topics:
+            await self.refresh()
         stream = self._streams.get(name)
         if stream is None:
-            stream = self._streams[name] = Stream(name, self._loop, self._pool, self._log)
+            topic = self.state.topics.get(name)
+            if topic is None:
+                raise RequestError(self._describe_unknown(name), 404)
+            stream = Stream(topic.number, name, self._loop, self._pool, self._log)
+            self._streams[name] = stream
             feed = stream.feed
             self._calls.post(lambda: self._graph.open(name, feed))
         self._users[name] = self._users.get(name, 0) + 1
@@ -161,11 +164,18 @@ class Hub:
     # State
 
     async def refresh(self) -> GraphState:
-        """Read the state of the graph in the executor; simultaneous calls share one reading."""
+        """
+        Read the state of the graph in the executor; simultaneous calls share one reading.
+
+        :raises RequestError: the executor is busy.
+        """
         if self._pending is None:
             self._pending = self._loop.create_future()
             self._calls.post(self._read_state)
-        return await asyncio.shield(self._pending)
+        try:
+            return await asyncio.wait_for(asyncio.shield(self._pending), _EXECUTOR_SECONDS)
+        except asyncio.TimeoutError as err:
+            raise RequestError('the node is busy and does not answer: try again', 503) from err
 
     async def control(
         self, choose: Callable[[Control], Coroutine[Any, Any, dict[str, Any]]],
@@ -196,13 +206,12 @@ class Hub:
     def status(self, stream: Stream) -> dict[str, Any]:
         """Return the state of a stream of the protocol."""
         feed, picture = stream.feed, stream.last_picture
-        known = self.state.feeds.get(stream.name, FeedState('', 0, False))
-        topic = self.state.topics.get(stream.name)
+        known = self.state.feeds.get(stream.name, NO_STATE)
         width, height = picture.source_size if picture else (0, 0)
         limits = picture.limits if picture else None
         quiet = feed.quiet_seconds
         return {
-            'id': topic.number if topic else 0, 'name': stream.name, 'width': width,
+            'id': stream.number, 'name': stream.name, 'width': width,
             'height': height, 'encoding': picture.encoding if picture else '',
             'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
             'broken': stream.broken, 'encodings': stream.encodings, 'reason': known.reason,
@@ -247,7 +256,8 @@ class Hub:
         """Send the state to all pages once a second, while there are any."""
         while self.viewers:
             before = self.lists()
-            await self.refresh()
+            with suppress(RequestError):
+                await self.refresh()
             changed = {name: value for name, value in self.lists().items()
                        if value != before.get(name)}
             for viewer in tuple(self.viewers):

@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from functools import partial
 import json
 import socket
 import time
@@ -96,7 +97,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
             self._bad_messages += 1
             answer = {'error': str(err)}
         if answer:
-            await self._write(answer)
+            with suppress(WebSocketClosedError):
+                await self.write_message(json.dumps(answer))
         if self._bad_messages >= _MAX_BAD_MESSAGES:
             self.close(_POLICY_VIOLATION, 'too many messages that cannot be used')
 
@@ -158,12 +160,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
-        number = self.site.hub.state.topics[name].number
-
-        def send(frame: NewFrame, picture: Picture) -> int:
-            return self._send_picture(number, frame, picture)
-
-        self._channels[name] = Channel(stream, options, send)
+        self._channels[name] = Channel(
+            stream, options, partial(self._send_picture, stream.number))
         return None
 
     def _unsubscribe(self, name: str) -> None:
@@ -182,12 +180,15 @@ class PageSocket(SiteHandler, WebSocketHandler):
         """Send a message without waiting for the page to read it."""
         self._sending = self._start(json.dumps(message))
 
-    def _start(self, message: str | bytes, binary: bool = False) -> asyncio.Future[None]:
-        return asyncio.ensure_future(self._write_safely(message, binary))
-
-    async def _write(self, message: _Message) -> None:
-        await self._write_safely(json.dumps(message), False)
-
-    async def _write_safely(self, message: str | bytes, binary: bool) -> None:
+    def _start(self, message: str | bytes, binary: bool = False) -> asyncio.Future[None] | None:
+        """Begin to send a message; nothing happens if the page was closed."""
         with suppress(WebSocketClosedError):  # on_close follows
-            await self.write_message(message, binary)
+            future = self.write_message(message, binary)
+            future.add_done_callback(_ignore_closed)
+            return future
+        return None
+
+
+def _ignore_closed(future: asyncio.Future[None]) -> None:
+    if not future.cancelled():
+        future.exception()

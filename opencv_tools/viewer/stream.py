@@ -24,6 +24,7 @@ from functools import partial
 from typing import ParamSpec, TypeVar
 
 from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log, Throttle
@@ -41,16 +42,19 @@ class Stream:
     All methods run in the loop of the server. The pool encodes.
     """
 
-    def __init__(self, name: str, loop: asyncio.AbstractEventLoop, pool: Executor,
-                 log: Log) -> None:
+    def __init__(
+        self, number: int, name: str, loop: asyncio.AbstractEventLoop, pool: Executor, log: Log,
+    ) -> None:
         """
         Create a stream without viewers.
 
+        :param number: number of the topic.
         :param name: name of the topic.
         :param loop: loop of the server.
         :param pool: threads that encode.
         :param log: log for broken images.
         """
+        self.number = number
         self.name = name
         self.feed = Feed(self._notify)
         #: Functions that are called after each frame.
@@ -66,25 +70,26 @@ class Stream:
         self._broken = 0
         self._broken_number = 0
         self._is_notified = False
-        self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | None]]] = {}
+        self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
 
     @property
     def broken(self) -> int:
         """Return the number of messages that are not valid images."""
         return self.feed.broken + self._broken
 
-    def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | None]:
+    def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """
         Return the picture of a frame; viewers with the same options share it.
 
         :param frame: newest frame.
         :param options: size and quality.
-        :returns: future of the picture; None if the image is broken.
+        :returns: future of the picture, or of the reason why there is none.
         """
         number, future = self._pictures.get(options, (0, None))
         if future is None or number != frame.number:
             self.encodings += 1
-            future = asyncio.ensure_future(self._encode(frame, options))
+            future = self._loop.run_in_executor(self._pool, _encode, frame.message, options)
+            future.add_done_callback(partial(self._encoded, frame.number))
             self._pictures = {key: value for key, value in self._pictures.items()
                               if value[0] == frame.number}
             self._pictures[options] = frame.number, future
@@ -129,14 +134,22 @@ class Stream:
         for watcher in tuple(self.watchers):
             watcher()
 
-    async def _encode(self, frame: NewFrame, options: PictureOptions) -> Picture | None:
-        try:
-            self.last_picture = await self.in_pool(encode_picture, frame.message, options)
-        except (CvBridgeError, ImageError) as err:
-            if self._broken_number != frame.number:
-                self._broken_number = frame.number
-                self._broken += 1
-            if self._throttle.passes():
-                self._log.warning(f'frame of {self.name} left out: {printable(err)}')
-            return None
-        return self.last_picture
+    def _encoded(self, number: int, future: asyncio.Future[Picture | str]) -> None:
+        """Record the outcome of an encoding."""
+        outcome = future.result()
+        if isinstance(outcome, Picture):
+            self.last_picture = outcome
+            return
+        if self._broken_number != number:
+            self._broken_number = number
+            self._broken += 1
+        if self._throttle.passes():
+            self._log.warning(f'frame of {self.name} left out: {outcome}')
+
+
+def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
+    """Return the picture of a message, or the reason why it has none."""
+    try:
+        return encode_picture(message, options)
+    except (CvBridgeError, ImageError) as err:
+        return printable(err)

@@ -103,6 +103,17 @@ class SiteHandler(RequestHandler):
             self.get_cookie(self.site.cookie), self.get_query_argument('token', None),
             authorization.removeprefix('Bearer '))
 
+    async def refresh(self) -> None:
+        """
+        Read the state of the graph.
+
+        :raises Refusal: the executor is busy.
+        """
+        try:
+            await self.site.hub.refresh()
+        except RequestError as err:
+            raise Refusal(err) from err
+
     def keep_token(self) -> None:
         """Keep the token of the URL in a cookie; the token was checked."""
         token = self.site.access.token
@@ -192,7 +203,7 @@ class TopicsHandler(SiteHandler):
 
     async def get(self) -> None:
         """Write the list, with the state of topics that somebody looks at."""
-        await self.site.hub.refresh()
+        await self.refresh()
         self.finish({'node': self.site.node, 'topics': self.site.hub.full_json()})
 
 
@@ -203,6 +214,6 @@ class HealthHandler(SiteHandler):
 
     async def get(self) -> None:
         """Write ``ok`` when the executor of the node answers."""
-        await self.site.hub.refresh()
+        await self.refresh()
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish('ok\n')

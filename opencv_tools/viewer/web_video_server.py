@@ -27,7 +27,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.graph import FeedState
+from opencv_tools.viewer.graph import NO_STATE
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
@@ -95,14 +95,14 @@ class StreamingHandler(SiteHandler):
 
         :raises RequestError: no frame has arrived.
         """
-        known = self.site.hub.state.feeds.get(stream.name)
-        if known and known.is_latched and stream.feed.newest:
+        state = await self.site.hub.refresh()
+        if stream.feed.newest and state.feeds.get(stream.name, NO_STATE).is_latched:
             return stream.feed.newest
         frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
         state = await self.site.hub.refresh()
-        reason = state.feeds.get(stream.name, FeedState('', 0, False)).reason
+        reason = state.feeds.get(stream.name, NO_STATE).reason
         raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
 
 
@@ -122,9 +122,9 @@ class SnapshotHandler(StreamingHandler):
             else:
                 self._write_picture(await stream.picture(frame, options))
 
-    def _write_picture(self, picture: Picture | None) -> None:
-        if picture is None:
-            raise RequestError('the frame is not a valid image', 503)
+    def _write_picture(self, picture: Picture | str) -> None:
+        if isinstance(picture, str):
+            raise RequestError(f'the frame cannot be shown: {picture}', 503)
         self.set_header('Content-Type', 'image/jpeg')
         self.finish(picture.data)
 
@@ -171,7 +171,7 @@ class StreamHandler(StreamingHandler):
         is_repeated = True
         while not self._is_closed:
             picture = await stream.picture(frame, options)
-            if picture:
+            if isinstance(picture, Picture):
                 part = (f'--{boundary}\r\nContent-Type: image/jpeg\r\n'
                         f'Content-Length: {len(picture.data)}\r\n\r\n').encode() + (
                             picture.data + b'\r\n')

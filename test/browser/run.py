@@ -24,11 +24,10 @@ from pathlib import Path
 import shutil
 import sys
 
-from chromium import BROWSER
 import pytest
 
-TOOLS = {BROWSER: BROWSER, 'ip': 'iproute2', 'tc': 'iproute2', 'nsenter': 'util-linux',
-         'unshare': 'util-linux'}
+TOOLS = {'chromium-headless-shell': 'chromium-headless-shell', 'ip': 'iproute2',
+         'tc': 'iproute2', 'nsenter': 'util-linux', 'unshare': 'util-linux'}
 
 
 def describe_missing() -> str:

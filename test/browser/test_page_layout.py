@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from chromium import Browser, Page
+from conftest import NodeProcess
 import numpy as np
 from pages import Camera, Viewer
 import pytest
@@ -130,7 +131,8 @@ def check_all(page: Page) -> None:
     for width, height in SIZES:
         page.resize(width, height)
         page.wait_for(f'innerWidth === {width}')
-        page.evaluate('new Promise((done) => setTimeout(done, 600))')  # the page arranges tiles
+        page.evaluate('new Promise((done) => requestAnimationFrame('
+                      '() => requestAnimationFrame(done)))')  # the page has arranged its tiles
         check_layout(page, width)
         for scheme in ('light', 'dark'):
             page.prefer(scheme)
@@ -171,6 +173,18 @@ def test_one_camera_with_range(viewer: Viewer, browser: Browser, camera: Node) -
     Camera(camera, '/other')
     page = browser.new_page(f'{viewer.url}?topic=/depth')
     page.wait_for('document.getElementById("range").offsetWidth > 0')
+    check_all(page)
+
+
+def test_one_camera_with_controls(
+        start: Callable[..., NodeProcess], start_viewer: Callable[..., Viewer],
+        browser: Browser) -> None:
+    start('img_publisher', source='pattern:64x48', publish_rate=10.0)
+    viewer = start_viewer(control=True)
+    page = browser.new_page(f'{viewer.url}&topic=/video_frames')
+    page.wait_for('document.querySelectorAll("#controls [type=range]").length > 0')
+    check_all(page)
+    page.evaluate('document.querySelector("details").open = true')
     check_all(page)
 
 

@@ -62,6 +62,13 @@ def test_age_of_a_picture(
     page.wait_for(f'factOf({TOPIC!r}, "age") === {text!r}')
 
 
+def test_age_grows_without_frames(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 7)
+    page.wait_for(f'parseFloat(factOf({TOPIC!r}, "age")) > 2'
+                  f' && factOf({TOPIC!r}, "age").endsWith(" s")')
+
+
 def test_age_of_simulated_time(viewer: Viewer, browser: Browser, camera: Node) -> None:
     front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
     front.show(page, 7, 12 * NANO)
@@ -149,6 +156,20 @@ def test_paused_page_keeps_its_picture(viewer: Viewer, browser: Browser, camera:
     assert page.evaluate(f'numberOf({TOPIC!r})') == 1
     page.press(' ')
     front.show(page, 2)
+
+
+def test_topic_that_ends_and_comes_back(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    page.press(' ')
+    front.wait_for_no_viewer()
+    camera.destroy_publisher(front.publisher)
+    page.wait_for('document.getElementById("empty").offsetWidth > 0')
+    page.press(' ')
+    front = Camera(camera, TOPIC)
+    front.show(page, 2)
+    assert page.complaints() == []
 
 
 def test_reconnection_after_a_restart(

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import signal
 import subprocess
 import sys
 
@@ -416,6 +417,13 @@ def test_tornado_is_missing(domain: int) -> None:
     assert 'Traceback' not in finished.stderr
     assert 'img_viewer needs Tornado: install it with sudo apt install python3-tornado' in (
         finished.stderr)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_idle_viewer_ends_at_a_signal(viewer: NodeProcess, number: int) -> None:
+    address_of(viewer)
+    viewer.interrupt(number)
+    assert viewer.finish() == 0
 
 
 def test_port_in_use(start: Start, viewer: NodeProcess) -> None:

@@ -43,8 +43,8 @@ COMMANDS = {'img_convert': img_convert, 'robot_compare': cli.robot_compare,
             'robot_frames': cli.robot_frames, 'sdf_to_urdf': cli.sdf_to_urdf,
             'urdf_to_sdf': cli.urdf_to_sdf}
 LAUNCH_FILES = {path.name: path.read_text() for path in (ROOT / 'launch').glob('*.launch.py')}
-MAKE_TARGETS = re.findall(r'^\.PHONY: ((?:.*\\\n)*.*)$', (ROOT / 'Makefile').read_text(),
-                          re.MULTILINE)[0].replace('\\\n', ' ')
+_MAKEFILE = (ROOT / 'Makefile').read_text().replace('\\\n', '')
+MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', _MAKEFILE, re.MULTILINE)[0]
 
 #: Controls that most cameras have; the node has a parameter for each of the camera's own.
 CAMERA_CONTROLS = {'brightness', 'exposure_time_absolute', 'white_balance_automatic'}

@@ -23,8 +23,8 @@ from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.ros.qos import describe_qos, following_qos, qos_mismatch
-from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
 from opencv_tools.ros.shared_frames.publisher import can_share, NOT_SHARED
+from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
 from opencv_tools.ros.subscriber.messages import IMAGE
 from opencv_tools.ros.subscriber.no_frames_warning import NoFramesWarning

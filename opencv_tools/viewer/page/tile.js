@@ -41,6 +41,7 @@ export class Tile {
     this.canvas = this.#part('canvas');
     this.canvas.setAttribute('aria-label', `Picture of ${name}`);
     this.link = this.#part('.frame');
+    this.link.setAttribute('aria-label', `Show ${name}`);
     this.context = this.canvas.getContext('2d', { alpha: false });
   }
 

@@ -15,6 +15,9 @@
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
 import { arrange } from './grid.js';
+import { listenToKeys } from './keys.js';
+import { RangeForm, readLimits } from './range.js';
+import { savePicture } from './save.js';
 import { Tile } from './tile.js';
 
 const REFRESH_MS = 500;
@@ -74,10 +77,14 @@ const connection = new Connection({
   },
 });
 
+const range = new RangeForm(setRange);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
 
 const inView = new IntersectionObserver((entries) => {
-  for (const entry of entries) tiles.get(entry.target.dataset.topic).inView = entry.isIntersecting;
+  for (const { target, isIntersecting } of entries) {
+    const tile = tiles.get(target.dataset.topic);
+    if (tile?.element === target) tile.inView = isIntersecting;
+  }
   ask();
 }, { rootMargin: '100px' });
 let settle = 0;
@@ -121,6 +128,8 @@ function listTopics(topics) {
   if (selected && !names.includes(selected)) names.push(selected);
   for (const [name, tile] of tiles) {
     if (!names.includes(name)) {
+      inView.unobserve(tile.element);
+      sizes.unobserve(tile.link);
       tile.element.remove();
       tiles.delete(name);
     }
@@ -134,7 +143,8 @@ function listTopics(topics) {
   }
   names.sort().forEach((name, place) => {
     const { element } = tiles.get(name) ?? addTile(name);
-    if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
+    const present = cameras.children[place];
+    if (present !== element) cameras.insertBefore(element, present);
   });
   showAll();
 }
@@ -205,29 +215,16 @@ function showAll() {
 
 function showPanel() {
   const tile = tiles.get(selected);
-  const range = tile?.status?.range;
-  part('range').hidden = !range;
-  if (range) {
-    part('automatic').checked = !tile.range;
-    for (const [place, id] of ['low', 'high'].entries()) {
-      part(id).readOnly = !tile.range;
-      if (!tile.range) part(id).value = Number(range[place].toPrecision(4));
-    }
-  }
+  range.show(tile?.status?.range, tile?.range);
   controls.show(tile?.topic?.nodes ?? []);
-  part('panel').hidden = !range && controls.isEmpty;
+  part('panel').hidden = range.isHidden && controls.isEmpty;
 }
 
-/** Use the limits of the form for the picture, and keep them in the address. */
-function setRange() {
-  const tile = tiles.get(selected);
-  const limits = [part('low').valueAsNumber, part('high').valueAsNumber];
-  const isValid = limits.every(Number.isFinite) && limits[0] !== limits[1];
-  part('high').setCustomValidity(isValid ? '' : 'Give two different numbers.');
-  if (!tile || !part('range').reportValidity()) return;
-  tile.range = part('automatic').checked ? null : limits;
+/** Use limits for the picture, and keep them in the address; null for automatic limits. */
+function setRange(limits) {
+  tiles.get(selected).range = limits;
   const url = new URL(location);
-  if (tile.range) url.searchParams.set('range', limits.join());
+  if (limits) url.searchParams.set('range', limits.join());
   else url.searchParams.delete('range');
   history.replaceState(null, '', url);
   showAll();
@@ -238,18 +235,10 @@ function pause() {
   showAll();
 }
 
-/** Save the newest picture of a topic in the format of the recorder. */
 async function save(name) {
+  if (!name) return;
   try {
-    const answer = await fetch(`/snapshot?topic=${encodeURIComponent(name)}&format=original`);
-    if (!answer.ok) throw new Error((await answer.text()).trim());
-    const file = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
-    const link = document.createElement('a');
-    link.href = URL.createObjectURL(await answer.blob());
-    link.download = file ? file[1] : 'picture';
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), NOTICE_MS);
-    notify(`Saved ${link.download}`);
+    notify(`Saved ${await savePicture(name)}`);
   } catch (error) {
     notify(error.message);
   }
@@ -257,7 +246,7 @@ async function save(name) {
 
 function fillScreen() {
   if (document.fullscreenElement) document.exitFullscreen();
-  else tiles.get(selected)?.link.requestFullscreen();
+  else tiles.get(selected)?.link.requestFullscreen?.();
 }
 
 /** Move the focus in the grid. */
@@ -272,26 +261,22 @@ function focused() {
 }
 
 const across = () => Number(cameras.style.getPropertyValue('--columns'));
-const KEYS = {
-  'ArrowLeft': () => (selected ? step(-1) : moveFocus(-1)),
-  'ArrowRight': () => (selected ? step(1) : moveFocus(1)),
-  'ArrowUp': () => !selected && moveFocus(-across()),
-  'ArrowDown': () => !selected && moveFocus(across()),
-  'Escape': () => selected && select(''),
-  ' ': pause,
-  's': () => (selected || focused()) && save(selected || focused()),
-  'f': () => selected && fillScreen(),
+const EACH_KEYS = { ' ': pause, s: () => save(selected || focused()) };
+const ALL_KEYS = {
+  ...EACH_KEYS,
+  ArrowLeft: () => moveFocus(-1),
+  ArrowRight: () => moveFocus(1),
+  ArrowUp: () => moveFocus(-across()),
+  ArrowDown: () => moveFocus(across()),
 };
-
-document.addEventListener('keydown', (event) => {
-  const isTyping = event.target.closest('input, select, textarea');
-  const isPressing = event.key === ' ' && event.target.closest('button');
-  const action = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!action || isPressing || event.ctrlKey || event.metaKey || event.altKey
-    || (isTyping && event.key !== 'Escape')) return;
-  event.preventDefault();
-  action();
-});
+const ONE_KEYS = {
+  ...EACH_KEYS,
+  ArrowLeft: () => step(-1),
+  ArrowRight: () => step(1),
+  Escape: () => select(''),
+  f: fillScreen,
+};
+listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
 document.addEventListener('visibilitychange', ask);
 addEventListener('resize', showAll);
 addEventListener('popstate',
@@ -306,12 +291,7 @@ part('pause').addEventListener('click', pause);
 part('save').addEventListener('click', () => save(selected));
 part('full').addEventListener('click', fillScreen);
 part('full').hidden = !document.fullscreenEnabled;
-part('range').addEventListener('change', setRange);
-part('range').addEventListener('submit', (event) => event.preventDefault());
 setInterval(() => document.hidden || showAll(), REFRESH_MS);
 
-const limits = (address.searchParams.get('range') ?? '').split(',').map(Number);
-if (selected && limits.length === 2 && limits.every(Number.isFinite)) {
-  addTile(selected).range = limits;
-}
+if (selected) addTile(selected).range = readLimits(address.searchParams.get('range'));
 showAll();

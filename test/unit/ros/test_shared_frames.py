@@ -201,7 +201,7 @@ def test_folder_of_others_is_refused(tmp_path: Path) -> None:
         FrameMemory(tmp_path)
 
 
-FILL = '''
+FILL = """
 import sys
 from opencv_tools.ros.shared_frames.header import FrameHeader
 from opencv_tools.ros.shared_frames.memory import FrameMemory
@@ -222,7 +222,7 @@ except SharedMemoryError as err:
     print(err)
 assert all((frame.data == frame.header.number - 1).all() for frame in held)
 print('sent', sent)
-'''
+"""
 
 
 @pytest.mark.process
@@ -240,7 +240,7 @@ def test_full_shared_memory(mount_namespace: Sequence[str], megabytes: float, si
     assert ('/dev/shm' in finished.stdout) == refused, finished.stdout
 
 
-FULL = '''
+FULL = """
 import os, sys
 from opencv_tools.ros.shared_frames.header import FrameHeader
 from opencv_tools.ros.shared_frames.memory import FrameMemory
@@ -266,7 +266,7 @@ for number in range(40):
         held.append(reader.receive())
 assert all((frame.data == frame.header.sec).all() for frame in held if frame)
 print(sent)
-'''
+"""
 
 
 @pytest.mark.process

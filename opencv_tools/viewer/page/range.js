@@ -1,0 +1,67 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+const part = (id) => document.getElementById(id);
+
+/** Return two different numbers that a comma separates; null for another text. */
+export function readLimits(text) {
+  const limits = (text ?? '').split(',').map(Number);
+  const isValid = limits.length === 2 && limits.every(Number.isFinite) && limits[0] !== limits[1];
+  return isValid ? limits : null;
+}
+
+/** Form with the numbers that become black and white in a picture of depth. */
+export class RangeForm {
+  #form = part('range');
+  #onChange;
+
+  /**
+   * Listen to the form.
+   *
+   * @param onChange called with two numbers, or with null for automatic limits.
+   */
+  constructor(onChange) {
+    this.#onChange = onChange;
+    this.#form.addEventListener('change', () => this.#change());
+    this.#form.addEventListener('submit', (event) => event.preventDefault());
+  }
+
+  get isHidden() {
+    return this.#form.hidden;
+  }
+
+  /**
+   * Show the limits.
+   *
+   * @param used limits of the present picture; null if it has none.
+   * @param chosen limits that somebody has chosen; null for automatic limits.
+   */
+  show(used, chosen) {
+    this.#form.hidden = !used;
+    if (!used) return;
+    part('automatic').checked = !chosen;
+    for (const [place, input] of [part('low'), part('high')].entries()) {
+      input.readOnly = !chosen;
+      const isTyping = chosen && this.#form.contains(document.activeElement);
+      if (!isTyping) input.value = chosen ? chosen[place] : Number(used[place].toPrecision(4));
+    }
+  }
+
+  #change() {
+    const limits = readLimits(`${part('low').valueAsNumber},${part('high').valueAsNumber}`);
+    part('high').setCustomValidity(limits ? '' : 'Give two different numbers.');
+    if (part('automatic').checked) this.#onChange(null);
+    else if (this.#form.reportValidity()) this.#onChange(limits);
+  }
+}
