@@ -121,6 +121,17 @@ def test_newest_frame_is_sent_at_once_and_again_with_new_options() -> None:
     run(work)
 
 
+def test_image_that_grows_is_sent_in_full_size_at_once() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        page = Receiver(stream)
+        for count, width in enumerate((64, 640, 320), 1):
+            stream.feed.put(image(width), 0)
+            assert (await page.wait(count)).width == width
+            page.channel.answered(count)
+
+    run(work)
+
+
 def test_equal_options_share_an_encoding() -> None:
     async def work(stream: Stream, _: Lines) -> None:
         narrow = ViewOptions(width=320, quality=80, rate=1000.0)
