@@ -132,14 +132,15 @@ class Hub:
         :param name: name of the topic.
         :raises RequestError: there is no such image topic.
         """
-        if name not in self._streams:
-            if name not in self.state.topics:
-                await self.refresh()
-            if name not in self.state.topics:
-                raise RequestError(self._describe_unknown(name), 404)
+        if name not in self._streams and name not in self.state.topics:
+            await self.refresh()
         stream = self._streams.get(name)
         if stream is None:
-            stream = self._streams[name] = Stream(name, self._loop, self._pool, self._log)
+            topic = self.state.topics.get(name)
+            if topic is None:
+                raise RequestError(self._describe_unknown(name), 404)
+            stream = Stream(topic.number, name, self._loop, self._pool, self._log)
+            self._streams[name] = stream
             feed = stream.feed
             self._calls.post(lambda: self._graph.open(name, feed))
         self._users[name] = self._users.get(name, 0) + 1
@@ -206,12 +207,11 @@ class Hub:
         """Return the state of a stream of the protocol."""
         feed, picture = stream.feed, stream.last_picture
         known = self.state.feeds.get(stream.name, NO_STATE)
-        topic = self.state.topics.get(stream.name)
         width, height = picture.source_size if picture else (0, 0)
         limits = picture.limits if picture else None
         quiet = feed.quiet_seconds
         return {
-            'id': topic.number if topic else 0, 'name': stream.name, 'width': width,
+            'id': stream.number, 'name': stream.name, 'width': width,
             'height': height, 'encoding': picture.encoding if picture else '',
             'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
             'broken': stream.broken, 'encodings': stream.encodings, 'reason': known.reason,

@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from functools import partial
 import json
 import socket
 import time
@@ -159,12 +160,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
-        number = self.site.hub.state.topics[name].number
-
-        def send(frame: NewFrame, picture: Picture) -> int:
-            return self._send_picture(number, frame, picture)
-
-        self._channels[name] = Channel(stream, options, send)
+        self._channels[name] = Channel(
+            stream, options, partial(self._send_picture, stream.number))
         return None
 
     def _unsubscribe(self, name: str) -> None:

@@ -26,7 +26,7 @@ import socket
 import ssl
 from threading import Event, Thread
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import printable, without_password
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.errors import ViewerError
@@ -48,6 +48,7 @@ from tornado.web import Application
 
 _ENCODERS = 2
 _END_SECONDS = 5.0
+_CLOSE_SECONDS = 1.0
 _IDLE_SECONDS = 20
 # Time in which a page on a slow link must have read its first picture.
 _PING_SECONDS = 20
@@ -142,7 +143,8 @@ class ViewerServer:
             await self._end.wait()
             server.stop()
             await hub.close()
-            await asyncio.wait_for(server.close_all_connections(), _END_SECONDS)
+            with suppress(asyncio.TimeoutError):  # a request may wait for a frame
+                await asyncio.wait_for(server.close_all_connections(), _CLOSE_SECONDS)
 
 
 class _Server(HTTPServer):
@@ -166,7 +168,8 @@ class _NodeHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if self._throttle.passes():
             err = record.exc_info[1] if record.exc_info else None
-            self._log.error(f'{printable(record.getMessage().partition(chr(10))[0])}'
+            first_line, *_ = record.getMessage().splitlines() or ['']
+            self._log.error(without_password(first_line)
                             + (f': {type(err).__name__}: {printable(err)}' if err else ''))
 
 

@@ -42,16 +42,19 @@ class Stream:
     All methods run in the loop of the server. The pool encodes.
     """
 
-    def __init__(self, name: str, loop: asyncio.AbstractEventLoop, pool: Executor,
-                 log: Log) -> None:
+    def __init__(
+        self, number: int, name: str, loop: asyncio.AbstractEventLoop, pool: Executor, log: Log,
+    ) -> None:
         """
         Create a stream without viewers.
 
+        :param number: number of the topic.
         :param name: name of the topic.
         :param loop: loop of the server.
         :param pool: threads that encode.
         :param log: log for broken images.
         """
+        self.number = number
         self.name = name
         self.feed = Feed(self._notify)
         #: Functions that are called after each frame.

@@ -1,0 +1,203 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Streams and channels without a node: which frames are encoded and sent, and when."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireImage
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import encode_image
+from opencv_tools.viewer.channel import Channel
+from opencv_tools.viewer.encoding import Picture
+from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.stream import Stream
+import pytest
+
+OPTIONS = ViewOptions(width=0, quality=80, rate=1000.0)
+DEADLINE = 60.0
+
+
+class Lines:
+    """A log that keeps its lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.info = self.warning = self.error = self.lines.append
+
+
+class Receiver:
+    """A page that keeps what a channel sends."""
+
+    def __init__(self, stream: Stream, options: ViewOptions = OPTIONS) -> None:
+        self.pictures: list[tuple[NewFrame, Picture]] = []
+        self.channel = Channel(stream, options, self._receive)
+
+    async def wait(self, count: int) -> Picture:
+        """Wait for a number of pictures; return the last one."""
+        await until(lambda: len(self.pictures) >= count)
+        return self.pictures[-1][1]
+
+    def _receive(self, frame: NewFrame, picture: Picture) -> int:
+        self.pictures.append((frame, picture))
+        return len(self.pictures)
+
+
+def image(width: int = 640, height: int = 480) -> WireImage:
+    return array_to_wire(np.full((height, width, 3), 90, np.uint8), find_encoding('bgr8'))
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    deadline = asyncio.get_running_loop().time() + DEADLINE
+    while not condition():
+        assert asyncio.get_running_loop().time() < deadline
+        await asyncio.sleep(0.001)
+
+
+async def settled() -> None:
+    """Wait until the loop and the threads have nothing left to do."""
+    for _ in range(20):
+        await asyncio.sleep(0.005)
+
+
+def run(work: Callable[[Stream, Lines], Awaitable[None]]) -> None:
+    """Run a test with a stream."""
+    async def begin() -> None:
+        log = Lines()
+        with ThreadPoolExecutor(2) as pool:
+            await work(Stream(7, '/image', asyncio.get_running_loop(), pool, log), log)
+
+    asyncio.run(begin())
+
+
+def test_one_picture_is_unanswered_and_the_newest_follows() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        page = Receiver(stream)
+        for count in range(1, 7):
+            stream.feed.put(image(), 0)
+            await page.wait(1)
+            assert stream.feed.frames == count
+        await settled()
+        assert len(page.pictures) == 1
+        assert not page.channel.answered(5)
+        assert page.channel.answered(1)
+        await page.wait(2)
+        assert [frame.number for frame, _ in page.pictures] == [1, 6]
+        assert not page.channel.answered(1)
+
+    run(work)
+
+
+def test_newest_frame_is_sent_at_once_and_again_with_new_options() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        stream.feed.put(image(), 0)
+        page = Receiver(stream)
+        assert (await page.wait(1)).width == 640
+        page.channel.answered(1)
+        page.channel.set_options(ViewOptions(width=100, quality=80, rate=1000.0))
+        assert (await page.wait(2)).width == 160
+        page.channel.answered(2)
+        page.channel.set_options(ViewOptions(width=100, quality=80, rate=1000.0, fixed=True))
+        assert (await page.wait(3)).width == 100
+
+    run(work)
+
+
+def test_image_that_grows_is_sent_in_full_size_at_once() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        page = Receiver(stream)
+        for count, width in enumerate((64, 640, 320), 1):
+            stream.feed.put(image(width), 0)
+            assert (await page.wait(count)).width == width
+            page.channel.answered(count)
+
+    run(work)
+
+
+def test_equal_options_share_an_encoding() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        narrow = ViewOptions(width=320, quality=80, rate=1000.0)
+        pages = [Receiver(stream, options) for options in (OPTIONS, OPTIONS, narrow, narrow)]
+        stream.feed.put(image(), 0)
+        pictures = [await page.wait(1) for page in pages]
+        assert pictures[0] is pictures[1]
+        assert pictures[2] is pictures[3]
+        assert stream.encodings == 2
+
+    run(work)
+
+
+def test_nothing_is_encoded_without_a_channel() -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        page = Receiver(stream)
+        page.channel.close()
+        stream.feed.put(image(), 0)
+        await settled()
+        assert stream.encodings == 0
+        assert not stream.watchers
+
+    run(work)
+
+
+def test_broken_images_are_counted_once() -> None:
+    async def work(stream: Stream, log: Lines) -> None:
+        pages = [Receiver(stream), Receiver(stream, ViewOptions(width=80, quality=9, rate=99.0))]
+        stream.feed.put(WireCompressedImage(header=NO_HEADER, format='jpeg', data=b'\xff\xd8'), 0)
+        await until(lambda: stream.broken == 1)
+        await settled()
+        assert stream.broken == 1
+        assert len(log.lines) == 1
+        assert log.lines[0].startswith('frame of /image left out: ')
+        stream.feed.put(image(), 0)
+        for page in pages:
+            await page.wait(1)
+
+    run(work)
+
+
+def test_jpeg_of_a_page_with_fixed_quality_is_encoded_again() -> None:
+    jpeg = encode_image(np.full((48, 64), 90, np.uint8), '.jpg').tobytes()
+
+    async def work(stream: Stream, _: Lines) -> None:
+        fixed = ViewOptions(width=0, quality=20, rate=1000.0, fixed=True)
+        pages = Receiver(stream), Receiver(stream, fixed)
+        stream.feed.put(WireCompressedImage(header=NO_HEADER, format='jpeg', data=jpeg), 0)
+        assert (await pages[0].wait(1)).data == jpeg
+        assert (await pages[1].wait(1)).data != jpeg
+        assert pages[0].channel.status()['sent']['passed_through']
+
+    run(work)
+
+
+@pytest.mark.parametrize('seconds', [0.0, 0.05])
+def test_next_frame_is_waited_for_only_so_long(seconds: float) -> None:
+    async def work(stream: Stream, _: Lines) -> None:
+        assert await stream.next_frame(0, seconds) is None
+        waiting = asyncio.ensure_future(stream.next_frame(0, DEADLINE))
+        await settled()
+        stream.feed.put(image(), 5)
+        frame = await waiting
+        assert frame
+        assert (frame.number, frame.receive_ns) == (1, 5)
+        assert await stream.next_frame(0, 0) is frame
+        assert not stream.watchers
+
+    run(work)
