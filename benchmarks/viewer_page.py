@@ -16,7 +16,7 @@
 Age of the pictures of the viewer in a browser, from the publisher's stamp to pixels in the page.
 
 The stamp is read from the pixels. The page and MJPEG in ``<img>`` of the same server are measured
-in turn. The page reports each picture that it has drawn; an ``<img>`` reports nothing, so it is read
+in turn. The page reports each picture that it has drawn. An ``<img>`` reports nothing, and is read
 every 4 ms. Then the page is at the end of a link of 8 Mbit/s, beside a page on a quick link.
 """
 
