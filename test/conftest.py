@@ -142,6 +142,24 @@ def mapped_segments(pid: int) -> set[Path]:
     return {file for file in files if 'fastrtps' in file.name}
 
 
+def remove_unused(segments: set[Path]) -> None:
+    """Remove shared memory files of Fast DDS that no process uses."""
+    if segments:
+        used = set[Path]().union(*(mapped_segments(int(folder.name)) for folder in
+                                   Path('/proc').glob('[0-9]*')))
+        for path in segments - used:
+            for name in (path.name, f'{path.name}_el', f'sem.{path.name}_mutex'):
+                with suppress(PermissionError):
+                    path.with_name(name).unlink(missing_ok=True)
+
+
+def _ports(domain: int) -> set[Path]:
+    """Return the ports of Fast DDS in a domain, also those that killed processes have left."""
+    first = 7400 + 250 * domain
+    return {path for number in range(first, first + 250)
+            if (path := _LOCKS / f'fastrtps_port{number}').exists()}
+
+
 def executable(name: str) -> str:
     """Return the path of an executable: where ``ros2 run`` finds it, else beside python."""
     try:
@@ -191,6 +209,8 @@ def free_domain() -> Iterator[int]:
         lock = _lock(path)
         if lock is not None:
             try:
+                # A port of a killed process has a queue of its own size, and may be given up.
+                remove_unused(_ports(number))
                 yield number
             finally:
                 with suppress(PermissionError):  # of another user, who made it
@@ -262,13 +282,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
         if process.is_running():  # pytest shows it where the test failed
             print(process.output[-5000:])
         process.kill()
-    left_behind = set[Path]().union(*(process.left_behind for process in processes))
-    if left_behind:
-        used = set[Path]().union(*(mapped_segments(int(folder.name)) for folder in
-                                   Path('/proc').glob('[0-9]*')))
-        for path in left_behind - used:
-            for name in (path.name, f'{path.name}_el', f'sem.{path.name}_mutex'):
-                path.with_name(name).unlink(missing_ok=True)
+    remove_unused(set[Path]().union(*(process.left_behind for process in processes)))
 
 
 @pytest.fixture

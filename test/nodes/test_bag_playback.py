@@ -88,7 +88,7 @@ def test_clip_goes_through_topic_bag_topic_and_files(
     writer = start('img_subscriber', output_dir='out', file_name='"{stamp}.png"',
                    max_frames=CLIP_FRAMES, on_overflow='block')
     second = Played(start, node, Image, source='bags/clip.mcap', stamp='original',
-                    wait_for_subscribers=2).messages(Image)
+                    publish_rate=50, wait_for_subscribers=2).messages(Image)
     assert writer.finish() == 0, writer.output
     assert len(first) == CLIP_FRAMES
     for sent, played, expected in zip(first, second, decode_clip(), strict=True):
