@@ -2,6 +2,7 @@
 # make test          build the package with colcon and run its tests
 # make unit          run the tests that start no process, in less than a minute
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
+# make test-stress   run the tests that kill many processes or need much memory
 # make test-browser  test the page of the viewer in a Chromium; needs root
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
@@ -16,13 +17,13 @@
 # dependencies (.venv/installed), docs also Sphinx (.venv/docs), the other targets also those of the
 # tests (.venv/dev).
 #
-# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-browser, test-network, test-interop,
-# bench, docs and soak use it and install nothing. Only test-interop installs its parsers with apt-get.
+# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-stress, test-browser, test-network,
+# test-interop, bench, docs and soak use it and install nothing. Only test-interop installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-browser test-camera test-network test-interop bench docs soak \
-  clean
+.PHONY: demo test unit test-oldest test-stress test-browser test-camera test-network test-interop bench \
+  docs soak clean
 
 PYTHON ?= python3
 
@@ -57,7 +58,7 @@ endef
 
 # $(1): environment of the command
 define unit_test
-@$(1) python3 -m pytest --quiet -m 'not process' $(call workers,$(1),3)
+@$(1) python3 -m pytest --quiet -m 'not process and not stress' $(call workers,$(1),3)
 endef
 
 # $(1): environment of the command; $(2): further options of Sphinx
@@ -94,6 +95,12 @@ docs:
 	  { echo 'Sphinx is missing: sudo apt install furo python3-myst-parser python3-sphinx'; exit 1; }
 	$(call build_docs,env PYTHONPATH="$(CURDIR):$$PYTHONPATH",)
 
+test-stress:
+	@command -v colcon > /dev/null || \
+	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
+	@colcon build --event-handlers console_stderr-
+	@source install/local_setup.bash && python3 -m pytest --quiet -m stress
+
 test-browser:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
@@ -128,6 +135,10 @@ unit: .venv/dev
 
 docs: .venv/docs
 	$(call build_docs,$(call in_venv,.venv),--fail-on-warning)
+
+test-stress: .venv/dev
+	@$(call in_venv,.venv) python -m pytest --quiet -m stress \
+	  $(call workers,$(call in_venv,.venv),$(WORKERS))
 
 test-browser: .venv/dev
 	@$(call in_venv,.venv) python test/browser/run.py

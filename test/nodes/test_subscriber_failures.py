@@ -63,6 +63,7 @@ def wait_until(condition: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.stress
 def test_whole_files_after_kills(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
@@ -262,6 +263,7 @@ def test_every_frame_is_counted_with_slow_writers(
     tell(f'{writers} slow writers: {counts}')
 
 
+@pytest.mark.stress
 def test_no_loss_in_ten_thousand_frames(
         start: Start, node: Node, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'

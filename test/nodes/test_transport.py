@@ -186,6 +186,7 @@ def test_large_frames_to_several_subscribers(
     assert len(received(plain, numbers)) == nodes
 
 
+@pytest.mark.stress
 def test_subscribers_joining_leaving_and_killed(
         start: Start, count: Count) -> None:
     stays = count('ours')
@@ -212,6 +213,7 @@ def test_subscribers_joining_leaving_and_killed(
         assert (found[0] == 0) is first
 
 
+@pytest.mark.stress
 def test_segments_of_killed_publishers_are_removed(
         start: Start, count: Count, tell: Callable[[str], None], other_domain: int,
         monkeypatch: pytest.MonkeyPatch) -> None:

@@ -293,6 +293,7 @@ def peak_memory(path: Path) -> int:
     return int(finished.stdout)
 
 
+@pytest.mark.stress
 @pytest.mark.process
 @pytest.mark.parametrize('name', BOMBS)
 def test_hostile_bag_needs_less_than_a_gigabyte(tmp_path: Path, name: str) -> None:
@@ -300,6 +301,7 @@ def test_hostile_bag_needs_less_than_a_gigabyte(tmp_path: Path, name: str) -> No
     assert peak_memory(tmp_path / 'a.mcap') < 900_000
 
 
+@pytest.mark.stress
 @pytest.mark.process
 def test_chunks_with_the_same_times_need_less_than_a_gigabyte(tmp_path: Path) -> None:
     data = bytes(32 << 20)

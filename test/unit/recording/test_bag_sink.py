@@ -394,6 +394,7 @@ while True:
 """
 
 
+@pytest.mark.stress
 @pytest.mark.process
 def test_twenty_killed_recordings_are_finished(tmp_path: Path) -> None:
     chosen = random.Random(21)
