@@ -2,7 +2,7 @@
 # make test          build the package with colcon and run its tests
 # make unit          run the tests that start no process, in less than a minute
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
-# make test-stress   run the tests that kill many processes or need much memory
+# make test-stress   run the tests with many killed processes, large frames or much memory
 # make test-browser  test the page of the viewer in a Chromium; needs root
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root

@@ -32,7 +32,7 @@ import pytest
 from rclpy.node import Node
 from sharing import Camera, picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.stress]
 
 
 @pytest.fixture
@@ -175,7 +175,6 @@ def test_pixels_of_png(
 
 # Handover
 
-@pytest.mark.stress
 def test_plain_publisher_beside_shared_frames(
         viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
     ours = remote_camera()
@@ -193,7 +192,6 @@ def test_plain_publisher_beside_shared_frames(
     viewer.assert_complete(ours)
 
 
-@pytest.mark.stress
 def test_second_sharing_publisher(
         viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
     first = remote_camera('first')
@@ -213,7 +211,6 @@ def test_second_sharing_publisher(
 
 # Killed and stopped processes
 
-@pytest.mark.stress
 def test_killed_readers(viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
                         remote_viewer: Callable[..., RemoteViewer]) -> None:
     ours = remote_camera()
@@ -247,7 +244,6 @@ def test_nothing_is_written_for_killed_readers(
     spin_until(node, send_until_unread)
 
 
-@pytest.mark.stress
 def test_killed_publishers(memory: Callable[[float], Memory],
                            remote_camera: Callable[..., RemoteCamera],
                            remote_viewer: Callable[..., RemoteViewer]) -> None:
@@ -287,7 +283,6 @@ def test_reader_that_keeps_every_frame(
     assert keeper.frames[-100][3] == keeper.frames[-1][3]
 
 
-@pytest.mark.stress
 def test_losses_of_a_stopped_reader(
         viewer: Viewer, remote_camera: Callable[..., RemoteCamera],
         remote_viewer: Callable[..., RemoteViewer]) -> None:
@@ -352,7 +347,6 @@ else:
 """
 
 
-@pytest.mark.stress
 def test_frames_are_never_torn() -> None:
     def run(*arguments: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -380,7 +374,6 @@ def test_frames_are_never_torn() -> None:
 
 # Memory that is short
 
-@pytest.mark.stress
 @pytest.mark.parametrize('megabytes', [4, 14, 32, 64])
 def test_large_frames_in_little_memory(
         memory: Callable[[float], Memory], remote_camera: Callable[..., RemoteCamera],
@@ -401,7 +394,6 @@ def test_large_frames_in_little_memory(
         assert are_shared == (megabytes == 64)
 
 
-@pytest.mark.stress
 @pytest.mark.parametrize('left', [600_000, 0])
 def test_memory_that_becomes_full(
         left: int, memory: Callable[[float], Memory], remote_camera: Callable[..., RemoteCamera],

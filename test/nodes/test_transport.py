@@ -31,6 +31,8 @@ from conftest import DEADLINE, NodeProcess
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
 import pytest
 
+pytestmark = pytest.mark.stress
+
 Start = Callable[..., NodeProcess]
 Count = Callable[..., NodeProcess]
 COUNTER = Path(__file__).parents[1] / 'support' / 'frame_counter.py'
@@ -186,7 +188,6 @@ def test_large_frames_to_several_subscribers(
     assert len(received(plain, numbers)) == nodes
 
 
-@pytest.mark.stress
 def test_subscribers_joining_leaving_and_killed(
         start: Start, count: Count) -> None:
     stays = count('ours')
@@ -213,7 +214,6 @@ def test_subscribers_joining_leaving_and_killed(
         assert (found[0] == 0) is first
 
 
-@pytest.mark.stress
 def test_segments_of_killed_publishers_are_removed(
         start: Start, count: Count, tell: Callable[[str], None], other_domain: int,
         monkeypatch: pytest.MonkeyPatch) -> None:
