@@ -132,7 +132,7 @@ class _ImageMemory:
     @property
     def __array_interface__(self) -> dict[str, Any]:
         data = self.message.data
-        return {'shape': (data.size,), 'typestr': '|u1', 'data': (data.data or 0, True),
+        return {'shape': (data.size,), 'typestr': '|u1', 'data': (data.data or self.address, True),
                 'version': 3}
 
     def __del__(self) -> None:
