@@ -107,13 +107,13 @@ class Process:
             raise self._error()
 
     def begin(self) -> None:
-        """Let the camera count its frames."""
+        """Make the camera count its frames."""
         assert self._process.stdin
         self._process.stdin.write('begin\n')
         self._process.stdin.flush()
 
     def end(self) -> None:
-        """Let the process end."""
+        """End the process."""
         assert self._process.stdin
         self._process.stdin.close()
 
