@@ -94,6 +94,8 @@ class SharedFramePublisher:
         """
         self._messages += is_message
         if not self.has_subscribers:
+            if not self._is_announced:
+                self._writer = None  # its readers have left; others need the memory
             return
         data = np.frombuffer(image.data, np.uint8)
         try:
