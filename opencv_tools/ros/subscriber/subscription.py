@@ -310,6 +310,7 @@ class FrameSubscription:
         """Count a message and pass it on."""
         self._count(info)
         if isinstance(message, CdrError):
+            self._has_frames = True
             self._on_broken(message)
             self._no_frames_warning.frame_received(self.topic_name)
         else:
