@@ -17,53 +17,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from enum import auto, Enum
-from threading import RLock, Thread
+from threading import RLock
 import time
 
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
-from opencv_tools.ros.priority import current_priority, use_priority
 from opencv_tools.ros.shared_frames.announcement import SUFFIX
 from opencv_tools.ros.shared_frames.header import SharedFrame
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH, process_memory
 from opencv_tools.ros.shared_frames.pages import SharedMemoryError
-from opencv_tools.ros.shared_frames.reader import FrameReader
 from opencv_tools.ros.shared_frames.services import MAX_PUBLISHERS, SharedServices
 from opencv_tools.ros.subscriber.lost_frames import LostFrames
+from opencv_tools.ros.subscriber.shared_link import LinkState, SharedLink
 from opencv_tools.ros.zero_copy import MessageInfo
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
-
-# Longest wait for messages of the image topic that precede the first shared frame.
-_JOIN_SECONDS = 0.3
-# Threads notice their end after this time.
-_WAIT_SECONDS = 0.05
-
-
-class _State(Enum):
-    """How the frames of a publisher are received."""
-
-    JOINING = auto()  # by the image topic, until the next shared frame continues its messages
-    SHARING = auto()  # by shared memory; messages of the image topic are ignored
-    LEAVING = auto()  # by shared memory, until the next message of the image topic
-
-
-class _Link:
-    """The shared frames of one publisher."""
-
-    def __init__(self, publisher: bytes, service: str, reader: FrameReader) -> None:
-        self.publisher = publisher
-        self.service = service
-        self.reader = reader
-        self.state = _State.JOINING
-        self.held: SharedFrame | None = None  # waits for messages of the image topic
-        self.held_until = 0.0
-        self.number = 0  # of the last frame
-        self.thread: Thread | None = None
-        self.is_closed = False
 
 
 class SharedFrameSubscriber:
@@ -80,6 +50,7 @@ class SharedFrameSubscriber:
         self, node: Node, topic: str, *, depth: int | None, in_thread: bool, max_views: int,
         log: Log, losses: LostFrames, on_frame: Callable[[WireImage, int], None],
         on_broken: Callable[[CdrError], None], on_change: Callable[[], None],
+        receive_messages: Callable[[], None],
     ) -> None:
         """
         Subscribe to the announcements.
@@ -96,6 +67,8 @@ class SharedFrameSubscriber:
             clock, with ``lock`` held.
         :param on_broken: called with the error of a frame that cannot be read.
         :param on_change: called in the executor when ``update`` should be called.
+        :param receive_messages: calls ``receive`` with the messages of the image topic that wait;
+            called in the executor.
         """
         #: Held while a frame is passed on.
         self.lock = RLock()
@@ -108,7 +81,8 @@ class SharedFrameSubscriber:
         self._on_frame = on_frame
         self._on_broken = on_broken
         self._on_change = on_change
-        self._links: dict[bytes, _Link] = {}
+        self._receive_messages = receive_messages
+        self._links: dict[bytes, SharedLink] = {}
         self._services = SharedServices(log)
         # Numbers of the last message and of the last shared one, by publisher.
         self._passed: dict[bytes, int] = {}
@@ -127,6 +101,8 @@ class SharedFrameSubscriber:
         :returns: whether all frames come from shared memory.
         """
         with self.lock:
+            if self._links.keys() - publishers:
+                self._receive_messages()  # they may precede the shared frames
             for publisher in self._links.keys() - publishers:
                 self._drain(self._links[publisher])
                 self._close(publisher)
@@ -143,7 +119,7 @@ class SharedFrameSubscriber:
                         not are_shared or link.service != self._services.of(publisher)):
                     self._leave(link)
             return are_shared and all(
-                link.state == _State.SHARING for link in self._links.values())
+                link.state == LinkState.SHARING for link in self._links.values())
 
     def explain(self, publishers: frozenset[bytes]) -> str:
         """Return why a publisher does not share its frames with this process, or ''."""
@@ -159,9 +135,9 @@ class SharedFrameSubscriber:
         with self.lock:
             publisher, number = bytes(info.publisher), info.number
             link = self._links.get(publisher)
-            if link is not None and link.state == _State.SHARING:
+            if link is not None and link.state == LinkState.SHARING:
                 return
-            if link is not None and link.state == _State.LEAVING:
+            if link is not None and link.state == LinkState.LEAVING:
                 first = max(number, self._passed[publisher] + 1)  # of those that are passed on
                 is_followed = self._drain(link, first)
                 self._close(publisher)
@@ -172,7 +148,7 @@ class SharedFrameSubscriber:
                 return
             deliver()
             self._passed[publisher] = max(number, self._passed.get(publisher, 0))
-            if link is not None and link.state == _State.JOINING:
+            if link is not None and link.state == LinkState.JOINING:
                 self._process(link)
 
     def close(self, may_continue: Callable[[], bool]) -> int:
@@ -197,12 +173,11 @@ class SharedFrameSubscriber:
         """Unsubscribe, and end the threads."""
         self._node.destroy_subscription(self._subscription)
         with self.lock:
-            threads = [link.thread for link in self._links.values()]
-            for publisher in [*self._links]:
-                self._close(publisher)
-        for thread in threads:
-            if thread is not None:
-                thread.join()
+            links = [*self._links.values()]
+            for link in links:
+                self._close(link.publisher)
+        for link in links:
+            link.join()
         self._node.destroy_guard_condition(self._guard)
 
     # Announcements
@@ -220,95 +195,79 @@ class SharedFrameSubscriber:
         except SharedMemoryError as err:
             self._services.remove(publisher, service, err)
             return False
-        link = self._links[publisher] = _Link(publisher, service, reader)
-        link.thread = Thread(
-            target=self._wait, args=(link, current_priority()), name='shared frames',
-            daemon=True)
-        link.thread.start()
+        link = self._links[publisher] = SharedLink(publisher, service, reader)
+        link.start(self._notice, self._fail)
         return True
 
-    def _leave(self, link: _Link) -> None:
-        if link.state == _State.JOINING:
+    def _leave(self, link: SharedLink) -> None:
+        if link.state == LinkState.JOINING:
             self._close(link.publisher)
-        link.state = _State.LEAVING
+        link.state = LinkState.LEAVING
 
     def _close(self, publisher: bytes) -> None:
-        link = self._links.pop(publisher)
-        link.is_closed = True
-        link.held = None
+        self._links.pop(publisher).close()
 
     # Frames
 
-    def _wait(self, link: _Link, priority: int) -> None:
-        """Wait for the frames of a link, in a thread with the priority of the executor."""
-        use_priority(priority)
-        while not link.is_closed:
-            try:
-                if not link.reader.wait(_WAIT_SECONDS) and link.held is None:
-                    continue
-            except SharedMemoryError as err:
-                with self.lock:
-                    self._fail(link, err)
-                return
-            if self._in_thread:
-                with self.lock:
-                    self._process(link)
-            else:
-                self._guard.trigger()
+    def _notice(self, link: SharedLink) -> None:
+        """Pass on frames, in the thread of their link or in the executor."""
+        if self._in_thread:
+            with self.lock:
+                self._process(link)
+        if not self._in_thread or link.is_held:
+            self._guard.trigger()
 
     def _wake(self) -> None:
         """Pass on frames and report changes, in the executor."""
         with self.lock:
-            if not self._in_thread:
-                for link in [*self._links.values()]:
-                    self._process(link)
+            for link in [*self._links.values()]:
+                is_overdue = link.is_overdue
+                if is_overdue:
+                    self._receive_messages()
+                if is_overdue or not self._in_thread:
+                    self._process(link, is_overdue)
             has_changed, self._has_changed = self._has_changed, False
         if has_changed:
             self._on_change()
 
-    def _process(self, link: _Link) -> None:
-        """Pass on the frames of a link, unless messages of the image topic come before them."""
-        if link.is_closed:
-            return
+    def _process(self, link: SharedLink, is_overdue: bool = False) -> None:
+        """
+        Pass on the frames of a link, unless messages of the image topic come before them.
+
+        :param is_overdue: whether messages that are missing before the first frame are lost.
+        """
         for frame in self._frames(link):
             if not self._is_new(link, frame):
                 # The next frame follows the last message.
                 if frame.header.message == self._passed.get(link.publisher):
                     self._join(link)
                 continue
-            if link.state == _State.JOINING and not self._may_join(link, frame):
-                link.held = frame
+            if (link.state == LinkState.JOINING and not is_overdue
+                    and _missing_messages(frame, self._passed.get(link.publisher, 0))):
+                link.hold(frame)
                 return
             self._pass_on(link, frame)
 
-    def _frames(self, link: _Link) -> Iterator[SharedFrame]:
-        """Yield the frames that wait, and count those that are missing or cannot be read."""
-        while not link.is_closed:
-            frame, link.held = link.held, None
-            try:
-                frame = frame or link.reader.receive()
-            except CdrError as err:
-                self._on_broken(err)
-                continue
-            except SharedMemoryError as err:
-                self._fail(link, err)
-                return
-            if frame is None:
-                return
-            yield frame
+    def _frames(self, link: SharedLink) -> Iterator[SharedFrame]:
+        """Yield the frames that wait, until the memory cannot be read."""
+        try:
+            yield from link.frames(self._on_broken)
+        except SharedMemoryError as err:
+            self._fail(link, err)
 
-    def _fail(self, link: _Link, err: SharedMemoryError) -> None:
-        self._services.remove(link.publisher, link.service, err)
-        if not link.is_closed:
-            self._leave(link)
-        self._report_change()
+    def _fail(self, link: SharedLink, err: SharedMemoryError) -> None:
+        with self.lock:
+            self._services.remove(link.publisher, link.service, err)
+            if not link.is_closed:
+                self._leave(link)
+            self._report_change()
 
     def _report_change(self) -> None:
         """Have ``on_change`` called in the executor."""
         self._has_changed = True
         self._guard.trigger()
 
-    def _is_new(self, link: _Link, frame: SharedFrame) -> bool:
+    def _is_new(self, link: SharedLink, frame: SharedFrame) -> bool:
         """Return whether the frame was not passed on as a message of the image topic."""
         is_new = not frame.header.is_message or (
             frame.header.message > self._passed.get(link.publisher, 0))
@@ -316,29 +275,16 @@ class SharedFrameSubscriber:
             link.number = frame.header.number
         return is_new
 
-    def _may_join(self, link: _Link, frame: SharedFrame) -> bool:
-        """Return whether no message of the image topic is missing before a frame."""
-        now = time.monotonic()
-        link.held_until = link.held_until or now + _JOIN_SECONDS
-        header = frame.header
-        before = header.message - header.is_message
-        passed = self._passed.get(link.publisher)
-        if not header.is_message or before == 0 or (passed is not None and before <= passed):
-            return True
-        if now < link.held_until:
-            return False
-        if passed is not None:
-            self._losses.count += before - passed
-        return True
-
-    def _join(self, link: _Link) -> None:
-        if link.state == _State.JOINING:
-            link.state = _State.SHARING
+    def _join(self, link: SharedLink) -> None:
+        if link.state == LinkState.JOINING:
+            link.state = LinkState.SHARING
             self._report_change()
 
-    def _pass_on(self, link: _Link, frame: SharedFrame) -> None:
+    def _pass_on(self, link: SharedLink, frame: SharedFrame) -> None:
         header = frame.header
-        if link.state == _State.JOINING:
+        if link.state == LinkState.JOINING:
+            passed = self._passed.get(link.publisher, header.message)
+            self._losses.count += _missing_messages(frame, passed)
             self._join(link)
         elif header.number > link.number + 1:
             self._losses.count += header.number - link.number - 1
@@ -349,7 +295,7 @@ class SharedFrameSubscriber:
             width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
             step=header.step, data=frame.data), time.time_ns())
 
-    def _drain(self, link: _Link, until: int = 0) -> bool:
+    def _drain(self, link: SharedLink, until: int = 0) -> bool:
         """
         Pass on the waiting frames, or those before a message of the image topic.
 
@@ -366,3 +312,9 @@ class SharedFrameSubscriber:
                 return True
             self._pass_on(link, frame)
         return False
+
+
+def _missing_messages(frame: SharedFrame, passed: int) -> int:
+    """Return the number of messages of the image topic between the last one and a frame."""
+    header = frame.header
+    return max(0, header.message - 1 - passed) if header.is_message else 0

@@ -114,7 +114,7 @@ class FrameSubscription:
             self._shared = SharedFrameSubscriber(
                 node, topic, depth=depth, in_thread=in_thread, max_views=max_views, log=log,
                 losses=self.losses, on_frame=self._pass_on, on_broken=on_broken,
-                on_change=self._update_sharing)
+                on_change=self._update_sharing, receive_messages=self._drain)
         if not self._has_image_topic:
             self._subscription.stop()
 
@@ -289,6 +289,11 @@ class FrameSubscription:
             self._previous.destroy()
             self._previous = None
             self._subscription.is_alone = True
+
+    def _drain(self) -> None:
+        """Pass on the messages that were received until now."""
+        for subscription in self._subscriptions():
+            subscription.drain()
 
     def _receive(
         self, subscription: RawSubscription, message: WireMessage | CdrError,

@@ -28,6 +28,7 @@ from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
+from opencv_tools.ros.subscriber.raw_subscription import TakenMessage
 from opencv_tools.ros.zero_copy import publisher_id
 import pytest
 import rclpy
@@ -99,6 +100,49 @@ def test_each_order_of_arrival(
     viewer.watch(lambda: plain.sent > 20, ours, plain)
     viewer.assert_complete(ours, plain)
     assert not shared._links
+
+
+@pytest.mark.parametrize('end', ['publisher leaves', 'frame is overdue', 'messages are lost'])
+def test_messages_that_wait_before_a_shared_frame(
+        viewer: Viewer, camera: Node, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
+    ours = Camera(camera)
+    viewer.match(ours)
+    subscription = viewer.subscription
+    shared = subscription._shared
+    with monkeypatch.context() as patch:
+        patch.setattr(shared, '_open', lambda publisher: False)
+        viewer.watch(lambda: bool(subscription._publishers)
+                     and shared._services.include(subscription._publishers), ours)
+        spin_until(viewer.node, lambda: viewer.count == ours.sent)
+        before = ours.sent
+        for _ in range(8):
+            ours.send()
+    subscription._update_sharing()
+    link, = shared._links.values()
+    ours.send()
+    ours.send()
+    _repeat(shared._wake, lambda: link.is_held)
+    if end == 'messages are lost':
+        taken: list[TakenMessage] = []
+        _repeat(lambda: taken.extend(subscription._subscription.take_data()),
+                lambda: len(taken) == 10)
+    if end == 'publisher leaves':
+        ours.destroy()
+        _repeat(subscription._adapt_qos, lambda: not subscription._publishers)
+    else:
+        _repeat(shared._wake, lambda: viewer.count > before)
+    lost = 8 if end == 'messages are lost' else 0
+    numbers = [*range(1, ours.sent + 1)]
+    assert viewer.numbers['ours'] == numbers[:before] + numbers[before + lost:]
+    assert subscription.losses.count == lost
+
+
+def _repeat(action: Callable[[], object], condition: Callable[[], bool]) -> None:
+    """Call a function, outside the executor, until a condition holds."""
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline
+        action()
 
 
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
