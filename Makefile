@@ -105,13 +105,13 @@ test-browser:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
 	@colcon build --event-handlers console_stderr-
-	@source install/local_setup.bash && python3 test/browser/run.py
+	@source install/local_setup.bash && python3 test/as_root.py browser
 
 test-network:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
 	@colcon build --event-handlers console_stderr-
-	@source install/local_setup.bash && python3 test/network/run.py
+	@source install/local_setup.bash && python3 test/as_root.py network
 
 test-interop:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/interop/run.py
@@ -141,10 +141,10 @@ test-stress: .venv/dev
 	  $(call workers,$(call in_venv,.venv),$(WORKERS))
 
 test-browser: .venv/dev
-	@$(call in_venv,.venv) python test/browser/run.py
+	@$(call in_venv,.venv) python test/as_root.py browser
 
 test-network: .venv/dev
-	@$(call in_venv,.venv) python test/network/run.py
+	@$(call in_venv,.venv) python test/as_root.py network
 
 test-interop: .venv/dev
 	@$(call in_venv,.venv) python test/interop/run.py

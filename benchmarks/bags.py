@@ -16,14 +16,13 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 import sys
 
 from bag_conversion import converting, help_start
-from figures import add_json_option, Figure, write_figures
-from node_process import enter_domain
-from recording import folder_here, print_recording, record_publisher, Recording
+from figures import Figure
+from recording import (
+    folder_here, main, print_heading, print_recording, record_publisher, Recording)
 
 RATE, LARGE_RATE = 30, 15
 MAX_CPU = 12.0  # ms of a 1080p frame
@@ -31,14 +30,10 @@ MAX_CPU = 12.0  # ms of a 1080p frame
 
 def recording(seconds: float) -> list[Figure]:
     """Record raw images as a bag and as .npy files, and 4K images as a bag."""
-    print(f'Raw images from our publisher for {seconds:g} s; CPU in % of a core and in ms, '
-          'without the start of the nodes\n'
-          f'{"":50}{"publisher":>19}{"subscriber":>19}\n'
-          f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
-          f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
-    bag, arrays = (measure(f'pattern:1920x1080@{RATE}', suffix, seconds, RATE)
+    print_heading('Raw images from our publisher', 'publisher', seconds)
+    bag, arrays = (record(f'pattern:1920x1080@{RATE}', suffix, seconds, RATE)
                    for suffix in ('.mcap', '.npy'))
-    large = measure(f'pattern:3840x2160@{LARGE_RATE}', '.mcap', seconds, LARGE_RATE)
+    large = record(f'pattern:3840x2160@{LARGE_RATE}', '.mcap', seconds, LARGE_RATE)
     cpu, other = bag.subscriber.per_frame, arrays.subscriber.per_frame
     print(f'CPU of a 1080p frame in a bag: {cpu / other:.2f} of .npy; goal at most {MAX_CPU:g} ms '
           f'{"met" if cpu <= MAX_CPU else "missed"}')
@@ -51,7 +46,7 @@ def recording(seconds: float) -> list[Figure]:
         kept_figure(f'4K{LARGE_RATE} in a bag, frames kept', large)]
 
 
-def measure(source: str, suffix: str, seconds: float, rate: float) -> Recording:
+def record(source: str, suffix: str, seconds: float, rate: float) -> Recording:
     """Record a source and print its line."""
     found = record_publisher(source, suffix, seconds, rate)
     print_recording(found)
@@ -64,22 +59,13 @@ def kept_figure(name: str, found: Recording) -> Figure:
         'bags', name, found.kept / found.sent * 100, '%', 'all', found.kept == found.sent)
 
 
-def main() -> int:
-    """Print the figures; the exit status is 1 when a goal is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seconds', type=float, default=20, help='to record each format for')
-    add_json_option(parser)
-    options = parser.parse_args()
-    if options.seconds < 1:
-        parser.error('give a second or more')
-    enter_domain()
-    figures = [*recording(options.seconds), *help_start()]
+def measure(seconds: float) -> list[Figure]:
+    """Measure and print each section, and return the figures."""
+    figures = [*recording(seconds), *help_start()]
     with folder_here() as folder:
         figures += converting(Path(folder))
-    if options.json:
-        write_figures(options.json, figures)
-    return 1 if any(figure.met is False for figure in figures) else 0
+    return figures
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(__doc__, measure))

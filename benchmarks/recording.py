@@ -379,6 +379,15 @@ def print_race(result: Race) -> None:
           f'({listed(result.ratios)})', flush=True)
 
 
+def print_heading(title: str, publisher: str, seconds: float) -> None:
+    """Print the head of the table of recordings."""
+    print(f'{title} for {seconds:g} s; CPU in % of a core and in ms, without the start of the '
+          'nodes\n'
+          f'{"":50}{publisher:>19}{"subscriber":>19}\n'
+          f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
+          f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
+
+
 def print_recording(result: Recording) -> None:
     """Print a line of the second table."""
     print(f'{result.suffix:6}{result.sent:6}{result.rate:7.1f}{result.received:10}'
@@ -430,11 +439,7 @@ def measure(seconds: float) -> list[Figure]:
         figures.append(ratio_figure(f'1080p to {suffix} against cv2.imwrite', raced.ratio,
                                     SPEEDUP))
 
-    print(f'\n1080p{RATE} from our publisher for {seconds:g} s; CPU in % of a core and in ms, '
-          'without the start of the nodes\n'
-          f'{"":50}{"publisher, decodes":>19}{"subscriber":>19}\n'
-          f'{"":6}{"sent":>6}{"Hz":>7}{"received":>10}{"kept":>6}{"dropped":>9}{"lost":>6}'
-          f'{"CPU %":>9}{"ms/sent":>10}{"CPU %":>9}{"ms/kept":>10}{"bytes/kept":>13}')
+    print_heading(f'\n1080p{RATE} from our publisher', 'publisher, decodes', seconds)
     with folder_here() as folder:
         video = Path(folder) / 'video.mp4'
         make_video(video)
@@ -451,9 +456,14 @@ def measure(seconds: float) -> list[Figure]:
     return figures
 
 
-def main() -> int:
-    """Print the figures; the exit status is 1 when a goal is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(description: str | None, measure: Callable[[float], list[Figure]]) -> int:
+    """
+    Print the figures; the exit status is 1 when a goal is missed.
+
+    :param description: description of the command.
+    :param measure: prints and returns the figures for a number of seconds.
+    """
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--seconds', type=float, default=20, help='to record each format for')
     add_json_option(parser)
     options = parser.parse_args()
@@ -467,4 +477,4 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(__doc__, measure))

@@ -57,6 +57,9 @@ OWN_COMMAND = {'browser': 'OPENCV_TOOLS_BROWSER', 'camera': 'OPENCV_TOOLS_CAMERA
                'network': 'OPENCV_TOOLS_NETWORK', 'interop': 'OPENCV_TOOLS_INTEROP'}
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
+# Modules with fixtures. Tests import them before they name them in pytest_plugins.
+pytest.register_assert_rewrite('pages', 'sharing')
+
 # `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
     os.environ['AMENT_PREFIX_PATH'] = sys.prefix

@@ -24,6 +24,8 @@ from pages import Camera, Viewer
 import pytest
 from rclpy.node import Node
 
+pytest_plugins = ['pages']
+
 TOKEN = 'a-secret-text'
 LIVE = 'document.getElementById("state")?.dataset.state === "live"'
 _OPEN_SOCKET = ('new Promise((done) => {{ const socket = new WebSocket("ws://{0}/ws"); '

@@ -25,6 +25,8 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
+pytest_plugins = ['pages']
+
 TOKEN = 'a-secret-text'
 TOPIC = '/video_frames'
 

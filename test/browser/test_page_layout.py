@@ -25,6 +25,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+pytest_plugins = ['pages']
+
 SIZES = [(1280, 800), (390, 844)]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LEAST_CONTRAST = 4.5  # of WCAG 2, level AA

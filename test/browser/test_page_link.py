@@ -27,6 +27,8 @@ import numpy as np
 from pages import numbered_frame, SCRIPT, Viewer
 import pytest
 
+pytest_plugins = ['pages']
+
 RATE = 30.0
 FILES = 30
 DRAWN = 60

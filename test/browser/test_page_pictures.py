@@ -30,6 +30,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sending import NANO
 
+pytest_plugins = ['pages']
+
 TOPIC = '/front/video_frames'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import json
 import os
@@ -24,6 +24,7 @@ from pathlib import Path
 import subprocess
 import sys
 import time
+from typing import Any
 import zlib
 
 from conftest import DEADLINE
@@ -34,6 +35,7 @@ from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.ros.fastdds.profile import configured_fastdds
 from opencv_tools.ros.subscriber.subscription import FrameSubscription
+import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -42,6 +44,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 TOPIC = '/video_frames'
+LARGEST = 1080 * 1920 * 3  # bytes for which the process of a camera reserves memory
 WINDOW = 5  # frames on their way; fewer than any queue holds
 
 
@@ -203,6 +206,26 @@ class Viewer:
         assert self.errors == []
 
 
+@pytest.fixture
+def view(node: Node) -> Iterator[Callable[..., Viewer]]:
+    """Return a function that creates viewers, which end with the test."""
+    viewers: list[Viewer] = []
+
+    def _view(**options: Any) -> Viewer:
+        viewers.append(Viewer(node, **options))
+        return viewers[-1]
+
+    yield _view
+    for viewer in viewers:
+        viewer.subscription.destroy()
+
+
+@pytest.fixture(params=[False, True], ids=['executor', 'thread'])
+def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewer:
+    """Create a viewer that receives in the executor, and one that does so in a thread."""
+    return view(in_thread=request.param)
+
+
 class RemoteViewer:
     """A viewer in a process of its own, which keeps its newest frames."""
 
@@ -290,5 +313,6 @@ def _run_viewer(transport: str, held: str) -> None:
 
 
 if __name__ == '__main__':
-    with configured_fastdds(0):
-        {'camera': _run_camera, 'viewer': _run_viewer}[sys.argv[1]](*sys.argv[2:])
+    run, largest = {'camera': (_run_camera, LARGEST), 'viewer': (_run_viewer, 0)}[sys.argv[1]]
+    with configured_fastdds(largest):
+        run(*sys.argv[2:])

@@ -16,18 +16,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import gc
 import json
 from threading import Event
 import time
-from typing import Any
 
 from conftest import DEADLINE, spin_until
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.ros.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
+from opencv_tools.ros.shared_frames.pages import SharedMemoryError
 from opencv_tools.ros.shared_frames.reader import MAX_VIEWS
+from opencv_tools.ros.subscriber import shared_frames
 from opencv_tools.ros.subscriber.raw_subscription import TakenMessage
 from opencv_tools.ros.zero_copy import publisher_id
 import pytest
@@ -38,24 +39,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
 
-
-@pytest.fixture
-def view(node: Node) -> Iterator[Callable[..., Viewer]]:
-    """Return a function that creates viewers, which end with the test."""
-    viewers: list[Viewer] = []
-
-    def _view(**options: Any) -> Viewer:
-        viewers.append(Viewer(node, **options))
-        return viewers[-1]
-
-    yield _view
-    for viewer in viewers:
-        viewer.subscription.destroy()
-
-
-@pytest.fixture(params=[False, True], ids=['executor', 'thread'])
-def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewer:
-    return view(in_thread=request.param)
+pytest_plugins = ['sharing']
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
@@ -324,11 +309,10 @@ def test_view_outlives_subscription_and_node(domain: int, camera: Node) -> None:
     ids=['repeated', 'of nobody', 'withdrawn', 'of another host', 'of another version'])
 def test_hostile_announcement(
         viewer: Viewer, camera: Node, changed: dict[str, object]) -> None:
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     announced: list[str] = []
     viewer.node.create_subscription(
-        String, TOPIC + SUFFIX, lambda message: announced.append(message.data), latched)
-    hostile = camera.create_publisher(String, TOPIC + SUFFIX, latched)
+        String, TOPIC + SUFFIX, lambda message: announced.append(message.data), LATCHED)
+    hostile = camera.create_publisher(String, TOPIC + SUFFIX, LATCHED)
     ours = Camera(camera)
     viewer.match(ours)
     viewer.watch_sharing(ours)
@@ -356,6 +340,30 @@ def test_announcements_of_many_strangers(viewer: Viewer, camera: Node) -> None:
     viewer.assert_complete(ours)
 
 
+def test_failed_service_is_not_tried_again(
+        viewer: Viewer, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    tries = []
+
+    def fail() -> None:
+        tries.append(1)
+        raise SharedMemoryError('broken')
+
+    monkeypatch.setattr(shared_frames, 'process_memory', fail)
+    announced: list[str] = []
+    viewer.node.create_subscription(
+        String, TOPIC + SUFFIX, lambda message: announced.append(message.data), LATCHED)
+    ours = Camera(camera)
+    viewer.match(ours)
+    viewer.watch(lambda: bool(tries and announced), ours)
+    viewer.subscription._update_sharing()
+    viewer.subscription._shared._services.add(announced[0])
+    viewer.subscription._update_sharing()
+    until = ours.sent + 20
+    viewer.watch(lambda: ours.sent > until, ours)
+    viewer.assert_complete(ours)
+    assert len(tries) == 1
+
+
 @pytest.mark.parametrize(('changed', 'reason'), [
     ({}, 'DoesNotExist'), ({'service': ''}, 'its /dev/shm has too little room'),
     ({'user': 7}, 'it runs on another machine, in another container or as another user'),
@@ -367,8 +375,7 @@ def test_explanation_of_frames_that_are_not_shared(
     assert 'no publisher on /video_frames' in viewer.subscription.explain_no_frames()
     plain = Camera(camera, is_plain=True)
     announcement = announce('0' * 32, publisher_id(plain._plain.handle).hex())
-    announcing = camera.create_publisher(String, TOPIC + SUFFIX, QoSProfile(
-        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    announcing = camera.create_publisher(String, TOPIC + SUFFIX, LATCHED)
     announcing.publish(String(data=json.dumps({**json.loads(announcement.to_text()), **changed})))
     viewer.watch(lambda: reason in viewer.subscription.explain_no_frames())
     sentence = viewer.subscription.explain_no_frames()
