@@ -19,13 +19,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack, suppress
 import ctypes
+import fcntl
 from dataclasses import dataclass
 import math
 import os
 from tempfile import NamedTemporaryFile
 
 from opencv_tools.ros.fastdds.shared_memory import (
-    find_other_user, free_bytes, is_writable, remove_dead_segments, SHARED_MEMORY)
+    find_other_user, free_bytes, is_writable, remove_dead_profiles, remove_dead_segments,
+    SHARED_MEMORY)
 from opencv_tools.ros.priority import explain_refusal
 
 #: Text of ``--help`` about the environment.
@@ -166,6 +168,7 @@ def configured_fastdds(frame_bytes: int, priority: int = 0) -> Iterator[FastDdsS
         yield FastDdsSetup(f'Fast DDS and malloc are not configured: {reason}')
         return
     _keep_memory()
+    remove_dead_profiles()
     removed = remove_dead_segments()
     available = free_bytes()
     priority = 0 if explain_refusal(priority) else priority  # Fast DDS would log errors
@@ -258,6 +261,7 @@ def _profile(text: str) -> Iterator[None]:
             with suppress(OSError):
                 file = stack.enter_context(NamedTemporaryFile(
                     'wb', buffering=0, dir=folder, prefix='opencv_tools_', suffix='.xml'))
+                fcntl.flock(file, fcntl.LOCK_EX)  # without it, the next node removes the file
                 file.write(text.encode())
                 os.environ[variable] = file.name
                 stack.callback(os.environ.pop, variable)

@@ -31,6 +31,8 @@ SHARED_MEMORY = Path('/dev/shm')
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 _PORT_LOCK = re.compile(r'fastrtps_port([0-9]{1,5})_el')
 _FIRST_PORT = 7400
+# Each process holds the lock of its profile until Fast DDS has read it.
+_PROFILE = re.compile(r'opencv_tools_[0-9a-z_]{8}\.xml')
 _PORTS_OF_A_DOMAIN = 250
 
 
@@ -78,6 +80,16 @@ def _remove_if_dead(lock: Path) -> bool:
         lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
         lock.unlink()
         return True
+
+
+def remove_dead_profiles() -> None:
+    """Remove profiles that killed processes have left behind. An empty one is not locked yet."""
+    for path in SHARED_MEMORY.glob('opencv_tools_*.xml'):
+        if _PROFILE.fullmatch(path.name):
+            with suppress(OSError), os.fdopen(open_regular(path, follow=False), 'rb') as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if os.fstat(file.fileno()).st_size:
+                    path.unlink()
 
 
 def find_other_user() -> str:

@@ -27,7 +27,7 @@ import sys
 from conftest import NodeProcess
 from opencv_tools.ros.fastdds import shared_memory
 from opencv_tools.ros.fastdds.shared_memory import (
-    find_other_user, free_bytes, remove_dead_segments)
+    find_other_user, free_bytes, remove_dead_profiles, remove_dead_segments)
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -37,6 +37,17 @@ import fcntl, sys
 with open(sys.argv[1]) as file:
     fcntl.flock(file, fcntl.LOCK_EX)
     print('locked', flush=True)
+    sys.stdin.read()
+"""
+
+
+HOLD_PROFILE = """
+from pathlib import Path
+import sys
+from opencv_tools.ros.fastdds import profile
+profile.SHARED_MEMORY = Path(sys.argv[1])
+with profile.configured_fastdds(0):
+    print('configured', flush=True)
     sys.stdin.read()
 """
 
@@ -76,6 +87,26 @@ def test_removal_of_dead_segments_only(folder: Path) -> None:
         owner.kill()
     assert remove_dead_segments() == 1
     assert set(folder.iterdir()) == set(others)
+
+
+@pytest.mark.process
+def test_removal_of_dead_profiles_only(folder: Path) -> None:
+    def profiles() -> set[Path]:
+        return set(folder.glob('*.xml'))
+
+    others = {folder / 'opencv_tools_12345678.xml', folder / 'opencv_tools_a.xml'}
+    for path in others:
+        path.touch()  # another process is about to write the first one
+    (folder / 'opencv_tools_a.xml').write_text('<dds/>')
+    with subprocess.Popen([sys.executable, '-c', HOLD_PROFILE, str(folder)],
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as owner:
+        assert owner.stdout.readline() == b'configured\n'
+        remove_dead_profiles()
+        assert len(profiles() - others) == 1
+        owner.kill()
+    assert len(profiles() - others) == 1
+    remove_dead_profiles()
+    assert profiles() == others
 
 
 def test_segment_that_cannot_be_removed(folder: Path) -> None:
