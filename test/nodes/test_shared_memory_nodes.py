@@ -22,7 +22,6 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Any
 
 from conftest import DEADLINE, NodeProcess, read_manifest, spin_until
 import cv2
@@ -30,38 +29,11 @@ import numpy as np
 from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
-from sharing import Camera, picture, RemoteCamera, RemoteViewer, TOPIC, Viewer, WINDOW
+from sharing import (
+    Camera, picture, RemoteCamera, RemoteViewer, send_until, TOPIC, Viewer, WINDOW)
 
 pytest_plugins = ['sharing']
 pytestmark = [pytest.mark.process, pytest.mark.stress]
-
-
-@pytest.fixture
-def remote_camera() -> Iterator[Callable[..., RemoteCamera]]:
-    """Return a function that starts cameras, which end with the test."""
-    cameras: list[RemoteCamera] = []
-
-    def _start(*arguments: Any, **options: Any) -> RemoteCamera:
-        cameras.append(RemoteCamera(*arguments, **options))
-        return cameras[-1]
-
-    yield _start
-    for camera in cameras:
-        camera.kill()
-
-
-@pytest.fixture
-def remote_viewer(tmp_path: Path) -> Iterator[Callable[..., RemoteViewer]]:
-    """Return a function that starts viewers, which end with the test."""
-    viewers: list[RemoteViewer] = []
-
-    def _start(**options: Any) -> RemoteViewer:
-        viewers.append(RemoteViewer(tmp_path / f'viewer_{len(viewers)}.log', **options))
-        return viewers[-1]
-
-    yield _start
-    for viewer in viewers:
-        viewer.kill()
 
 
 class Memory:
@@ -104,18 +76,6 @@ def memory(mount_namespace: Sequence[str]) -> Iterator[Callable[[float], Memory]
     yield _create
     for created in memories:
         created.close()
-
-
-def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[], bool],
-               *picture: object) -> None:
-    """Publish, at most a few frames ahead of a viewer, until a condition holds."""
-    def step() -> bool:
-        numbers = [number for name, number, _, _ in viewer.frames if name == camera.name]
-        if not numbers or camera.sent - numbers[-1] < WINDOW:
-            camera.send(*picture)
-        return condition()
-
-    viewer.wait_until(step)
 
 
 # Pixels
@@ -355,26 +315,6 @@ def test_frames_are_never_torn() -> None:
 
 
 # Memory that is short
-
-@pytest.mark.parametrize('megabytes', [4, 14, 32, 64])
-def test_large_frames_in_little_memory(
-        memory: Callable[[float], Memory], remote_camera: Callable[..., RemoteCamera],
-        remote_viewer: Callable[..., RemoteViewer], megabytes: float) -> None:
-    folder = memory(megabytes)
-    camera = remote_camera(within=folder.within)
-    viewers = [remote_viewer(within=folder.within, held=held) for held in (0, 3, 9)]
-    for viewer in viewers:
-        send_until(camera, viewer, lambda: len(viewer.frames) > 40,  # noqa: B023
-                   'bgr8', 1080, 1920)
-    assert all(viewer.is_running() for viewer in viewers)
-    for viewer in viewers:
-        numbers = [number for _, number, _, _ in viewer.frames]
-        # Fast DDS may deliver a message late to a new subscription, after the next one.
-        assert len(numbers) == len(set(numbers))
-    if megabytes in (4, 64):  # the others have room at times, beside Fast DDS
-        are_shared = any(frame[2] for viewer in viewers for frame in viewer.frames)
-        assert are_shared == (megabytes == 64)
-
 
 @pytest.mark.parametrize('left', [600_000, 0])
 def test_memory_that_becomes_full(

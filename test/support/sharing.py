@@ -272,6 +272,52 @@ class RemoteViewer:
         self._process.wait()
 
 
+@pytest.fixture
+def remote_camera() -> Iterator[Callable[..., RemoteCamera]]:
+    """Return a function that starts cameras, which end with the test."""
+    cameras: list[RemoteCamera] = []
+
+    def _start(*arguments: Any, **options: Any) -> RemoteCamera:
+        cameras.append(RemoteCamera(*arguments, **options))
+        return cameras[-1]
+
+    yield _start
+    for camera in cameras:
+        camera.kill()
+
+
+@pytest.fixture
+def remote_viewer(tmp_path: Path) -> Iterator[Callable[..., RemoteViewer]]:
+    """Return a function that starts viewers, which end with the test."""
+    viewers: list[RemoteViewer] = []
+
+    def _start(**options: Any) -> RemoteViewer:
+        viewers.append(RemoteViewer(tmp_path / f'viewer_{len(viewers)}.log', **options))
+        return viewers[-1]
+
+    yield _start
+    for viewer in viewers:
+        viewer.kill()
+
+
+def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[], bool],
+               *picture: object) -> None:
+    """Publish, a few frames ahead of a viewer or a few per second, until a condition holds."""
+    sent_at = 0.0
+
+    def step() -> bool:
+        nonlocal sent_at
+        numbers = [number for name, number, _, _ in viewer.frames if name == camera.name]
+        # Frames that find no room are lost, sometimes all that are on their way.
+        if (not numbers or camera.sent - numbers[-1] < WINDOW
+                or time.monotonic() > sent_at + 0.2):
+            camera.send(*picture)
+            sent_at = time.monotonic()
+        return condition()
+
+    viewer.wait_until(step)
+
+
 def _environment(changed: dict[str, str]) -> dict[str, str]:
     folders = (*changed.pop('PYTHONPATH', '').split(':'), *sys.path)
     return {**os.environ, **changed, 'PYTHONPATH': ':'.join(filter(None, folders))}
