@@ -113,6 +113,7 @@ def grays(video: Path) -> list[float]:
     return means
 
 
+@pytest.mark.stress
 @pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
 def test_video_of_a_killed_recorder(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:

@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack, suppress
 import ctypes
-import fcntl
 from dataclasses import dataclass
+import fcntl
 import math
 import os
 from tempfile import NamedTemporaryFile

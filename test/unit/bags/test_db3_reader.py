@@ -148,6 +148,7 @@ def test_bad_message_is_reported_and_the_rest_is_read(
 
 
 @pytest.mark.process
+@pytest.mark.stress
 def test_huge_messages_need_less_than_a_gigabyte(path: Path) -> None:
     change(path, *(f'UPDATE messages SET data = zeroblob(900000000) WHERE id = {number}'
                    for number in (1, 2)))

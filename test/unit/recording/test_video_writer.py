@@ -327,6 +327,7 @@ for number in itertools.count():
 """
 
 
+@pytest.mark.stress
 @pytest.mark.process
 @every_format
 @pytest.mark.parametrize('moment', [30, 97, 234])
