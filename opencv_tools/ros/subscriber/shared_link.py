@@ -59,6 +59,7 @@ class SharedLink:
         self._reader = reader
         self._held: SharedFrame | None = None
         self._held_until = 0.0
+        self._may_have_frames = False
         self._thread: Thread | None = None
         self._is_closed = False
 
@@ -78,11 +79,13 @@ class SharedLink:
             use_priority(priority)
             while not self._is_closed:
                 try:
-                    has_frames = self._reader.wait(_WAIT_SECONDS)
+                    if self._reader.wait(_WAIT_SECONDS):
+                        self._may_have_frames = True
                 except SharedMemoryError as err:
                     on_error(self, err)
                     return
-                if has_frames or self.is_held:
+                # Repeated until somebody reads: an executor that ends loses what it was told.
+                if self._may_have_frames or self.is_held:
                     on_frames(self)
 
         self._thread = Thread(target=wait, name='shared frames', daemon=True)
@@ -95,6 +98,7 @@ class SharedLink:
         :param on_broken: called with the error of a frame that cannot be read.
         :raises SharedMemoryError: the memory cannot be read.
         """
+        self._may_have_frames = False
         while not self._is_closed:
             frame, self._held = self._held, None
             try:

@@ -130,6 +130,21 @@ def _repeat(action: Callable[[], object], condition: Callable[[], bool]) -> None
         action()
 
 
+def test_executor_that_loses_a_wake_up(
+        view: Callable[..., Viewer], camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    viewer = view()
+    ours = Camera(camera)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
+    viewer.assert_complete(ours)
+    lost = Event()
+    with monkeypatch.context() as patch:
+        patch.setattr(viewer.subscription._shared._guard, 'trigger', lost.set)
+        ours.send()
+        assert lost.wait(DEADLINE)
+    viewer.assert_complete(ours)
+
+
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     viewer.match(ours)
@@ -316,6 +331,7 @@ def test_hostile_announcement(
     ours = Camera(camera)
     viewer.match(ours)
     viewer.watch_sharing(ours)
+    viewer.watch(lambda: bool(announced), ours)
     text = json.dumps({**json.loads(announced[0]), **changed})
     hostile.publish(String(data=text))
     viewer.watch(lambda: announced[-1] == text, ours)
