@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 import errno
+import fcntl
 import os
 from pathlib import Path
 import stat
@@ -180,6 +181,15 @@ def is_same_file(file: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(file), path.lstat())
     except FileNotFoundError:
         return False
+
+
+def try_lock(file: int) -> bool:
+    """Lock a file exclusively without waiting; return whether it was locked."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False  # locked by another process, or the file system has no locks
+    return True
 
 
 def _check_kind(path: Path, mode: int) -> None:

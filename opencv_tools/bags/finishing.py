@@ -21,7 +21,6 @@ that can be finished again.
 
 from __future__ import annotations
 
-import fcntl
 from io import BytesIO
 import os
 from pathlib import Path
@@ -36,7 +35,7 @@ from opencv_tools.bags.index import (
 )
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
-from opencv_tools.regular_files import is_same_file, open_regular
+from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 
 _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
@@ -58,7 +57,7 @@ def finish_bag(path: Path) -> int | None:
     """
     file = open_regular(path, os.O_RDWR, follow=False)
     try:
-        if not _has_own_header(file) or not _lock(file) or not is_same_file(file, path):
+        if not _has_own_header(file) or not try_lock(file) or not is_same_file(file, path):
             return None
         check_mcap()
         scan = _Scan(file, path)
@@ -105,15 +104,6 @@ def _has_own_header(file: int) -> bool:
     except struct.error:
         return False
     return start.startswith(MAGIC) and bool(code == HEADER_CODE) and position <= len(start)
-
-
-def _lock(file: int) -> bool:
-    """Lock a bag; return whether no recording has locked it."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False  # locked by a recording, or the file system has no locks
-    return True
 
 
 def _write_end(file: int, scan: _Scan) -> None:

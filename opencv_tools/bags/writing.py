@@ -26,7 +26,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-import fcntl
 import hashlib
 from importlib.metadata import PackageNotFoundError, version
 import os
@@ -39,7 +38,7 @@ from opencv_tools.bags.index import (
     MESSAGE, MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
-from opencv_tools.regular_files import write_buffer
+from opencv_tools.regular_files import try_lock, write_buffer
 
 BAG_SUFFIX = '.mcap'
 # Bytes after which the pages of the file are written to the disk, and number of such parts after
@@ -94,8 +93,7 @@ class BagWriter:
         self._file = path.open('xb', buffering=0)
         self._status = os.fstat(self._file.fileno())
         try:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            try_lock(self._file.fileno())
             header = Header(profile=PROFILE, library=f'{LIBRARY} {_version()}'.rstrip())
             self._append(MAGIC + encode_record(header))
         except BaseException:

@@ -20,7 +20,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 import errno
-import fcntl
 import itertools
 import os
 from pathlib import Path
@@ -34,7 +33,8 @@ from opencv_tools.bags.finishing import finish_bag
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError, write_new
+from opencv_tools.regular_files import (
+    is_same_file, open_regular, RefusedFileError, try_lock, write_new)
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
@@ -206,7 +206,7 @@ class Folder:
             self._journal_path = self.path / f'{self._prefix}{_JOURNAL}'
             self._journal = os.open(
                 self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-            _try_lock(self._journal)
+            try_lock(self._journal)
             if is_same_file(self._journal, self._journal_path):
                 return
             os.close(self._journal)  # another recording removed the journal before the lock
@@ -223,7 +223,7 @@ class Folder:
             except FileNotFoundError:
                 continue  # another recording removed it
             try:
-                if _try_lock(journal):
+                if try_lock(journal):
                     self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
                     for other in hidden:
                         if other.startswith(prefix):
@@ -289,12 +289,3 @@ def _move(source: Path, target: Path) -> None:
         source.rename(target)
     else:
         source.unlink()
-
-
-def _try_lock(file: int) -> bool:
-    """Lock a file without waiting; return whether it was locked."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False  # locked by another process, or the file system has no locks
-    return True

@@ -23,7 +23,7 @@ from pathlib import Path
 import pwd
 import re
 
-from opencv_tools.regular_files import open_regular
+from opencv_tools.regular_files import open_regular, try_lock
 
 SHARED_MEMORY = Path('/dev/shm')
 
@@ -31,9 +31,9 @@ SHARED_MEMORY = Path('/dev/shm')
 _LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 _PORT_LOCK = re.compile(r'fastrtps_port([0-9]{1,5})_el')
 _FIRST_PORT = 7400
+_PORTS_OF_A_DOMAIN = 250
 # Each process holds the lock of its profile until Fast DDS has read it.
 _PROFILE = re.compile(r'opencv_tools_[0-9a-z_]{8}\.xml')
-_PORTS_OF_A_DOMAIN = 250
 
 
 def is_writable() -> bool:
@@ -73,9 +73,7 @@ def _remove_if_dead(lock: Path) -> bool:
     A process that is about to take the lock chooses another name instead.
     """
     with os.fdopen(open_regular(lock, follow=False), 'rb') as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not try_lock(file.fileno()):
             return False
         lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
         lock.unlink()
@@ -87,8 +85,7 @@ def remove_dead_profiles() -> None:
     for path in SHARED_MEMORY.glob('opencv_tools_*.xml'):
         if _PROFILE.fullmatch(path.name):
             with suppress(OSError), os.fdopen(open_regular(path, follow=False), 'rb') as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if os.fstat(file.fileno()).st_size:
+                if try_lock(file.fileno()) and os.fstat(file.fileno()).st_size:
                     path.unlink()
 
 
