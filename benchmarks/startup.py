@@ -29,8 +29,11 @@ from figures import add_json_option, Figure, write_figures
 
 def seconds_to_first_frame(source: str) -> float:
     """Start the publisher, wait for its first frame and end it."""
-    command = [shutil.which('img_publisher') or 'img_publisher', '--ros-args',
-               '-p', f'source:={source}', '-p', 'max_frames:=1']
+    program = shutil.which('img_publisher')
+    if program is None:
+        raise SystemExit('img_publisher is not in PATH: run make bench, or add the folder of the '
+                         'executables to PATH')
+    command = [program, '--ros-args', '-p', f'source:={source}', '-p', 'max_frames:=1']
     environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
     began = time.perf_counter()
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:

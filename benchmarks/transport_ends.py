@@ -36,11 +36,11 @@ from typing import Any
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, main as run_frame_node
+from opencv_tools.nodes.publisher import loop, parameters as publisher_parameters
+from opencv_tools.nodes.run_node import Executable, EXIT_USAGE, run
+from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
-from opencv_tools.ros.publisher import loop, parameters as publisher_parameters
-from opencv_tools.ros.run_node import Executable, EXIT_USAGE, run
-from opencv_tools.ros.subscriber import parameters as subscriber_parameters
-from opencv_tools.ros.subscriber.raw_subscription import RawSubscription
+from opencv_tools.topics.message_reader import ImageReader
 from transport_parts import Ages, Camera, Flip, FRAMES, listen, Load, RESULTS
 import transport_tutorial
 
@@ -55,17 +55,17 @@ class Stages:
         """Watch how messages are taken."""
         self.times: list[list[int]] = []
         self._taken: tuple[int, ...] = ()
-        self._take = RawSubscription.take_data
-        RawSubscription.take_data = lambda subscription: self._watch(subscription)
+        self._take = ImageReader.take
+        ImageReader.take = lambda reader: self._watch(reader)
 
     def note(self, stamp_ns: int) -> None:
         """Record the age of the last received frame."""
         moments = (stamp_ns, *self._taken, time.time_ns())
         self.times.append([later - earlier for earlier, later in pairwise(moments)])
 
-    def _watch(self, subscription: RawSubscription) -> Any:
+    def _watch(self, reader: ImageReader) -> Any:
         begin = time.time_ns()
-        taken = self._take(subscription)
+        taken = self._take(reader)
         if taken:
             info = taken[-1][1]
             self._taken = (info.source_timestamp, info.received_timestamp, begin, time.time_ns())

@@ -47,15 +47,26 @@ nitpick_ignore_regex = [
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
-         'README.md': 'index.md'}
+         'README.md': 'install.md'}
+#: Sections of README.md that are the page ``install``.
+INSTALL = ('Two commands', 'Install')
+
+
+def moved_links(text: str) -> str:
+    """Return a text of the root folder with links that fit the folder of the pages."""
+    return re.sub(r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
 
 
 def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Replace the page ``contributing`` by CONTRIBUTING.md, with links that fit its new folder."""
+    """Replace the pages ``contributing`` and ``install`` by texts of the root folder."""
     if docname == 'contributing' and (ROOT / 'CONTRIBUTING.md').is_file():
-        text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
-        source[0] = re.sub(
-            r'\]\((?!#|\w+:)(docs/)?', lambda link: '](' if link[1] else '](../', text)
+        source[0] = moved_links((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8'))
+    elif docname == 'install' and (ROOT / 'README.md').is_file():
+        sections = re.split(r'^## ', (ROOT / 'README.md').read_text(encoding='utf-8'),
+                            flags=re.MULTILINE)
+        source[0] = '# Install\n\n' + moved_links(''.join(
+            f'## {section}' for section in sections
+            if section.partition('\n')[0] in INSTALL))
     for file, page in PAGES.items():
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 

@@ -26,7 +26,7 @@ from pathlib import Path
 
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
-from opencv_tools.ros.parameters import Parameter
+from opencv_tools.nodes.parameters import Parameter
 
 PAGE = Path(__file__).with_name('parameters.md')
 

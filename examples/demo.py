@@ -26,6 +26,7 @@ from threading import Thread
 
 import cv2
 import numpy as np
+from opencv_tools.signals import end_at_signals
 
 ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
@@ -67,6 +68,15 @@ class NodeProcess:
             command, env=environment, stderr=subprocess.PIPE, text=True)
         self._reader = Thread(target=self._read)
         self._reader.start()
+
+    def __enter__(self) -> NodeProcess:
+        """Return this process."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the node if it is running."""
+        self._process.terminate()
+        self.wait()
 
     def wait(self) -> int:
         """Return the exit status; kill a node that exceeds the timeout."""
@@ -134,11 +144,11 @@ def main() -> int:
     folder = OUTPUT / 'frames'
     shutil.rmtree(OUTPUT, ignore_errors=True)
     OUTPUT.mkdir(exist_ok=True)
-    subscriber = NodeProcess('img_subscriber', output_dir=folder, max_frames=len(frames),
-                             on_overflow='block', timeout=60.0)
-    publisher = NodeProcess('img_publisher', source=CLIP, publish_rate=0.0,
-                            wait_for_subscribers=1)
-    statuses = [publisher.wait(), subscriber.wait()]
+    with (NodeProcess('img_subscriber', output_dir=folder, max_frames=len(frames),
+                      on_overflow='block', timeout=60.0) as subscriber,
+          NodeProcess('img_publisher', source=CLIP, publish_rate=0.0,
+                      wait_for_subscribers=1) as publisher):
+        statuses = [publisher.wait(), subscriber.wait()]
 
     published = publisher.number(r'Published (\d+) frames')
     received = subscriber.number(r'Received (\d+) frames')
@@ -163,4 +173,4 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(end_at_signals(main))

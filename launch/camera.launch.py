@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Start a publisher, a subscriber and, if wanted, a viewer with the parameters of a file."""
+"""Start a publisher and, if wanted, a recorder and a viewer, with the parameters of a file."""
 
 from pathlib import Path
 
@@ -22,16 +22,27 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from opencv_tools.ros.command_line import check_params_file
+from opencv_tools.nodes.command_line import check_params_file, has_section
 
 
-ARGUMENTS = {
-    'image_publisher': {'source': 'Camera number, file, folder, URL or pattern'},
-    'image_subscriber': {'output_dir': 'Folder of the recorded files'},
-    'image_viewer': {},
-}
 EXECUTABLES = {'image_publisher': 'img_publisher', 'image_subscriber': 'img_subscriber',
                'image_viewer': 'img_viewer'}
+#: Arguments that start a node, with default and description.
+SWITCHES = {
+    'image_subscriber': ('record', 'true', 'Whether to record the images to files'),
+    'image_viewer': ('viewer', 'false', 'Whether to show the images in a browser'),
+}
+#: Arguments that are parameters of a node, with type and description.
+PARAMETERS = {
+    'image_publisher': {
+        'source': (str, 'Camera number, file, folder, URL or pattern'),
+        'width': (int, 'Width of the camera images in pixels'),
+        'height': (int, 'Height of the camera images in pixels'),
+        'publish_rate': (float, 'Rate in Hz; 0.0 for the rate of the source'),
+    },
+    'image_subscriber': {'output_dir': (str, 'Folder of the recorded files')},
+    'image_viewer': {},
+}
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
@@ -42,31 +53,37 @@ def start_nodes(context: LaunchContext) -> list[Node]:
     """
     params_file = LaunchConfiguration('params_file').perform(context)
     check_params_file(params_file)
-    nodes = []
-    for name, executable in EXECUTABLES.items():
-        if name == 'image_viewer' and LaunchConfiguration('viewer').perform(context) == 'false':
-            continue
-        values = {argument: LaunchConfiguration(argument).perform(context)
-                  for argument in ARGUMENTS[name]}
-        overrides = {argument: ParameterValue(value, value_type=str)
-                     for argument, value in values.items() if value}
-        nodes.append(Node(
-            package='opencv_tools', executable=executable, name=name, output='screen',
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[params_file, *([overrides] if overrides else [])]))
-    return nodes
+    # A node refuses a file that is only for other nodes. If it is for none, all nodes report it.
+    readers = [name for name, executable in EXECUTABLES.items()
+               if has_section(params_file, {name, executable})] or list(EXECUTABLES)
+    return [
+        Node(package='opencv_tools', executable=executable, name=name, output='screen',
+             namespace=LaunchConfiguration('namespace'),
+             parameters=[*([params_file] if name in readers else []),
+                         *given_parameters(context, name)])
+        for name, executable in EXECUTABLES.items()
+        if name not in SWITCHES
+        or LaunchConfiguration(SWITCHES[name][0]).perform(context) == 'true']
+
+
+def given_parameters(context: LaunchContext, name: str) -> list[dict[str, ParameterValue]]:
+    """Return the parameters of a node that are given as launch arguments, if any."""
+    given = {argument: ParameterValue(LaunchConfiguration(argument), value_type=value_type)
+             for argument, (value_type, _) in PARAMETERS[name].items()
+             if LaunchConfiguration(argument).perform(context)}
+    return [given] if given else []
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch description: arguments and nodes."""
     config = Path(get_package_share_directory('opencv_tools'), 'config', 'camera.yaml')
-    arguments = [
-        DeclareLaunchArgument(argument, default_value='', description=description)
-        for described in ARGUMENTS.values() for argument, description in described.items()]
     return LaunchDescription([
-        *arguments,
-        DeclareLaunchArgument('viewer', default_value='false', choices=['false', 'true'],
-                              description='Whether to show the images in a browser'),
+        *(DeclareLaunchArgument(argument, default_value='', description=description)
+          for parameters in PARAMETERS.values()
+          for argument, (_, description) in parameters.items()),
+        *(DeclareLaunchArgument(switch, default_value=default, choices=['false', 'true'],
+                                description=description)
+          for switch, default, description in SWITCHES.values()),
         DeclareLaunchArgument('namespace', default_value='',
                               description='Namespace of the nodes and their topics'),
         DeclareLaunchArgument('params_file', default_value=str(config),

@@ -12,14 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Start one publisher per camera, each in a namespace with the name of the camera."""
+"""Start one publisher and, if wanted, one recorder per camera, in a namespace with its name."""
+
+from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from opencv_tools.ros.command_line import check_params_file
+from opencv_tools.nodes.command_line import check_params_file
 
 
 def parse_cameras(text: str) -> dict[str, str]:
@@ -38,20 +40,40 @@ def parse_cameras(text: str) -> dict[str, str]:
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """
-    Create a publisher for each camera, with its source and the parameters of the file.
+    Create the nodes of each camera, with the parameters of the files.
 
-    :raises ValueError: ``cameras`` is malformed, or the parameter file does not exist.
+    :raises ValueError: ``cameras`` is malformed, or a parameter file does not exist.
     """
-    params_file = LaunchConfiguration('params_file').perform(context)
-    if params_file:
-        check_params_file(params_file)
+    files = given_file(context, 'params_file')
     cameras = parse_cameras(LaunchConfiguration('cameras').perform(context))
-    return [
+    publishers = [
         Node(package='opencv_tools', executable='img_publisher', name='image_publisher',
              namespace=name, output='screen',
-             parameters=[{'frame_id': name}, *([params_file] if params_file else []),
+             parameters=[{'frame_id': name}, *files,
                          {'source': ParameterValue(source, value_type=str)}])
         for name, source in cameras.items()]
+    if LaunchConfiguration('record').perform(context) == 'false':
+        return publishers
+    files = given_file(context, 'recorder_params_file')
+    folder = Path(LaunchConfiguration('output_dir').perform(context))
+    return [*publishers, *(
+        Node(package='opencv_tools', executable='img_subscriber', name='image_subscriber',
+             namespace=name, output='screen',
+             parameters=[{'file_name': ParameterValue(f'{name}.mcap', value_type=str)}, *files,
+                         {'output_dir': ParameterValue(str(folder / name), value_type=str)}])
+        for name in cameras)]
+
+
+def given_file(context: LaunchContext, argument: str) -> list[str]:
+    """
+    Return the parameter file of an argument as a list, which is empty without one.
+
+    :raises ValueError: the file does not exist.
+    """
+    file = LaunchConfiguration(argument).perform(context)
+    if file:
+        check_params_file(file)
+    return [file] if file else []
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -63,5 +85,13 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument('params_file', default_value='',
                               description='YAML file with parameters of the publishers, for all '
                               '(/**/image_publisher) or for one (/front/image_publisher)'),
+        DeclareLaunchArgument('record', default_value='false', choices=['false', 'true'],
+                              description='Whether to record each camera to a bag'),
+        DeclareLaunchArgument('output_dir', default_value='bags',
+                              description='Folder of the recordings; each camera has a folder in '
+                              'it with the name of the camera'),
+        DeclareLaunchArgument('recorder_params_file', default_value='',
+                              description='YAML file with parameters of the recorders, for all '
+                              '(/**/image_subscriber) or for one (/front/image_subscriber)'),
         OpaqueFunction(function=start_nodes),
     ])

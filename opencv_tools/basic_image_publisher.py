@@ -21,24 +21,24 @@ import sys
 from threading import Thread
 
 from opencv_tools.capture.source import is_camera
-from opencv_tools.ros.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
-from opencv_tools.ros.parameters import declare_parameters, watch_parameters
-from opencv_tools.ros.priority import given_priority, use_priority
-from opencv_tools.ros.publisher.camera_controls import CameraControls
-from opencv_tools.ros.publisher.camera_info import create_camera_info_service, open_calibration
-from opencv_tools.ros.publisher.image_topics import ImageTopics
-from opencv_tools.ros.publisher.loop import PublishLoop
-from opencv_tools.ros.publisher.parameters import (
+from opencv_tools.logs import Log
+from opencv_tools.nodes.parameters import declare_parameters, watch_parameters
+from opencv_tools.nodes.priority import given_priority
+from opencv_tools.nodes.publisher.camera_controls import CameraControls
+from opencv_tools.nodes.publisher.camera_info import create_camera_info_service, open_calibration
+from opencv_tools.nodes.publisher.image_topics import ImageTopics
+from opencv_tools.nodes.publisher.loop import PublishLoop
+from opencv_tools.nodes.publisher.parameters import (
     expected_frame_bytes, PARAMETERS, PublisherSettings)
-from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from rclpy.node import Node
-from rclpy.task import Future
+from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, run
+from opencv_tools.transport.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
+from opencv_tools.transport.scheduling import use_priority
 from std_srvs.srv import SetBool
 
 _STOP_SECONDS = 5
 
 
-class ImagePublisher(Node):
+class ImagePublisher(ClosableNode):
     """Publish the frames of a source on ``video_frames``, in a thread."""
 
     def __init__(self, fastdds: FastDdsSetup = NOT_CONFIGURED) -> None:
@@ -49,8 +49,9 @@ class ImagePublisher(Node):
         :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
-        self.done = Future()
+        self._log = Log(self.get_logger())
         settings = PublisherSettings(**declare_parameters(self, PARAMETERS))
+        settings.check()
         calibration = open_calibration(self, settings)
         self._topics = topics = ImageTopics(
             self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers)
@@ -64,7 +65,7 @@ class ImagePublisher(Node):
         if not is_camera(settings.source):
             controls.warn_unknown_parameters()
         if settings.wait_for_subscribers:
-            self.get_logger().info(f'Waiting for {settings.wait_for_subscribers} subscriber(s)')
+            self._log.info(f'Waiting for {settings.wait_for_subscribers} subscriber(s)')
         self._thread = Thread(target=self._publish, name='publishing', daemon=True)
         self._thread.start()
 
@@ -77,8 +78,8 @@ class ImagePublisher(Node):
         self._loop.stop()
         self._thread.join(_STOP_SECONDS)
         self._topics.close()
-        self.get_logger().info(self._loop.summary())
-        return self.done.result() if self.done.done() else EXIT_OK
+        self._log.info(self._loop.summary())
+        return super().close()
 
     def _publish(self) -> None:
         status = EXIT_FAILURE
@@ -101,9 +102,7 @@ def main(args: Sequence[str] | None = None) -> int:
         description='Publish frames as sensor_msgs/Image on video_frames.',
         example='-p source:=clip.mp4 -p publish_rate:=0', frame_bytes=expected_frame_bytes,
         priority=lambda args: given_priority(args, 'image_publisher'))
-    status = run(executable, ImagePublisher, args, failures=())
-    keep_exit_status()
-    return status
+    return run(executable, ImagePublisher, args, failures=())
 
 
 if __name__ == '__main__':

@@ -21,22 +21,22 @@ import sys
 import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.logs import log_if_slow
+from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
+from opencv_tools.nodes.priority import given_priority
+from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, EXIT_OK, run
+from opencv_tools.nodes.subscriber.bag_messages import BagMessages
+from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
+from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
-from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.ros.priority import given_priority, use_priority
-from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.subscriber.bag_messages import BagMessages
-from opencv_tools.ros.subscriber.conversion import FrameConverter
-from opencv_tools.ros.subscriber.parameters import PARAMETERS, RecorderSettings
-from opencv_tools.ros.subscriber.session import RecordingSession
-from opencv_tools.ros.subscriber.subscription import FrameSubscription
-from opencv_tools.ros.timers import create_steady_timer
-from rclpy.node import Node
-from rclpy.task import Future
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.topics.subscription import Account, FrameSubscription
+from opencv_tools.topics.timers import create_steady_timer
+from opencv_tools.transport.scheduling import use_priority
 
 # Maximum time to record received frames at the end.
 _END_SECONDS = 60.0
@@ -44,7 +44,7 @@ _END_SECONDS = 60.0
 _MAX_VIEWS = 2
 
 
-class ImageSubscriber(Node):
+class ImageSubscriber(ClosableNode):
     """Receive ``video_frames`` and record each frame."""
 
     def __init__(self) -> None:
@@ -56,7 +56,6 @@ class ImageSubscriber(Node):
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
         settings = RecorderSettings(**declare_parameters(self, PARAMETERS))
-        self.done = Future()
         self.br = CvBridge()
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings.max_frames)
@@ -80,12 +79,11 @@ class ImageSubscriber(Node):
             f'Waiting for {self.subscription.topic_name}, writing to {self._session.folder}')
         use_priority(settings.priority)
 
-    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
+    def listener_callback(self, received: ReceivedMessage) -> None:
         """
         Convert a message to a frame and record it; a bag takes the message itself.
 
-        :param message: raw or compressed image; the frame is a view of it.
-        :param receive_ns: time of reception in nanoseconds of the system clock.
+        :param received: raw or compressed image; the frame is a view of it.
         """
         if self.done.done():
             return
@@ -93,14 +91,17 @@ class ImageSubscriber(Node):
             self._timeout_timer.reset()
         topic = self.subscription.topic_name
         try:
-            frame = self._bag_messages.frame(
-                message, topic, receive_ns, self.subscription.message_info,
-            ) if self._bag_messages else self._converter.convert(message, topic, receive_ns)
+            frame = (self._bag_messages.frame(received, topic) if self._bag_messages
+                     else self._converter.convert(received.message, topic, received.receive_ns))
         except (CvBridgeError, SizeError) as err:
             self._count_unreadable(err)
         else:
             self._session.record(frame)
-            self._progress.tick(message.description, self._dropped())
+            self._progress.tick(received.message.description, **self._lost())
+
+    def hurry(self) -> None:
+        """Leave the frames that wait to be written."""
+        self._session.abandon()
 
     def close(self) -> int:
         """
@@ -108,43 +109,49 @@ class ImageSubscriber(Node):
 
         :returns: the exit status.
         """
-        unprocessed = self._record_remaining()
-        if self._bag_messages:
-            self._bag_messages.close()
-        self._session.close()
+        with log_if_slow(self._log, 'Writing the received frames; Ctrl-C ends without them'):
+            unprocessed, account = self._record_remaining()
+            if self._bag_messages:
+                self._bag_messages.close()
+            self._session.close()
         self._progress.close()
-        recorder, losses = self._session.recorder, self.subscription.losses
+        recorder = self._session.recorder
         counts = recorder.counts
+        unprocessed += recorder.abandoned
         failed = counts.failed + self._unreadable
         skipped = counts.skipped + self._session.skipped
         self._log.info(
-            f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
+            f'Received {self._progress.count - recorder.abandoned} frames at '
+            f'{self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
-            f'{failed} failed, {losses.count} lost in transit'
-            + ('' if losses.is_complete else ' since the first received frame')
+            f'{failed} failed, {account.lost + account.skipped} lost in transit'
+            + ('' if account.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
         if failed or unprocessed or recorder.is_unfinished:
             return EXIT_FAILURE
-        return self.done.result() if self.done.done() else EXIT_OK
+        return super().close()
 
-    def _record_remaining(self) -> int:
-        """Record received frames, unless the node is done; return the number not processed."""
+    def _record_remaining(self) -> tuple[int, Account]:
+        """Record received frames; return the number of those left, and what became of others."""
         if self.done.done():
+            account = self.subscription.account  # without the frames that wait in vain
             self.subscription.destroy()
-            return 0
+            return 0, account
         deadline = time.monotonic() + _END_SECONDS
         unprocessed = self.subscription.close(lambda: self._session.wait_for_room(deadline))
-        return 0 if self.done.done() else unprocessed
+        return 0 if self.done.done() else unprocessed, self.subscription.account
 
     def _count_unreadable(self, err: ImageError | CvBridgeError) -> None:
         """Count and log a message that cannot be recorded."""
         self._unreadable += 1
         self._failure_log.bad_frame(f'message not recorded: {err}')
-        self._progress.tick('unreadable message', self._dropped())
+        self._progress.tick('unreadable message', **self._lost())
 
-    def _dropped(self) -> int:
-        return self.subscription.losses.count + self._session.recorder.counts.dropped
+    def _lost(self) -> dict[str, int]:
+        account = self.subscription.account
+        return {'dropped': self._session.recorder.counts.dropped,
+                'lost': account.lost + account.skipped}
 
     def _end_on_timeout(self) -> None:
         """End with an error, because no frame arrived in time."""
@@ -169,9 +176,7 @@ def main(args: Sequence[str] | None = None) -> int:
         description='Record the images on video_frames as files.',
         example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg',
         priority=lambda args: given_priority(args, 'image_subscriber'))
-    status = run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
-    keep_exit_status()
-    return status
+    return run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
 
 
 if __name__ == '__main__':

@@ -59,6 +59,10 @@ CODEC_TYPES = {
     '.ppm': _types('8U 16U', '3'),
 }
 
+#: Longest side in pixels that OpenCV writes, of the formats with a limit; it logs what is longer.
+MAX_SIDES = {**dict.fromkeys(('.jpg', '.jpeg', '.jpe'), 65_500), '.png': 1_000_000,
+             '.webp': 16_383}
+
 # The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))
 # OpenCV 4 is fastest without a compression level. OpenCV 5 also has filters; with UP it is faster
@@ -70,7 +74,7 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
             '.jpe': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
 
 # Names of the encodings in OpenCV's names of conversions, such as COLOR_BGR2RGB.
-_COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'mono8': 'GRAY'}
+_COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'bgra8': 'BGRA', 'rgba8': 'RGBA', 'mono8': 'GRAY'}
 
 _MAX_NAME = 80  # characters of an unknown format in an error message
 _FILL_GRAY = 128  # of libjpeg, in all channels
@@ -102,6 +106,9 @@ def encode_image(
             + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
     if not image.size:
         raise CodecError(f'{described} is empty and cannot be encoded')
+    if max(image.shape[:2]) > MAX_SIDES.get(suffix, max(image.shape[:2])):
+        raise CodecError(f'{described} is too long for {suffix[1:]}: the limit is '
+                         f'{MAX_SIDES[suffix]} pixels a side')
     options: tuple[int, ...] = _OPTIONS.get(suffix, ())
     if suffix == '.png':
         options = (_FAST_PNG if compression == 1

@@ -26,24 +26,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridgeError
-from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.frames.node import FRAME_SIZE, FrameNode
-from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Throttle
+from opencv_tools.logs import Log
+from opencv_tools.nodes.parameters import (
+    declare_parameters, describe_unknown, parameter, parameter_table, unknown_parameters)
+from opencv_tools.nodes.priority import given_priority, priority_parameter
+from opencv_tools.nodes.run_node import Executable, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.progress import Progress
-from opencv_tools.ros.parameters import (
-    declare_parameters, describe_unknown, parameter, parameter_table, ParameterError,
-    unknown_parameters)
-from opencv_tools.ros.priority import given_priority, priority_parameter, use_priority
-from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
-from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
+from opencv_tools.rate_limit import MAX_RATE
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.topic_discovery import TRANSPORTS
+from opencv_tools.transport.scheduling import use_priority
 import yaml
-
-
-def _check_encoding(text: str) -> None:
-    if text:
-        find_encoding(text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,12 +52,15 @@ class FilterSettings:
         '', 'Arguments of the function after the image, for example: 50, 150, apertureSize=5')
     encoding: str = parameter(
         'bgr8', 'Encoding of the array that the function gets; empty for that of the messages',
-        check=_check_encoding)
+        check=check_target)
     every: bool = parameter(
         False, 'Whether to filter every frame; false to skip frames while the function runs')
     transport: str = parameter(
         'auto', 'Type of the received images; auto prefers shm to raw, and raw to compressed',
         choices=tuple(TRANSPORTS))
+    max_rate: float = parameter(
+        0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',
+        bounds=(0, MAX_RATE))
     priority: int = priority_parameter()
 
 
@@ -83,16 +81,16 @@ class ImageFilter(FrameNode):
         settings = FilterSettings(**declare_parameters(self, PARAMETERS))
         self._function = load_function(settings.function)
         self._arguments, self._keywords = parse_arguments(settings.arguments)
-        self._failed = 0
-        self._throttle = Throttle()
-        self._progress = Progress(self.get_logger().info, 'Filtering video frame')
+        self._failed = self._unfiltered = 0
+        self._log = Log(self.get_logger())
+        self._progress = Progress(self._log.info, 'Filtering video frame')
         self._publisher = self.publish_frames('filtered_frames')
         self._subscriber = self.receive_frames(
             'video_frames', self.listener_callback, encoding=settings.encoding,
-            every=settings.every, transport=settings.transport)
+            every=settings.every, transport=settings.transport, max_rate=settings.max_rate)
         for name in unknown_parameters(self, PARAMETERS):
-            self.get_logger().warning(describe_unknown(name, PARAMETERS))
-        self.get_logger().info(
+            self._log.warning(describe_unknown(name, PARAMETERS))
+        self._log.info(
             f'Waiting for {self._subscriber.topic_name}, publishing to '
             f'{self._publisher.topic_name}')
         use_priority(settings.priority)
@@ -100,7 +98,11 @@ class ImageFilter(FrameNode):
     def listener_callback(self, frame: Frame) -> None:
         """Filter a frame and publish the result, if it has subscribers."""
         if not self._publisher.has_subscribers:
-            self._progress.tick('no subscribers', self._dropped())
+            self._unfiltered += 1
+            self._log.warning(
+                'the function is called only while the results have subscribers, and '
+                f'{self._publisher.topic_name} has none', once='no subscribers')
+            self._progress.tick('not filtered without subscribers', **self._lost())
             return
         try:
             result = self._function(frame.image, *self._arguments, **self._keywords)
@@ -109,10 +111,10 @@ class ImageFilter(FrameNode):
                 self._publisher.publish(image, frame)
         except Exception as err:  # noqa: B902 (the function may raise anything)
             self._failed += 1
-            if self._throttle.passes():
-                reason = printable(' '.join(str(err).split()))
-                self.get_logger().error(f'frame not filtered: {type(err).__name__}: {reason}')
-        self._progress.tick(frame.description, self._dropped())
+            reason = ' '.join(str(err).split())
+            self._log.error(f'frame not filtered: {type(err).__name__}: {reason}',
+                            every=1.0, key='not filtered')
+        self._progress.tick(frame.description, **self._lost())
 
     def close(self) -> int:
         """
@@ -123,13 +125,16 @@ class ImageFilter(FrameNode):
         skipped = self._subscriber.skipped
         failed = self._failed + self._subscriber.failed
         super().close()
-        self.get_logger().info(
+        self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{failed} failed, {skipped} skipped')
+            f'{failed} failed, {skipped} skipped'
+            + (f', {self._unfiltered} not filtered without subscribers'
+               if self._unfiltered else ''))
         return EXIT_FAILURE if failed else EXIT_OK
 
-    def _dropped(self) -> int:
-        return self._subscriber.skipped + self._failed
+    def _lost(self) -> dict[str, int]:
+        return {'skipped': self._subscriber.skipped,
+                'failed': self._failed + self._subscriber.failed}
 
 
 def load_function(name: str) -> Callable[..., Any]:
@@ -210,9 +215,7 @@ def main(args: Sequence[str] | None = None) -> int:
         example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8",
         frame_bytes=lambda _: width * height * 3,
         priority=lambda args: given_priority(args, 'image_filter'))
-    status = run(executable, lambda _: ImageFilter(), args, failures=())
-    keep_exit_status()
-    return status
+    return run(executable, lambda _: ImageFilter(), args, failures=())
 
 
 if __name__ == '__main__':

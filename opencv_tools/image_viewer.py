@@ -20,18 +20,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 import sys
 
-from opencv_tools.ros.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.ros.run_node import Executable, EXIT_FAILURE, EXIT_OK, keep_exit_status, run
+from opencv_tools.logs import Log
+from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
+from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, run
+from opencv_tools.remedies import installation
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.parameters import PARAMETERS, ViewerSettings
-from rclpy.node import Node
-from rclpy.task import Future
 
 
-class ImageViewer(Node):
+class ImageViewer(ClosableNode):
     """Serve a page with all image topics."""
 
     def __init__(self) -> None:
@@ -47,16 +47,15 @@ class ImageViewer(Node):
         except ModuleNotFoundError as err:
             if not str(err.name).startswith('tornado'):
                 raise
-            raise ViewerError('img_viewer needs Tornado: install it with sudo apt install '
-                              'python3-tornado, or with pip install tornado') from err
+            raise ViewerError('img_viewer needs Tornado; '
+                              f'{installation("tornado", "python3-tornado")}') from err
         settings = ViewerSettings(**declare_parameters(self, PARAMETERS))
-        log = self.get_logger()
-        self.done = Future()
+        log = Log(self.get_logger())
         self._graph = Graph(self, settings.patterns, settings.transport, log,
                             Control(self) if settings.control else None)
         self._server = ViewerServer(
-            settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self), log,
-            self._fail)
+            settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self, log),
+            log, self._fail)
         for name in unknown_parameters(self, PARAMETERS):
             log.warning(describe_unknown(name, PARAMETERS))
         invitation = f'Open {self._server.url} in a browser'
@@ -74,7 +73,7 @@ class ImageViewer(Node):
         """
         self._server.close()
         self._graph.close_all()
-        return EXIT_FAILURE if self.done.done() else EXIT_OK
+        return super().close()
 
     def _fail(self) -> None:
         self.done.set_result(EXIT_FAILURE)
@@ -91,9 +90,7 @@ def main(args: Sequence[str] | None = None) -> int:
         name='img_viewer', node='image_viewer', parameters=PARAMETERS,
         description='Show image topics in a browser.',
         example='-p address:=0.0.0.0 -p port:=8080')
-    status = run(executable, lambda _: ImageViewer(), args, failures=(ViewerError,))
-    keep_exit_status()
-    return status
+    return run(executable, lambda _: ImageViewer(), args, failures=(ViewerError,))
 
 
 if __name__ == '__main__':

@@ -22,7 +22,7 @@ import sys
 import time
 from typing import Any
 
-from opencv_tools.logs import Log
+from opencv_tools.logs import LineWriter, Log
 
 _SECONDS_BETWEEN_LINES = 1.0
 
@@ -43,13 +43,13 @@ class Progress:
         self._first_at = self._last_at = self._logged_at = 0.0
         self._logged_count = 0
 
-    def tick(self, description: str, dropped: int, missed: int = 0) -> None:
+    def tick(self, description: str, **lost: int) -> None:
         """
         Count a frame.
 
         :param description: description of the frame, such as ``640x480 bgr8``.
-        :param dropped: number of frames lost so far.
-        :param missed: number of camera frames not read in time so far; 0 is not shown.
+        :param lost: numbers of frames lost so far, named as in the summary of the node, such as
+            ``dropped``. The first is always shown, the others only above 0.
         """
         self.count += 1
         now = self._last_at = time.monotonic()
@@ -59,8 +59,9 @@ class Progress:
         since = now - self._logged_at
         rate = f'{(self.count - self._logged_count) / since:.1f} Hz, ' if self._logged_at else ''
         self._logged_at, self._logged_count = now, self.count
-        self._show(f'{description}, {rate}{dropped} dropped'
-                   + (f', {missed} missed' if missed else ''))
+        counts = [f'{count} {name}' for number, (name, count) in enumerate(lost.items())
+                  if number == 0 or count]
+        self._show(f'{description}, {rate}{", ".join(counts)}')
 
     def average_rate(self) -> float:
         """Return the mean frame rate in Hz, 0.0 for fewer than two frames."""
@@ -77,38 +78,42 @@ class Progress:
 class ProgressBar(Progress):
     """Show the progress in the last line of a terminal, with a bar if the total is known."""
 
-    def __init__(self, log: Log, phrase: str, total: int) -> None:
+    def __init__(self, writer: LineWriter, phrase: str, total: int) -> None:
         """
         Start counting.
 
-        :param log: log whose lines appear above the bar, if written by ``info``, ``warning`` and
-            ``error`` of this object.
+        :param writer: destination of the lines that this object writes above the bar.
         :param phrase: activity, such as ``Receiving video frame``.
         :param total: expected number of frames; 0 if unknown.
         """
         from tqdm import tqdm  # imported here, as it is slow and only terminals need it
-        super().__init__(log.info, phrase)
-        self._log = log
+        super().__init__(writer.info, phrase)
+        self._writer = writer
         size = shutil.get_terminal_size()  # terminals in containers may report a size of 0
         amount = '{n_fmt}/{total_fmt} |{bar}|' if total else '{n_fmt}'
         self._bar: Any = tqdm(
             total=total or None, desc=phrase, bar_format=f'{{desc}} {amount}{{postfix}}',
             file=sys.stderr, ncols=size.columns, nrows=size.lines)
 
-    def info(self, message: str) -> None:
-        """Log normal progress above the bar."""
+    def debug(self, message: str, /) -> None:
+        """Write a detail for developers above the bar."""
         self._bar.clear()
-        self._log.info(message)
+        self._writer.debug(message)
 
-    def warning(self, message: str) -> None:
-        """Log a possible problem above the bar."""
+    def info(self, message: str, /) -> None:
+        """Write normal progress above the bar."""
         self._bar.clear()
-        self._log.warning(message)
+        self._writer.info(message)
 
-    def error(self, message: str) -> None:
-        """Log a failure above the bar."""
+    def warning(self, message: str, /) -> None:
+        """Write a possible problem above the bar."""
         self._bar.clear()
-        self._log.error(message)
+        self._writer.warning(message)
+
+    def error(self, message: str, /) -> None:
+        """Write a failure above the bar."""
+        self._bar.clear()
+        self._writer.error(message)
 
     def close(self) -> None:
         """End the bar with the final count."""
@@ -120,16 +125,17 @@ class ProgressBar(Progress):
         self._bar.set_postfix_str(state)
 
 
-def open_progress(log: Log, phrase: str, total: int) -> tuple[Log, Progress]:
+def open_progress(writer: LineWriter, phrase: str, total: int) -> tuple[Log, Progress]:
     """
     Start showing progress: as a bar on a terminal, otherwise in the log.
 
-    :param log: log of the node.
+    :param writer: destination of the lines, such as the logger of the node.
     :param phrase: activity, such as ``Receiving video frame``.
     :param total: expected number of frames; 0 if unknown.
     :returns: the log to use from now on, and the progress.
     """
     if not sys.stderr.isatty():
+        log = Log(writer)
         return log, Progress(log.info, phrase)
-    bar = ProgressBar(log, phrase, total)
-    return bar, bar
+    bar = ProgressBar(writer, phrase, total)
+    return Log(bar), bar

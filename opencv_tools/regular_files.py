@@ -57,6 +57,21 @@ def describe_kind(mode: int) -> str:
     return '' if stat.S_ISREG(mode) else _KINDS.get(stat.S_IFMT(mode), 'not a file')
 
 
+def check_kind(path: Path, mode: int) -> None:
+    """
+    Check that a file is a regular file.
+
+    :param path: path of the file.
+    :param mode: ``st_mode`` of the file.
+    :raises RefusedFileError: the file is not a regular file.
+    """
+    kind = describe_kind(mode)
+    if kind == 'a folder':
+        raise RefusedFileError(path, os.strerror(errno.EISDIR), errno.EISDIR)
+    if kind:
+        raise RefusedFileError(path, f'{path.name} is {kind}, not a regular file')
+
+
 def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> int:
     """
     Open a regular file without blocking. Devices, pipes and sockets are not opened.
@@ -70,14 +85,14 @@ def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> i
     """
     # Checked before opening too: opening can end the writer of a pipe, or start a device.
     try:
-        _check_kind(path, path.stat(follow_symlinks=follow).st_mode)
+        check_kind(path, path.stat(follow_symlinks=follow).st_mode)
     except FileNotFoundError:
         if not flags & os.O_CREAT:
             raise
     links = 0 if follow else os.O_NOFOLLOW
     file = os.open(path, flags | links | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o666)
     try:  # the file may have been replaced since the first check
-        _check_kind(path, os.fstat(file).st_mode)
+        check_kind(path, os.fstat(file).st_mode)
     except RefusedFileError:
         os.close(file)
         raise
@@ -118,7 +133,7 @@ def replace_file(path: Path, content: bytes) -> None:
     :raises OSError: the file cannot be written.
     """
     with suppress(FileNotFoundError):
-        _check_kind(path, path.lstat().st_mode)
+        check_kind(path, path.lstat().st_mode)
     temporary = write_beside(path, content)
     try:
         temporary.replace(path)
@@ -190,11 +205,3 @@ def try_lock(file: int) -> bool:
     except OSError:
         return False  # locked by another process, or the file system has no locks
     return True
-
-
-def _check_kind(path: Path, mode: int) -> None:
-    kind = describe_kind(mode)
-    if kind == 'a folder':
-        raise RefusedFileError(path, os.strerror(errno.EISDIR), errno.EISDIR)
-    if kind:
-        raise RefusedFileError(path, f'{path.name} is {kind}, not a regular file')

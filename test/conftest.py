@@ -58,7 +58,7 @@ OWN_COMMAND = {'browser': 'OPENCV_TOOLS_BROWSER', 'camera': 'OPENCV_TOOLS_CAMERA
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
-pytest.register_assert_rewrite('pages', 'sharing')
+pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
 
 # `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
@@ -167,9 +167,8 @@ def remove_unused(segments: set[Path]) -> None:
 
 def _ports(domain: int) -> set[Path]:
     """Return the ports of Fast DDS in a domain, also those that killed processes have left."""
-    first = 7400 + 250 * domain
-    return {path for number in range(first, first + 250)
-            if (path := _LOCKS / f'fastrtps_port{number}').exists()}
+    names = {f'fastrtps_port{7400 + 250 * domain + number}' for number in range(250)}
+    return {path for path in _LOCKS.glob('fastrtps_port*') if path.name in names}
 
 
 def executable(name: str) -> str:
@@ -208,7 +207,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests with ``process`` by their fixtures and folders."""
     for item in items:
         if item.path.parent.name in OWN_COMMAND or (
-                {'start', 'count', 'prefix'} & set(getattr(item, 'fixturenames', ()))):
+                {'start', 'count', 'prefix', 'shared'} & set(getattr(item, 'fixturenames', ()))):
             item.add_marker(pytest.mark.process)
 
 
@@ -224,6 +223,8 @@ def free_domain() -> Iterator[int]:
                 # A port of a killed process has a queue of its own size, and may be given up.
                 remove_unused(_ports(number))
                 yield number
+                assert not _ports(number) & mapped_segments(os.getpid()), (
+                    'a node in this process was not destroyed')
             finally:
                 with suppress(PermissionError):  # of another user, who made it
                     path.unlink()
@@ -250,15 +251,23 @@ def _lock(path: Path) -> int | None:
     return None
 
 
-@pytest.fixture(autouse=True)
-def domain(monkeypatch: pytest.MonkeyPatch,
-           tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """Reserve a local ROS domain for the test, with a ROS_HOME of its own."""
-    monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Reserve a local ROS domain for the test."""
     with free_domain() as number:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield number
+
+
+@pytest.fixture(autouse=True)
+def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch,
+                 tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Reserve a domain for a test that starts processes; one that has none can create no node."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
+    if request.node.get_closest_marker('process'):
+        request.getfixturevalue('domain')
 
 
 @pytest.fixture
@@ -295,6 +304,17 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
             print(process.output[-5000:])
         process.kill()
     remove_unused(set[Path]().union(*(process.left_behind for process in processes)))
+
+
+@pytest.fixture
+def prefix() -> Path:
+    """Return the folder into which colcon has installed the package."""
+    try:
+        return Path(get_package_prefix('opencv_tools'))
+    except PackageNotFoundError:
+        if 'COLCON' in os.environ:
+            raise
+        pytest.skip('colcon has not installed the package; make test does, and runs this')
 
 
 @pytest.fixture
@@ -340,15 +360,28 @@ def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
     return _tell
 
 
-def spin_until(node: Node, condition: Callable[[], bool]) -> None:
-    """Spin a node until a condition holds."""
+@contextmanager
+def executor_of(node: Node) -> Iterator[SingleThreadedExecutor]:
+    """
+    Create an executor of a node for a while.
+
+    One that ends by an exception of a callback uses the node until it is shut down.
+    """
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
+    try:
+        yield executor
+    finally:
+        executor.shutdown()
+
+
+def spin_until(node: Node, condition: Callable[[], bool]) -> None:
+    """Spin a node until a condition holds."""
     deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, 'the condition did not come to hold'
-        executor.spin_once(timeout_sec=0.05)
-    executor.shutdown()
+    with executor_of(node) as executor:
+        while not condition():
+            assert time.monotonic() < deadline, 'the condition did not come to hold'
+            executor.spin_once(timeout_sec=0.05)
 
 
 def call_service(node: Node, service_type: type, name: str, request: object) -> object:

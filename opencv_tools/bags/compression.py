@@ -21,6 +21,7 @@ from typing import Any
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import MAX_BYTES
 from opencv_tools.image.text import printable
+from opencv_tools.remedies import installation
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # first bytes of a frame
 
@@ -39,8 +40,8 @@ def decompress(data: memoryview, compression: str, size: int) -> memoryview:
     try:
         content = _DECOMPRESSORS[compression](data, size)
     except ImportError as err:
-        raise BagError(f'it needs {compression}, which cannot be imported ({err}); install it '
-                       "with 'pip install mcap'") from err
+        raise BagError(f'it needs {compression}, which cannot be imported ({err}); '
+                       f'{installation("mcap")}') from err
     except (MemoryError, RuntimeError, ValueError) as err:
         raise BagError(f'its data cannot be decompressed: {printable(err)}') from err
     if len(content) != size:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from functools import partial
 import os
 from pathlib import Path
@@ -26,12 +27,13 @@ from urllib.parse import quote
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import open_regular
+from opencv_tools.regular_files import check_kind, open_regular
 
 _LOCK_SECONDS = 2.0
+_OTHER_FILES = '-journal', '-wal', '-shm'  # endings of the names of files that SQLite opens too
 _MAX_TOPICS = 65536
 # The columns of each table that are read. A view, a virtual table or a computed column could
-# compute for ever.
+# compute for ever. The id of a message is its _rowid_, which is always an integer.
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
             'messages': {'id', 'topic_id', 'timestamp', 'data'}}
 
@@ -45,16 +47,23 @@ class Db3Reader:
 
         :param path: path of the file.
         :raises BagError: the file is not a bag of rosbag2, is damaged or is locked.
-        :raises OSError: the file cannot be read.
+        :raises OSError: the file cannot be read, or a file that SQLite opens with it is not a
+            regular file.
         """
         self.topics: dict[BagTopic, int] = {}
         self.first_ns = self.last_ns = 0
         self.warning = ''
         self._name = printable(path.name, MAX_PATH)
         self._ids: dict[int, BagTopic] = {}
-        os.close(open_regular(path))  # SQLite would wait for a named pipe
+        # SQLite would wait for a named pipe. It follows links before it opens the other files.
+        os.close(open_regular(path))
+        path = path.resolve()
+        for suffix in _OTHER_FILES:
+            other = path.with_name(path.name + suffix)
+            with suppress(FileNotFoundError):
+                check_kind(other, other.stat().st_mode)
         self._database = sqlite3.connect(
-            f'file:{quote(str(path.absolute()))}?mode=ro', _LOCK_SECONDS, uri=True,
+            f'file:{quote(str(path))}?mode=ro', _LOCK_SECONDS, uri=True,
             check_same_thread=False)
         self._database.text_factory = lambda data: data.decode(errors='replace')
         try:
@@ -72,10 +81,12 @@ class Db3Reader:
         ids = [number for number, topic in self._ids.items() if topic in topics]
         marks = ', '.join('?' * len(ids))
         try:
-            # The data are read one by one, because sorting them would copy the whole file.
+            # The data are read one by one, because sorting them would copy the whole file. A text
+            # instead of a number may be long, also in an index, so only its type is read.
             for number, topic_id, time_ns in self._database.execute(
-                    'SELECT id, topic_id, timestamp FROM messages '
-                    f'WHERE topic_id IN ({marks}) ORDER BY timestamp, id', ids):
+                    "SELECT _rowid_, topic_id, CASE typeof(timestamp) WHEN 'integer' THEN "
+                    'timestamp END FROM messages NOT INDEXED WHERE CASE typeof(topic_id) '
+                    f"WHEN 'integer' THEN topic_id IN ({marks}) END ORDER BY 3, 1", ids):
                 if isinstance(time_ns, int):
                     load = partial(self._load, number)
                     yield BagMessage(self._ids[topic_id], time_ns, load)
@@ -87,8 +98,9 @@ class Db3Reader:
     def _load(self, number: int) -> memoryview:
         try:
             size, data = self._database.execute(
-                'SELECT length(data), CASE WHEN length(data) <= ? THEN data END FROM messages '
-                'WHERE id = ?', (MAX_BYTES, number)).fetchone() or (0, None)
+                "SELECT CASE typeof(data) WHEN 'blob' THEN length(data) END, "
+                "CASE WHEN typeof(data) = 'blob' AND length(data) <= ? THEN data END "
+                'FROM messages WHERE _rowid_ = ?', (MAX_BYTES, number)).fetchone() or (0, None)
         except sqlite3.Error as err:
             raise self._error(err) from err
         if not isinstance(data, bytes):
@@ -104,12 +116,14 @@ class Db3Reader:
             self._check_table(table, columns)
         for number, name, kind, serialization in self._database.execute(
                 'SELECT id, substr(name, 1, 1000), substr(type, 1, 1000), '
-                f'substr(serialization_format, 1, 1000) FROM topics LIMIT {_MAX_TOPICS}'):
+                "substr(serialization_format, 1, 1000) FROM topics WHERE typeof(id) = 'integer' "
+                f'LIMIT {_MAX_TOPICS}'):
             self._ids[number] = topic = BagTopic(str(name), str(kind), str(serialization))
             self.topics.setdefault(topic, 0)
         for number, count, first_ns, last_ns in self._database.execute(
-                'SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages '
-                "WHERE typeof(timestamp) = 'integer' GROUP BY topic_id"):
+                'SELECT topic_id, count(*), min(timestamp), max(timestamp) '
+                "FROM messages NOT INDEXED WHERE typeof(timestamp) = 'integer' "
+                "AND typeof(topic_id) = 'integer' GROUP BY topic_id"):
             if number in self._ids:
                 self.topics[self._ids[number]] += count
                 self.first_ns = min(self.first_ns or first_ns, first_ns)
@@ -120,11 +134,15 @@ class Db3Reader:
             "SELECT count(*) FROM sqlite_master WHERE name = ? AND type = 'table' "
             "AND sql LIKE 'CREATE TABLE%'", (name,)).fetchone()
         # Each row ends with 0 for an ordinary column.
-        stored = {row[1] for row in self._database.execute(f'PRAGMA table_xinfo({name})')
-                  if row[-1] == 0}
-        if not found[0] or not columns <= stored:
+        kinds = {row[1].lower(): row[-1] for row in self._database.execute(
+            f'PRAGMA table_xinfo({name})')}
+        if not found[0] or '_rowid_' in kinds or any(kinds.get(column) != 0 for column in columns):
             raise BagError(f'{self._name} is not a bag of rosbag2: its table {name} is missing or '
                            'has other columns')
 
     def _error(self, err: Exception) -> BagError:
-        return BagError(f'{self._name} cannot be read as a bag: {printable(err)}')
+        reason = printable(err)
+        if 'malformed' in reason:
+            reason += (f'; its first messages are recovered by: sqlite3 {self._name} .dump | '
+                       "sed 's/^ROLLBACK.*/COMMIT;/' | sqlite3 recovered.db3")
+        return BagError(f'{self._name} cannot be read as a bag: {reason}')

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from opencv_tools.image.errors import ImageError
+from opencv_tools.remedies import installation
 
 
 class BagError(ImageError):
@@ -32,5 +33,5 @@ def check_mcap() -> None:
     try:
         import mcap.records  # noqa: F401
     except ImportError as err:
-        raise BagError(f'bags need the library mcap, which cannot be imported ({err}); install '
-                       "it with 'pip install mcap'") from err
+        raise BagError(f'bags need the library mcap, which cannot be imported ({err}); '
+                       f'{installation("mcap")}') from err

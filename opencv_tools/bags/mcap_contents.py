@@ -24,7 +24,8 @@ import struct
 from typing import TYPE_CHECKING, TypeVar
 
 from opencv_tools.bags.index import (
-    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
+    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE, MAGIC, MESSAGE_CODE, RECORD,
+    SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import flat_records, message_head, Read, Record, records
 from opencv_tools.bags.reading import BagTopic, Damage
 
@@ -49,13 +50,11 @@ class Span:
     :param start_ns: time of its first message in nanoseconds.
     :param begin: offset of its first record.
     :param end: offset behind its last record.
-    :param is_chunk: whether the index names it as a chunk.
     """
 
     start_ns: int
     begin: int
     end: int
-    is_chunk: bool = False
 
 
 @dataclass
@@ -110,7 +109,14 @@ def _read_index(read: Read, size: int) -> Contents | None:
         found = list(StreamReader(summary, skip_magic=True, emit_chunks=True).records)
     except (McapError, OverflowError, ValueError, struct.error):
         return None
-    return _use_index(found, size)
+    contents = _use_index(found, size)
+    return contents if contents and _are_chunks(read, contents.spans) else None
+
+
+def _are_chunks(read: Read, spans: list[Span]) -> bool:
+    """Return whether each part of a file is a chunk."""
+    return all(next(records(read, span.begin, span.end), None) == Record(
+        CHUNK_CODE, span.begin + RECORD.size, span.end) for span in spans)
 
 
 def _use_index(found: list[McapRecord], size: int) -> Contents | None:
@@ -132,7 +138,7 @@ def _use_index(found: list[McapRecord], size: int) -> Contents | None:
         return None
     contents = Contents(
         counts=Counter(statistics.channel_message_counts),
-        spans=[Span(chunk.message_start_time, chunk.chunk_start_offset, end, True)
+        spans=[Span(chunk.message_start_time, chunk.chunk_start_offset, end)
                for chunk, end in zip(chunks, ends)],
         times=(statistics.message_start_time, statistics.message_end_time)
         if statistics.message_count else ())
@@ -169,11 +175,12 @@ class _Scan:
             self.contents.spans.append(Span(first_ns, begin, end))
 
     def _define_and_count(self, begin: int, end: int, sizes: list[int]) -> Iterator[int]:
-        """Add the definitions in a part of the file, and yield the times of its messages."""
+        """Add the definitions in a part of the file, and yield the times of its items."""
         from mcap.records import Channel, Schema
         contents = self.contents
         for read, record in flat_records(self._read, begin, end, sizes):
             if isinstance(record, Damage):
+                yield contents.times[-1] if contents.times else 0  # its span reports it
                 continue
             if record.opcode == MESSAGE_CODE:
                 head = message_head(read, record)

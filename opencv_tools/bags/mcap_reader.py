@@ -25,15 +25,16 @@ import os
 from pathlib import Path
 
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.index import CHUNK_CODE, MAGIC, MESSAGE_CODE
+from opencv_tools.bags.index import MAGIC, MESSAGE_CODE
 from opencv_tools.bags.mcap_contents import read_contents, Span
 from opencv_tools.bags.mcap_records import (
-    file_reader, flat_records, MESSAGE_HEAD, message_head, Read, records)
+    file_reader, flat_records, MESSAGE_HEAD, message_head, Read)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular
 
 _MAX_SORTED = 100_000  # messages of a span
+_ITEM_BYTES = 600  # memory of a sorted message without its data
 
 _Item = tuple[int, 'BagMessage | Damage']  # with its time
 
@@ -80,7 +81,7 @@ class McapReader:
         wanted = {channel: topic for channel, topic in self._channels.items() if topic in topics}
         waiting = deque(sorted(self._spans, key=lambda span: (span.start_ns, span.begin)))
         # Parts of the file whose times overlap, by the time of their next message, and the sizes
-        # of their chunks in memory.
+        # of their chunks and sorted messages in memory.
         opened: list[tuple[int, int, BagMessage | Damage, Iterator[_Item], list[int]]] = []
         while waiting or opened:
             while waiting and (not opened or (waiting[0].start_ns <= opened[0][0] and sum(
@@ -103,18 +104,14 @@ class McapReader:
     ) -> Iterator[_Item]:
         """Yield the messages of a span in the order of their times, unless there are too many."""
         items = self._unsorted_items(span, wanted, sizes)
-        yield from sorted(islice(items, _MAX_SORTED), key=lambda item: item[0])
+        ordered = sorted(islice(items, _MAX_SORTED), key=lambda item: item[0])
+        sizes.append(len(ordered) * _ITEM_BYTES)
+        yield from ordered
         yield from items
 
     def _unsorted_items(
         self, span: Span, wanted: dict[int, BagTopic], sizes: list[int],
     ) -> Iterator[_Item]:
-        if span.is_chunk:
-            record = next(records(self._read, span.begin, span.end))
-            if (record.opcode, record.end) != (CHUNK_CODE, span.end):
-                yield span.start_ns, Damage(
-                    f'{self._name}: the index names byte {span.begin} as a chunk')
-                return
         for read, found in flat_records(self._read, span.begin, span.end, sizes):
             if isinstance(found, Damage):
                 yield span.start_ns, Damage(f'{self._name}: {found.reason}')

@@ -112,6 +112,9 @@ def flat_records(
     """
     Yield the records of a part of a file, and those of its chunks instead of chunks.
 
+    A chunk of a few bytes may unpack to millions of empty records. No more of them are read than
+    the chunk has bytes in the file, because each record needs time.
+
     :param read: function that reads the file.
     :param begin: offset of the first record.
     :param end: end of the part. A chunk that is cut off there has its whole records.
@@ -130,7 +133,10 @@ def flat_records(
             continue
         if inner_read is not read:
             sizes.append(last - first)
-        for inner in records(inner_read, first, last):
+        for count, inner in enumerate(records(inner_read, first, last)):
+            if count > record.end - record.begin:
+                yield read, _damage(record, 'it has more records than bytes')
+                break
             if inner.end <= last:
                 yield inner_read, inner
             elif not is_cut:

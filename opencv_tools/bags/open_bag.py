@@ -16,13 +16,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
+from opencv_tools.bags.metadata import read_file_names
 from opencv_tools.bags.reading import BagReader
 from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.remedies import installation
 
 #: Extensions of bags.
 BAG_SUFFIXES = ('.mcap', '.db3')
@@ -37,21 +41,36 @@ def is_bag(path: Path) -> bool:
     return (path / _METADATA).is_file()
 
 
-def bag_files(path: Path) -> list[Path]:
+@dataclass(frozen=True)
+class BagFiles:
+    """
+    The files of a bag.
+
+    :param paths: paths of the files.
+    :param are_ordered: whether ``metadata.yaml`` has this order; otherwise the names have it.
+    :param warning: why the metadata are not used, or which files they do not name; '' for neither.
+    """
+
+    paths: list[Path]
+    are_ordered: bool = False
+    warning: str = ''
+
+
+def bag_files(path: Path) -> BagFiles:
     """
     Return the files of a bag.
 
     :param path: path of a file, or of a folder with ``metadata.yaml``.
-    :returns: the file itself, or all bags in the folder.
+    :returns: the file itself, or the bags in the folder.
     :raises BagError: there is no file that can be read.
     :raises OSError: the folder cannot be read.
     """
     shown = printable(path, MAX_PATH)
     if path.suffix.lower() == _ROS1_SUFFIX:
         raise BagError(f"{shown} is a bag of ROS 1; convert it with 'rosbags-convert --src "
-                       f"{shown} --dst FOLDER', which 'pip install rosbags' installs")
+                       f"{shown} --dst FOLDER' of rosbags; {installation('rosbags')}")
     if not path.is_dir():
-        return [path]
+        return BagFiles([path])
     files = [file for file in path.iterdir()
              if file.suffix.lower() in BAG_SUFFIXES and not file.name.startswith('.')]
     if not files:
@@ -59,7 +78,28 @@ def bag_files(path: Path) -> list[Path]:
         raise BagError(
             f"{printable(packed, MAX_PATH)} is compressed; unpack it with 'unzstd'" if packed
             else f'{shown} has no file with the extension {" or ".join(BAG_SUFFIXES)}')
-    return files
+    return _in_order(path / _METADATA, {file.name: file for file in files})
+
+
+def _in_order(metadata: Path, files: dict[str, Path]) -> BagFiles:
+    """Return files by name in the order of the metadata, if these can be used."""
+    try:
+        names = [name.removesuffix('.zstd') for name in read_file_names(metadata)]
+        for name, count in Counter(names).items():
+            if name not in files or count > 1:
+                raise BagError(f'it names {printable(name)} ' + (
+                    f'{count} times' if name in files else 'which is not in the folder'))
+        if not names:
+            raise BagError('it names no files')
+    except (BagError, OSError) as err:
+        reason = err.strerror if isinstance(err, OSError) else err
+        return BagFiles([*files.values()], warning=(
+            f'{printable(metadata, MAX_PATH)} is not used: {reason}; the files are read in the '
+            'order of their names'))
+    others = sorted(files.keys() - set(names))
+    return BagFiles([files[name] for name in names], True, (
+        f'{printable(metadata, MAX_PATH)} does not name {len(others)} files of its folder, which '
+        f'are not read, such as {printable(others[0])}') if others else '')
 
 
 def open_bag_file(path: Path) -> BagReader:

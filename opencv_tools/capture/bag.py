@@ -25,10 +25,10 @@ from typing import Any, Literal
 import numpy as np
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.open_bag import bag_files, open_bag_file
+from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE
-from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
 from opencv_tools.capture.image_files import natural_order
 from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image, WireMessage
@@ -38,7 +38,7 @@ from opencv_tools.image.layout import view_pixels
 from opencv_tools.image.text import MAX_PATH, printable
 
 _REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
-_MAX_LISTED = 20  # topics in an error message
+_MAX_LISTED = 10  # topics in an error message
 _MAX_INFO = 1 << 20  # bytes of a calibration
 
 
@@ -46,7 +46,8 @@ class BagSource:
     """
     The images of one topic of a bag, in the order of their times.
 
-    Several files are read one after the other, in natural order.
+    Several files are read one after the other, in the order of ``metadata.yaml`` or else in
+    natural order.
     """
 
     live: Literal[False] = False
@@ -66,7 +67,10 @@ class BagSource:
         self._reader: BagReader | None = None
         self._play = 0
         try:
-            self._paths = sorted(files or bag_files(path), key=natural_order)
+            found = BagFiles([*files]) if files else bag_files(path)
+            self._paths = found.paths if found.are_ordered else sorted(
+                found.paths, key=natural_order)
+            self.warnings += [found.warning] if found.warning else []
             counts = self._read_topics()
         except (BagError, OSError) as err:
             raise self._error(err) from err
@@ -210,10 +214,10 @@ class BagSource:
             raise CaptureError(f'{self.name} has no topic of images; '
                                + (f'its topics are {others}' if others else 'it has no topic'))
         if not found:
-            raise CaptureError(f'{self.name} has no topic {printable(name)} of images; '
-                               f'{_REMEDY} {_listed(counts, images)}')
-        raise CaptureError(f'{self.name} has {len(found)} topics of images; {_REMEDY} '
-                           f'{_listed(counts, found)}')
+            raise TopicError(f'{self.name} has no topic {printable(name)} of images; '
+                             f'{_REMEDY} {_listed(counts, images)}')
+        raise TopicError(f'{self.name} has {len(found)} topics of images; {_REMEDY} '
+                         f'{_listed(counts, found)}')
 
     def _error(self, err: Exception) -> CaptureError:
         reason = err.strerror if isinstance(err, OSError) else err
@@ -226,7 +230,8 @@ def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:
              + ('' if topic.serialization == CDR else f' in {printable(topic.serialization)}')
              + f', {counts[topic]} messages)' for topic in sorted(
                  topics, key=lambda topic: topic.name)[:_MAX_LISTED]]
-    return ', '.join([*shown, *(['...'] if len(topics) > _MAX_LISTED else [])])
+    more = f' and {len(topics) - len(shown)} more' if len(topics) > len(shown) else ''
+    return ', '.join(shown) + more
 
 
 def _stamp(serialized: Any) -> bytes:

@@ -18,6 +18,7 @@ The errors of sources.
 ::
 
     CaptureError          the source cannot be opened, or has failed permanently
+    ├─ TopicError         the topic of a bag has to be selected, or is not in it
     ├─ UnavailableError   the camera or stream is unavailable now, but may come back
     └─ BrokenFrameError   one frame is unreadable; the next one may be readable
 """
@@ -27,6 +28,10 @@ from __future__ import annotations
 
 class CaptureError(Exception):
     """A source cannot be used. The message names the source and the remedy."""
+
+
+class TopicError(CaptureError):
+    """A bag has several topics of images, or not the selected one."""
 
 
 class UnavailableError(CaptureError):

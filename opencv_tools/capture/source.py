@@ -25,7 +25,7 @@ from pathlib import Path
 import stat
 
 import cv2
-from opencv_tools.bags.open_bag import is_bag
+from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
@@ -52,8 +52,13 @@ def check_source(text: str) -> None:
     """
     if not text:
         raise ValueError('give a camera, a file, a folder, a bag, a URL or pattern')
-    if _is_pattern(text):
+    if is_pattern(text):
         parse_pattern(text)
+
+
+def is_pattern(text: str) -> bool:
+    """Return whether a source is a test pattern, which has no end."""
+    return text == 'pattern' or text.startswith('pattern:')
 
 
 def is_camera(text: str) -> bool:
@@ -65,13 +70,19 @@ def is_camera(text: str) -> bool:
         return stat.S_ISCHR(path.stat().st_mode)
     except OSError:
         with suppress(OSError):  # the working directory was removed
-            path = path.resolve()
+            # Path.resolve raises RuntimeError for a loop of links before Python 3.13.
+            path = Path(os.path.realpath(path))
         return path.is_relative_to('/dev')
 
 
 def names_bag(text: str) -> bool:
     """Return whether a source is a bag, which may not exist."""
-    return not (_is_pattern(text) or _is_url(text)) and is_bag(_path(text))
+    return not (is_pattern(text) or _is_url(text)) and is_bag(_path(text))
+
+
+def describe_opening(text: str) -> str:
+    """Return why opening a source may take long, as a bag without an index; '' if it does not."""
+    return f'Reading {text} from its begin to its end' if names_bag(text) else ''
 
 
 def open_source(
@@ -92,7 +103,7 @@ def open_source(
     :raises ValueError: the text is empty or an invalid pattern.
     """
     check_source(text)
-    if _is_pattern(text):
+    if is_pattern(text):
         return PatternSource(parse_pattern(text))
     if is_camera(text):
         device = Path(f'/dev/video{int(text)}' if text.isdecimal() else text).expanduser()
@@ -119,7 +130,7 @@ def expected_size(
     :raises ImageError: the first frame cannot be read.
     :raises ValueError: the text is empty or an invalid pattern.
     """
-    if _is_pattern(text):
+    if is_pattern(text):
         spec = parse_pattern(text)
         return spec.width, spec.height
     if is_camera(text):
@@ -129,10 +140,6 @@ def expected_size(
     with closing(open_source(text, bag_topic=bag_topic)) as source:
         frame = None if source.live else source.read()
     return None if frame is None else OutputImage(frame, OutputSettings()).size
-
-
-def _is_pattern(text: str) -> bool:
-    return text == 'pattern' or text.startswith('pattern:')
 
 
 def _path(text: str) -> Path:
@@ -160,7 +167,8 @@ def _open_path(path: Path, bag_topic: str) -> Source:
     try:
         mode = path.stat().st_mode
     except OSError as err:
-        matches = [Path(match) for match in glob.glob(str(path))]
+        # A broken link matches its own name.
+        matches = [Path(match) for match in glob.glob(str(path)) if match != str(path)]
         if matches and all(map(is_bag, matches)):
             return BagSource(path, bag_topic, matches)
         if matches:
@@ -172,7 +180,7 @@ def _open_path(path: Path, bag_topic: str) -> Source:
     if is_bag(path):
         return BagSource(path, bag_topic)
     if stat.S_ISDIR(mode):
-        return ImageFileSource(_image_files(path.iterdir()), str(path))
+        return _open_folder(path)
     is_image_file = path.suffix.lower() in IMAGE_SUFFIXES
     kind = describe_kind(mode)
     if kind and (is_image_file or not stat.S_ISFIFO(mode)):  # a video may come through a pipe
@@ -180,6 +188,18 @@ def _open_path(path: Path, bag_topic: str) -> Source:
     if is_image_file:
         return ImageFileSource([path], str(path))
     return VideoSource(str(path), open_video(str(path)))
+
+
+def _open_folder(path: Path) -> ImageFileSource:
+    """Open the image files of a folder; an error names the pattern of bags in it."""
+    images = _image_files(path.iterdir())
+    bags = sorted(file.suffix for file in path.iterdir()
+                  if file.suffix.lower() in BAG_SUFFIXES and file.is_file())
+    if bags and not images:
+        shown = printable(path, MAX_PATH)
+        raise CaptureError(f'{shown} has no image file, and its bags have no metadata.yaml; give '
+                           f"one of them, or all as '{shown}/*{bags[0]}'")
+    return ImageFileSource(images, str(path))
 
 
 def _suggestion(path: Path) -> str:

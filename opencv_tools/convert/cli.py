@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import signal
 import sys
 
+from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 
 _INTERRUPTED = 1
@@ -36,14 +36,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     Convert between bags, videos and image files, without ROS.
 
     :param argv: arguments; None for those of the process.
-    :returns: 0 on success, 1 if a frame or file failed, 2 for invalid arguments.
+    :returns: 0 on success, 1 if a frame or file failed or after an interrupt, 2 for invalid
+        arguments.
     """
     parser = _parser()
     options = parser.parse_args(argv)
     open_standard_streams()
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as it is under nohup
-            signal.signal(number, signal.default_int_handler)
     from opencv_tools.convert.convert import convert, Request
     try:
         return convert(Request(**vars(options)))
@@ -69,8 +67,8 @@ examples:
 
 exit status:
   0  success
-  1  a frame or file failed
-  2  invalid arguments
+  1  a frame or file failed, or a signal ended the conversion
+  2  invalid arguments, also those that do not suit the source
 """)
     parser.add_argument(
         'source', metavar='SOURCE', help='bag (.mcap, .db3 or folder of rosbag2), video file, '
@@ -89,20 +87,20 @@ exit status:
                         help='number of the first frame not to convert [end of the source]')
     parser.add_argument('--lossy', action='store_true', help='allow a format that loses quality, '
                         'although the source is lossless')
+    parser.add_argument('--compressed', choices=('jpeg', 'png'), default='', help='compress the '
+                        'raw images of a new bag; their topic then ends with /compressed')
     return parser
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of 0 or more')
+def _count(text: str, least: int = 0) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of {least} or more')
     return int(text)
 
 
 def _positive(text: str) -> int:
-    if not _count(text):
-        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of 1 or more')
-    return int(text)
+    return _count(text, least=1)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(end_at_signals(main, _INTERRUPTED))

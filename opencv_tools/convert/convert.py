@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import chain
@@ -25,30 +25,35 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.errors import BrokenFrameError, CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import Frame, JPEG, Source
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
-from opencv_tools.capture.source import is_camera, names_bag, open_source
+from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
 from opencv_tools.convert.source_frames import (
     camera_info_message, numbered_frames, received_frame)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.text import printable, without_password
+from opencv_tools.logs import Log, log_if_slow
 from opencv_tools.progress import open_progress
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
-from opencv_tools.recording.image_encoder import EncoderSettings
-from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.image_encoder import COMPRESSED_SUFFIXES, EncoderSettings
+from opencv_tools.recording.naming import check_folder, FileNames
 from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
+from opencv_tools.signals import recorded_signals
 
 _EXIT_OK = 0
 _EXIT_FAILURE = 1
+
+_NO_FRAME = 'interrupted before the first frame'
 
 _JPEGS = ('.jpg', '.jpeg', '.jpe')
 _LOSSY_FORMATS = (*_JPEGS, *VIDEO_FORMATS)
@@ -70,6 +75,7 @@ class Request:
     :param start: number of the first frame, from 0.
     :param stop: number of the first frame not to convert; 0 for the end of the source.
     :param lossy: whether a lossless source may be converted to a lossy format.
+    :param compressed: codec of the raw images in a new bag, 'jpeg' or 'png'; '' to keep them.
     """
 
     source: str
@@ -79,18 +85,22 @@ class Request:
     start: int = 0
     stop: int = 0
     lossy: bool = False
+    compressed: str = ''
 
 
 class _Console:
-    """A log on standard error."""
+    """Writer of lines on standard error, without details for developers."""
 
-    def info(self, message: str) -> None:
+    def debug(self, message: str, /) -> None:
+        pass
+
+    def info(self, message: str, /) -> None:
         print(f'img_convert: {message}', file=sys.stderr, flush=True)
 
-    def warning(self, message: str) -> None:
+    def warning(self, message: str, /) -> None:
         self.info(f'warning: {message}')
 
-    def error(self, message: str) -> None:
+    def error(self, message: str, /) -> None:
         self.info(f'error: {message}')
 
 
@@ -103,14 +113,19 @@ def convert(request: Request) -> int:
     :raises ValueError: an argument is invalid.
     """
     names = _check(request)
-    console = _Console()
+    log = Log(_Console())
     try:
-        with closing(open_source(request.source, bag_topic=request.topic)) as source:
-            return _Conversion(request, names, source, console).run()
+        try:
+            with log_if_slow(log, describe_opening(request.source)):
+                opened = open_source(request.source, bag_topic=request.topic)
+        except KeyboardInterrupt as err:
+            raise CaptureError(_NO_FRAME) from err
+        with recorded_signals() as is_interrupted, closing(opened) as source:
+            return _Conversion(request, names, source, log, is_interrupted).run()
+    except TopicError as err:
+        raise ValueError(str(err)) from err
     except (CaptureError, RecordingError) as err:
-        console.error(str(err))
-    except KeyboardInterrupt:
-        console.error('interrupted before the first frame')
+        log.error(str(err))
     return _EXIT_FAILURE
 
 
@@ -129,8 +144,12 @@ def _check(request: Request) -> FileNames:
                          f'{without_password(request.source)} is not a bag')
     if 0 < request.stop <= request.start:
         raise ValueError(f'--start is {request.start}, which is not before --stop {request.stop}')
+    check_folder(str(Path(request.target).parent))
     names = FileNames(Path(request.target).name)
     check_format(names.suffix)
+    if request.compressed and names.suffix != BAG_SUFFIX:
+        raise ValueError(f'--compressed is for bags: give a target with the extension '
+                         f'{BAG_SUFFIX}, or {names.suffix} without --compressed')
     return names
 
 
@@ -138,15 +157,18 @@ class _Conversion:
     """A conversion whose source is open."""
 
     def __init__(
-        self, request: Request, names: FileNames, source: Source, console: _Console,
+        self, request: Request, names: FileNames, source: Source, log: Log,
+        is_interrupted: Callable[[], bool],
     ) -> None:
         self._request = request
         self._names = names
         self._source = source
+        self._is_interrupted = is_interrupted
         self._folder = Path(request.target).expanduser().absolute().parent
-        self._log, self._progress = open_progress(console, 'Converting frame', self._total())
+        self._log, self._progress = open_progress(log, 'Converting frame', self._total())
         self._failure_log = FailureLog(self._log)
         self._unreadable = 0
+        self._written: Path | None = None  # the only written file, or the folder of several
 
     def run(self) -> int:
         """Convert the frames and log an account; return the exit status."""
@@ -157,14 +179,18 @@ class _Conversion:
             raise ValueError(f'{request.source} has no end: give --stop')
         if isinstance(source, ImageFileSource):
             source.keeps_jpegs = self._names.suffix in _JPEGS
-        frames = numbered_frames(source, request.start, request.stop, request.every, self._skip)
+        frames = numbered_frames(source, request.start, request.stop, request.every, self._skip,
+                                 self._is_interrupted)
         with closing(self._progress):
             first = next(frames, None)
             if first is None:
+                if self._is_interrupted():
+                    raise CaptureError(_NO_FRAME)
                 raise CaptureError(f'{source.name} has no readable frame')
             self._check_loss(first[1])
             sink = open_sink(
-                self._folder, self._names, EncoderSettings(self._names.suffix), 'continue',
+                self._folder, self._names,
+                EncoderSettings(self._names.suffix, compression=request.compressed), 'continue',
                 Limits(), sync=False)
             threads = _threads(first[1])
             recorder = Recorder(
@@ -174,7 +200,7 @@ class _Conversion:
         failed = counts.failed + self._unreadable
         self._log.info(
             f'Converted {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{counts.written} written to {self._folder}, {failed} failed')
+            f'{counts.written} written to {self._written or self._folder}, {failed} failed')
         is_ok = is_complete and not failed and not recorder.is_unfinished
         return _EXIT_OK if is_ok else _EXIT_FAILURE
 
@@ -190,16 +216,22 @@ class _Conversion:
                 if bag and recorded and recorded.camera_info not in (None, last_info):
                     last_info = recorded.camera_info
                     bag.add_message(camera_info_message(recorded))
-                recorder.put(received_frame(frame, number, self._source.rate, bag is not None))
-                self._progress.tick(_description(frame), self._unreadable)
-            return True
+                recorder.put(received_frame(frame, number, self._source.rate, bag is not None),
+                             self._note_written)
+                self._progress.tick(_description(frame), failed=self._unreadable)
+            if not self._is_interrupted():
+                return True
+            self._log.error('interrupted')
         except CaptureError as err:
             self._log.error(str(err))
-        except KeyboardInterrupt:
-            self._log.error('interrupted')
         finally:
             recorder.close()
         return False
+
+    def _note_written(self, outcome: Path | str) -> None:
+        """Note the file of a frame; the recorder calls this in the order of the frames."""
+        if isinstance(outcome, Path):
+            self._written = outcome if self._written in (None, outcome) else self._folder
 
     def _check_loss(self, frame: Frame) -> None:
         """
@@ -207,17 +239,20 @@ class _Conversion:
 
         :raises ValueError: a loss is not allowed.
         """
-        suffix = self._names.suffix
+        compressed = self._request.compressed
+        suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
         if self._request.lossy or suffix in _LOSSLESS_FOR_ALL:
             return
         if frame.encoding != JPEG and find_encoding(frame.encoding).kind in ('bayer', 'yuv'):
             raise ValueError(
                 f'{frame.encoding} frames are converted to colour for {suffix}: give --lossy, or '
-                f'a target with the extension {" or ".join(_LOSSLESS_FOR_ALL)}')
+                f'a target with the extension {" or ".join(_LOSSLESS_FOR_ALL)}'
+                + (' without --compressed' if compressed else ''))
         if suffix in _LOSSY_FORMATS and self._is_lossless(frame):
             raise ValueError(
                 f'{suffix} loses quality that {self._source.name} has: give --lossy, or a target '
-                'with an extension such as .png or .mcap')
+                'with an extension such as .png or .mcap'
+                + (', with --compressed png or without it' if compressed else ''))
 
     def _is_lossless(self, frame: Frame) -> bool:
         """Return whether a frame was never compressed with a loss, as far as that is known."""

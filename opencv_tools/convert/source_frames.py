@@ -22,7 +22,7 @@ import time
 
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import WireCompressedImage
@@ -40,6 +40,7 @@ OnBroken = Callable[[BrokenFrameError], object]
 
 def numbered_frames(
     source: Source, first: int, stop: int, every: int, on_broken: OnBroken,
+    has_ended: Callable[[], bool],
 ) -> Iterator[tuple[int, Frame]]:
     """
     Yield frames with their numbers; the other frames are not decoded.
@@ -49,10 +50,14 @@ def numbered_frames(
     :param stop: number of the first frame not to yield; 0 for the end of the source.
     :param every: yield the first of every n frames.
     :param on_broken: called for each frame that cannot be read, which is skipped.
-    :raises CaptureError: the source has failed, or ends before the first frame.
+    :param has_ended: called before each frame, returns whether to yield no more.
+    :raises CaptureError: the source has failed.
+    :raises ValueError: the source ends before the first frame.
     """
     number = 0
     for number in range(stop) if stop else count():
+        if has_ended():
+            return
         is_selected = number >= first and not (number - first) % every
         try:
             frame = _read_live(source) if source.live else source.read() if is_selected else None
@@ -65,8 +70,8 @@ def numbered_frames(
     else:
         return
     if 0 < number <= first:
-        raise CaptureError(f'--start is {first}, but {source.name} has only {number} frames, '
-                           'numbered from 0')
+        raise ValueError(f'--start is {first}, but {source.name} has only {number} frames, '
+                         'numbered from 0')
 
 
 def _read_live(source: LiveSource) -> Frame | None:

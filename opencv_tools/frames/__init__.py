@@ -24,7 +24,7 @@ from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.node import FrameNode, main, run_filter
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
-from opencv_tools.ros.fastdds.profile import configured_fastdds
+from opencv_tools.transport.fastdds.profile import configured_fastdds
 
 __all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'configured_fastdds', 'main',
            'run_filter']

@@ -21,16 +21,20 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireMessage
+from opencv_tools.image.color import encodings_between
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import convert_image
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 _NANO = 10**9
+# Names of targets that mean the encoding of the message.
+_UNCHANGED = ('', 'passthrough')
 _BRIDGE = CvBridge()
 
 
@@ -50,11 +54,11 @@ class Frame:
         Decode and convert a message.
 
         :param message: raw or compressed image as plain values.
-        :param target: encoding of ``image``; '' for that of the message.
+        :param target: as for ``to``.
         :param receive_ns: time of reception in nanoseconds of the system clock.
         :param camera_info: calibration with the same stamp.
         :raises CvBridgeError: the message is not a valid image, or cannot be converted.
-        :raises SizeError: a compressed image has too many pixels.
+        :raises SizeError: an image has no pixel, or a compressed image too many.
         """
         self._message = message
         #: Time of reception in nanoseconds of the system clock.
@@ -66,12 +70,14 @@ class Frame:
             self._raw = _BRIDGE.compressed_imgmsg_to_cv2(message)
             self._encoding = decoded_encoding(self._raw, message.format).name
         else:
+            if not message.width or not message.height:
+                raise SizeError(f'the image has {message.width}x{message.height} pixels')
             self._raw = _BRIDGE.imgmsg_to_cv2(message)
             self._encoding = message.encoding
         self._raw.flags.writeable = False
         #: The image in the requested encoding: (h, w) for one channel, (h, w, c) otherwise.
-        self.image = self.to(target) if target else self._raw
-        self._target = target or self._encoding
+        self.image = self.to(target)
+        self._target = self._encoding if target in _UNCHANGED else target
 
     @property
     def raw(self) -> NDArray[Any]:
@@ -101,15 +107,17 @@ class Frame:
         """
         Convert the image.
 
-        :param encoding: name of an encoding.
+        :param encoding: name of an encoding; '' or 'passthrough' for that of the message.
         :returns: (h, w) or (h, w, c) array, a view if the encoding is that of the message.
-        :raises CvBridgeError: the conversion is not supported.
+        :raises CvBridgeError: the encoding is unknown, or the conversion is not supported.
         """
-        if encoding == self._encoding:
+        if encoding in (*_UNCHANGED, self._encoding):
             return self._raw
-        # A view of the decoded image is converted like a message.
-        wire = array_to_wire(self._raw, declared_encoding(self._raw, self._encoding))
-        converted = _BRIDGE.imgmsg_to_cv2(wire, encoding)
+        source = find_encoding(self._encoding)
+        try:
+            converted = convert_image(self._raw, *encodings_between(source, encoding))
+        except ImageError as err:
+            raise CvBridgeError(str(err)) from err
         converted.flags.writeable = False
         return converted
 
@@ -142,3 +150,14 @@ class Frame:
     def description(self) -> str:
         """Size and encoding as text, such as ``640x480 bgr8``."""
         return self._message.description
+
+
+def check_target(encoding: str) -> None:
+    """
+    Check the name of an encoding to which frames will be converted.
+
+    :param encoding: as for ``Frame.to``.
+    :raises EncodingError: the name is unknown.
+    """
+    if encoding not in _UNCHANGED:
+        find_encoding(encoding)

@@ -25,18 +25,16 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
-from opencv_tools.ros.fastdds.profile import FastDdsSetup
-from opencv_tools.ros.priority import use_priority
-from opencv_tools.ros.run_node import Executable, EXIT_OK, run
-from rclpy.node import Node
-from rclpy.task import Future
+from opencv_tools.nodes.run_node import ClosableNode, Executable, run
+from opencv_tools.transport.fastdds.profile import FastDdsSetup
+from opencv_tools.transport.scheduling import use_priority
 
 #: Size in pixels for which memory is reserved by default: 1920x1080.
 FRAME_SIZE = (1920, 1080)
 _CHANNELS = 3
 
 
-class FrameNode(Node):
+class FrameNode(ClosableNode):
     """
     A node of rclpy with two more methods, `receive_frames` and `publish_frames`.
 
@@ -51,7 +49,6 @@ class FrameNode(Node):
         :param options: other arguments of ``rclpy.node.Node``.
         """
         super().__init__(node_name, **options)
-        self.done = Future()
         self._closables: list[FrameSubscriber | FramePublisher] = []
 
     def receive_frames(
@@ -90,7 +87,7 @@ class FrameNode(Node):
         with ExitStack() as stack:  # all are closed, even if one raises an exception
             while self._closables:
                 stack.callback(self._closables.pop().destroy)
-        return int(self.done.result()) if self.done.done() else EXIT_OK
+        return super().close()
 
 
 def main(

@@ -22,11 +22,14 @@ from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames.frame import Frame
 from opencv_tools.image.cdr import WireHeader
-from opencv_tools.image.encodings import declared_encoding, Encoding, generic_encoding
+from opencv_tools.image.encodings import (
+    declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.ros.qos import create_frame_publisher
-from opencv_tools.ros.shared_frames.publisher import SharedFramePublisher
-from opencv_tools.ros.zero_copy import publish_image
+from opencv_tools.image_codecs import convert_image
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.qos import create_frame_publisher
+from opencv_tools.topics.topic_discovery import resolve_topic
+from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
@@ -53,15 +56,19 @@ class FramePublisher:
         :param topic: name of the topic of the raw images; JPEG images are on
             ``<topic>/compressed``.
         :param quality: quality of JPEG, 1 to 100.
-        :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
+        :raises ParameterError: the name of the topic or the quality is invalid, or the
+            ``qos_overrides`` parameters of the topic cannot be used.
         """
+        if type(quality) is not int or not 1 <= quality <= 100:
+            raise ParameterError(f'quality is {quality!r}: give a number from 1 to 100')
+        base = resolve_topic(node, topic)
         self._node = node
         self._quality = quality
         self._bridge = CvBridge()
         self._images = create_frame_publisher(node, Image, topic)
         self._shared = SharedFramePublisher(node, self._images)
         self._compressed = create_frame_publisher(
-            node, CompressedImage, f'{node.resolve_topic_name(topic)}/compressed')
+            node, CompressedImage, f'{base}/compressed')
 
     @property
     def topic_name(self) -> str:
@@ -88,18 +95,15 @@ class FramePublisher:
         :param encoding: encoding of the array; '' for ``mono8``, ``bgr8`` or ``bgra8`` if it has
             8 bits, otherwise its generic type, such as ``16UC1``.
         :raises EncodingError: the encoding is unknown or does not fit the array.
-        :raises TypeError: ``image`` is not an array.
+        :raises TypeError: ``image`` is not an array, or ``source`` neither a frame nor a header.
         """
         header = self._header_of(source)
         declared = _encoding_of(image, encoding)
         to_images = self._images.get_subscription_count() > 0
         if to_images or self._shared.has_subscribers:
-            wire = array_to_wire(image, declared, header)
-            self._shared.publish(wire, to_images)
-            if to_images:
-                publish_image(self._images.handle, wire)
+            self._shared.publish(array_to_wire(image, declared, header), is_message=to_images)
         if self._compressed.get_subscription_count():
-            self._publish_compressed(image, declared.name, header)
+            self._publish_compressed(image, declared, header)
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""
@@ -107,18 +111,23 @@ class FramePublisher:
             return source.wire_header
         if source is None:
             return WireHeader(*divmod(self._node.get_clock().now().nanoseconds, _NANO), '')
+        if not isinstance(source, Header):
+            raise TypeError(f'the source of a frame is {source!r}: give a Frame, a Header or None')
         return WireHeader(source.stamp.sec, source.stamp.nanosec, source.frame_id)
 
     def _publish_compressed(
-        self, image: NDArray[np.generic], encoding: str, header: WireHeader,
+        self, image: NDArray[np.generic], encoding: Encoding, header: WireHeader,
     ) -> None:
-        codec = 'jpeg' if encoding in _FOR_JPEG else 'png'
-        stored = 'bgr8' if encoding == 'rgb8' else encoding
-        self._compressed.publish(self._bridge.cv2_to_compressed_imgmsg(
-            image, f'{encoding}; {codec} compressed {stored}',
+        codec = 'jpeg' if encoding.name in _FOR_JPEG else 'png'
+        stored = 'bgr8' if encoding.name == 'rgb8' else encoding.name
+        if stored != encoding.name:
+            image = convert_image(image, encoding, find_encoding(stored))
+        message = self._bridge.cv2_to_compressed_imgmsg(
+            image, codec, quality=self._quality if codec == 'jpeg' else None,
             header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
-                          frame_id=header.frame_id),
-            quality=self._quality if codec == 'jpeg' else None))
+                          frame_id=header.frame_id))
+        message.format = f'{encoding.name}; {codec} compressed {stored}'
+        self._compressed.publish(message)
 
     def destroy(self) -> None:
         """Remove the publishers."""

@@ -68,16 +68,28 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
 
     :param image: as for ``convert``.
     :param source: encoding of the image.
-    :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
-        copy.
+    :param desired: as for ``encodings_between``.
     :returns: as from ``convert``.
-    :raises EncodingError: the name is unknown, or the name of ``source`` has no number of
-        channels (``8U``).
+    :raises EncodingError: as from ``encodings_between``.
     :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
+    return convert(image, *encodings_between(source, desired))
+
+
+def encodings_between(source: Encoding, desired: str) -> tuple[Encoding, Encoding]:
+    """
+    Return the source and the target of a conversion to an encoding given by name.
+
+    :param source: encoding of the image.
+    :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
+        copy.
+    :returns: encodings before and after the conversion.
+    :raises EncodingError: the name is unknown, or the name of ``source`` has no number of
+        channels (``8U``).
+    """
     if desired in ('', source.name):
-        return convert(image, source, source)
-    return convert(image, find_desired(source.name), find_desired(desired))
+        return source, source
+    return find_desired(source.name), find_desired(desired)
 
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:

@@ -24,7 +24,8 @@ MAX_PATH = 4096
 _MORE = '...'
 _PASSWORD = re.compile(r'(://[^/?#@:\s]*):[^/?#\s]*@')
 _SECRET = re.compile(r'(?i)([?&](?:pass|passwd|password|pwd|secret|token|key|api_?key)=)[^&#\s]+')
-_HIDDEN = '***'
+#: Text that stands for a secret.
+HIDDEN = '***'
 
 
 def printable(text: object, longest: int = _MAX_TEXT) -> str:
@@ -52,4 +53,4 @@ def without_password(url: str) -> str:
     :returns: the printable text, with ``***`` for the password before the host and for the values
         of query fields such as ``?password=``.
     """
-    return printable(_SECRET.sub(rf'\1{_HIDDEN}', _PASSWORD.sub(rf'\1:{_HIDDEN}@', url)), MAX_PATH)
+    return printable(_SECRET.sub(rf'\1{HIDDEN}', _PASSWORD.sub(rf'\1:{HIDDEN}@', url)), MAX_PATH)

@@ -35,9 +35,12 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
+from opencv_tools.recording.image_encoder import (
+    COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.numbering import Numbering
@@ -72,6 +75,17 @@ class RecordedMessage:
 
     def discard(self) -> None:
         """Do nothing, because nothing is on the disk."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedImage(RecordedMessage):
+    """
+    A frame for a bag.
+
+    :param image: the image message.
+    """
+
+    image: WireMessage
 
 
 class BagFile:
@@ -148,33 +162,37 @@ class BagFile:
                        sha256=self._writer.sha256 if self.is_finished else '')
 
 
-class BagSink(FileSink[BagFile, RecordedMessage]):
+class BagSink(FileSink[BagFile, RecordedImage]):
     """Write messages to bags."""
 
     def __init__(
-        self, folder: Folder, numbering: Numbering, limits: Limits,
+        self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Create a sink; see ``FileSink``.
 
+        :param settings: compression of the images.
         :raises OSError: the manifest cannot be read.
         """
         super().__init__(folder, numbering, limits, monotonic)
+        self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
         self._arrival_ns = 0
         self._retention = Retention(limits, [
             entry for entry in folder.manifest.entries()
             if numbering.names.matches(entry.name)]) if limits.ring else None
 
-    def prepare(self, frame: ReceivedFrame) -> RecordedMessage:
-        """Convert a frame to a message, without a copy of its data; see ``FileSink``."""
+    def prepare(self, frame: ReceivedFrame) -> RecordedImage:
+        """Convert a frame to a message, without a copy of unchanged data; see ``FileSink``."""
         message, channel = _message(frame)
+        if self._settings.compression and isinstance(message, WireImage):
+            message, channel = _compressed_message(frame, self._settings)
         publish_ns, number = (frame.publish_ns, frame.number) if isinstance(
             frame, MessageFrame) else (0, 0)
-        return RecordedMessage(
-            channel=channel, parts=message_to_cdr_parts(message), log_ns=frame.receive_ns,
-            publish_ns=publish_ns or frame.receive_ns, number=number)
+        return RecordedImage(
+            image=message, channel=channel, parts=message_to_cdr_parts(message),
+            log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
     def add_message(self, message: RecordedMessage) -> None:
         """
@@ -199,19 +217,19 @@ class BagSink(FileSink[BagFile, RecordedMessage]):
         finally:
             super().close()
 
-    def _open(self, path: Path, frame: ReceivedFrame, prepared: RecordedMessage, room: int,
+    def _open(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: int,
               ) -> BagFile:
         return BagFile(path, 0 if self._retention else room)
 
-    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: RecordedMessage,
+    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: RecordedImage,
                ) -> ManifestEntry:
-        return file_entry(seq, name, frame, frame.metadata.encoding, _image_size(frame))
+        return file_entry(seq, name, frame, *_description(prepared.image))
 
-    def _fits(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedMessage,
+    def _fits(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedImage,
               ) -> bool:
         return True
 
-    def _write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedMessage,
+    def _write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedImage,
                ) -> bool:
         self._write_waiting(file.writer, prepared.log_ns)
         if self._retention:
@@ -233,9 +251,7 @@ class BagSink(FileSink[BagFile, RecordedMessage]):
             (self._folder.path / name).unlink(missing_ok=True)
         retention.remove(deleted)
         if deleted:
-            self._folder.manifest.compact(
-                lambda line: not self._numbering.names.matches(line.name)
-                or (self._folder.path / line.name).exists(), self._folder.write)
+            self._folder.remove_stale_lines(self._numbering.names)
 
     def _measured(self, file: OpenFile[BagFile]) -> ManifestEntry:
         entry = file.writer.measured(file.entry)
@@ -269,12 +285,35 @@ def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:
     return message, BagChannel(topic=metadata.topic, type_name=IMAGE)
 
 
-def _image_size(frame: ReceivedFrame) -> tuple[int, int]:
-    """Return the width and height of a frame; 0 by 0 if a compressed image has no size."""
-    message, _ = _message(frame)
-    if isinstance(message, WireImage):
-        return message.width, message.height
+def _compressed_message(
+    frame: ReceivedFrame, settings: EncoderSettings,
+) -> tuple[WireCompressedImage, BagChannel]:
+    """
+    Return a raw frame as a compressed image with the topic and format of image_transport.
+
+    :raises ImageError: the codec cannot store the frame.
+    """
+    metadata = frame.metadata
     try:
-        return image_size(bytes(message.data))
+        encoded = encode_frame(
+            frame, replace(settings, suffix=COMPRESSED_SUFFIXES[settings.compression]))
+    except UnwritableError as err:
+        raise UnwritableError(
+            f'a {metadata.encoding} frame cannot be compressed as {settings.compression}; record '
+            'it uncompressed') from err
+    message = WireCompressedImage(
+        header=WireHeader(*divmod(metadata.stamp_ns, NANO), metadata.frame_id),
+        format=f'{metadata.encoding}; {settings.compression} compressed '
+               f'{file_order(find_encoding(encoded.encoding)).name}',
+        data=encoded.data)
+    return message, BagChannel(topic=f'{metadata.topic}/compressed', type_name=COMPRESSED_IMAGE)
+
+
+def _description(message: WireMessage) -> tuple[str, tuple[int, int]]:
+    """Return the encoding and size of an image; 0 by 0 if a compressed image has no size."""
+    if isinstance(message, WireImage):
+        return message.encoding, (message.width, message.height)
+    try:
+        return message.format, image_size(bytes(message.data))
     except SizeError:
-        return 0, 0
+        return message.format, (0, 0)

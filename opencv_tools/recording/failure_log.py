@@ -16,19 +16,16 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections.abc import Callable
 import re
 from threading import Lock
 import time
 
 from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
+from opencv_tools.logs import Log, Throttle
 
-_MAX_REASONS = 20  # reasons in memory
 _MAX_REASON = 400  # characters
-# Number of lines without a delay, and lines per second after them.
-_BURST = 10
-_LINES_A_SECOND = 1.0
+_BURST = 10  # lines without a delay; then there is one per second
 # FFmpeg's errors have the form '[Errno 542398533] Generic error: 'detail'; last error log: ...'.
 _LIBRARY_ERROR = re.compile(r"\[Errno -?[0-9]+\] ([^:'\"]+)(?:: '.*)?", re.DOTALL)
 _FFMPEG_ERROR = re.compile(r'\[Errno -?[0-9]{5,}\]')
@@ -50,12 +47,11 @@ class FailureLog:
         """Create a log without failures."""
         self._log = log
         self._lock = Lock()
-        self._reasons: OrderedDict[str, None] = OrderedDict()
+        self._reasons = Throttle()
         self._outage = ''
         self._failed_count = 0
         self._skipped = 0
-        self._allowed = float(_BURST)
-        self._allowed_at = time.monotonic()
+        self._lines_end = 0.0  # each line takes a second from the end of the last one
 
     def bad_frame(self, reason: str) -> None:
         """
@@ -65,16 +61,9 @@ class FailureLog:
         """
         key = _cause(reason)
         with self._lock:
-            if key in self._reasons:
-                self._reasons.move_to_end(key)
-                return
-            line = self._line(reason)
-            if line:
-                self._reasons[key] = None
-                if len(self._reasons) > _MAX_REASONS:
-                    self._reasons.popitem(last=False)
-        if line:
-            self._log.error(line)
+            if self._reasons.passes(key) and not self._write(self._log.error, reason):
+                self._skipped += 1
+                self._reasons.forget(key)
 
     def write_failed(self, reason: str) -> None:
         """
@@ -83,43 +72,36 @@ class FailureLog:
         :param reason: reason of the failure; it is logged again when it changes or recurs.
         """
         key = _cause(reason)
-        line = ''
         with self._lock:
             self._failed_count += 1
             if key != self._outage:
-                line = self._line(reason)
-                # A reason that was not logged is new when it recurs.
-                self._outage = key if line else self._outage or _NOT_LOGGED
-        if line:
-            self._log.error(line)
+                if self._write(self._log.error, reason):
+                    self._outage = key
+                else:  # the reason is new when it recurs
+                    self._skipped += 1
+                    self._outage = self._outage or _NOT_LOGGED
 
     def write_succeeded(self) -> None:
         """Log the end of an outage, if there was one."""
-        if not self._outage:
-            return
         with self._lock:
             if not self._outage:
                 return
-            count, self._failed_count, self._outage = self._failed_count, 0, ''
-            line = self._line(f'Writing again; {count} frames were not written')
-            if not line:  # the next written frame logs it
-                self._failed_count, self._outage = count, _NOT_LOGGED
-                self._skipped -= 1
-        if line:
-            self._log.info(line)
+            count = self._failed_count
+            if self._write(self._log.info, f'Writing again; {count} frames were not written'):
+                self._failed_count, self._outage = 0, ''
+            else:  # the next written frame logs it
+                self._outage = _NOT_LOGGED
 
-    def _line(self, reason: str) -> str:
-        """Return a line to log, '' if there were too many; the caller holds the lock."""
+    def _write(self, write: Callable[[str], object], reason: str) -> bool:
+        """Write a line, unless there were too many; the caller holds the lock."""
         now = time.monotonic()
-        self._allowed = min(
-            float(_BURST), self._allowed + (now - self._allowed_at) * _LINES_A_SECOND)
-        self._allowed_at = now
-        if self._allowed < 1:
-            self._skipped += 1
-            return ''
-        self._allowed -= 1
-        skipped, self._skipped = self._skipped, 0
-        return plain_reason(reason) + (f' (and {skipped} more)' if skipped else '')
+        begin = max(self._lines_end, now)
+        if begin - now > _BURST - 0.5:
+            return False
+        self._lines_end = begin + 1
+        write(plain_reason(reason) + (f' (and {self._skipped} more)' if self._skipped else ''))
+        self._skipped = 0
+        return True
 
 
 def plain_reason(reason: str) -> str:

@@ -206,6 +206,7 @@ class FileSink(ABC, Generic[W, P]):
         path = self._folder.path / name
         if self._numbering.replaces and path not in self._paths:
             path.unlink(missing_ok=True)
+            self._folder.remove_stale_lines(self._numbering.names)
         room = max(1, self._limits.max_bytes - self._bytes) if self._limits.max_bytes else 0
         writer = self._open(path, frame, prepared, room)
         entry = self._entry(seq, name, frame, prepared)

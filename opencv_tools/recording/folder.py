@@ -32,6 +32,7 @@ from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.finishing import finish_bag
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
+from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.regular_files import (
     is_same_file, open_regular, RefusedFileError, try_lock, write_new)
@@ -170,7 +171,7 @@ class Folder:
 
     def update_line(self, name: str, frames: int | None) -> None:
         """
-        Add the line of a file again that has changed, if the manifest has one.
+        Replace the line of a file that has changed, if the manifest has one.
 
         :param name: name of the file.
         :param frames: number of its frames; None if it has not changed.
@@ -178,7 +179,18 @@ class Folder:
         """
         if frames is not None:
             for entry in [line for line in self.manifest.entries() if line.name == name][-1:]:
-                self.manifest.append(self._measured(replace(entry, sha256='', frames=frames)))
+                self._replace_line(self._measured(replace(entry, sha256='', frames=frames)))
+
+    def remove_stale_lines(self, names: FileNames) -> None:
+        """
+        Remove the lines of deleted and replaced files from the manifest.
+
+        :param names: template of the files; the last line of every other file is kept.
+        :raises OSError: the manifest cannot be rewritten.
+        """
+        self.manifest.compact(
+            lambda entry: not names.matches(entry.name) or (self.path / entry.name).exists(),
+            self.write)
 
     def close(self) -> None:
         """Remove the journal, unless it holds an entry that the manifest does not have."""
@@ -255,7 +267,12 @@ class Folder:
                 path.unlink()
                 return
             found = replace(found, frames=frames or 0)
-        self.manifest.append(found)
+        self._replace_line(found)
+
+    def _replace_line(self, entry: ManifestEntry) -> None:
+        """Add a line to the manifest, and remove the earlier ones of its file."""
+        self.manifest.append(entry)
+        self.manifest.compact(lambda _: True, self.write)
 
     def _measured(self, entry: ManifestEntry) -> ManifestEntry:
         """Return an entry with its size and its digest, which a long unfinished file has not."""

@@ -79,3 +79,11 @@ class FrameQueue(Generic[T]):
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def clear(self) -> list[T]:
+        """Remove and return the waiting items."""
+        with self._changed:
+            items = [*self._waiting]
+            self._waiting.clear()
+            self._changed.notify_all()
+            return items

@@ -45,6 +45,9 @@ IMAGE_FORMATS = {
     _NPY: frozenset[str](),
 }
 
+#: Extensions of the codecs that compress the images of a bag, by the name in the format string.
+COMPRESSED_SUFFIXES = {'jpeg': '.jpg', 'png': '.png'}
+
 # Channel orders that OpenCV's encoders do not accept, and their replacements.
 _FILE_ORDER = {'rgb': 'bgr', 'rgba': 'bgra'}
 
@@ -63,6 +66,8 @@ class EncoderSettings:
     :param jpeg_quality: JPEG quality, from 1 to 100.
     :param png_compression: PNG compression level, from 0 to 9.
     :param crf: constant rate factor of videos, from 0 (best) to 51.
+    :param compression: codec of the raw images of a bag, one of ``COMPRESSED_SUFFIXES``; '' to
+        keep them.
     """
 
     suffix: str
@@ -71,6 +76,7 @@ class EncoderSettings:
     jpeg_quality: int = 95
     png_compression: int = 1
     crf: int = 23
+    compression: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,13 +166,17 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     return EncodedImage(data=data, encoding=encoding.name, width=width, height=height)
 
 
+def file_order(encoding: Encoding) -> Encoding:
+    """Return an encoding with OpenCV's channel order, which an image file has."""
+    order = _FILE_ORDER.get(encoding.order)
+    return find_encoding(encoding.name.replace(encoding.order, order)) if order else encoding
+
+
 def _file_order(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:
     """Return an image with OpenCV's channel order and native byte order."""
-    order = _FILE_ORDER.get(encoding.order)
-    if order:
-        target = find_encoding(encoding.name.replace(encoding.order, order))
-        return convert_image(_native(image, encoding), encoding, target)
-    return _native(image, encoding)
+    target = file_order(encoding)
+    image = _native(image, encoding)
+    return image if target == encoding else convert_image(image, encoding, target)
 
 
 def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:

@@ -150,6 +150,4 @@ class ImageSink:
         """Remove the lines of deleted and replaced files from the manifest."""
         self._stale_lines = 0
         if self._removes_files:
-            self._folder.manifest.compact(
-                lambda entry: not self._numbering.names.matches(entry.name)
-                or (self._folder.path / entry.name).exists(), self._folder.write)
+            self._folder.remove_stale_lines(self._numbering.names)

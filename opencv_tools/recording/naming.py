@@ -131,6 +131,18 @@ class FileNames:
         return max((int(match[1]) + 1 for match in matches if match), default=0)
 
 
+def check_folder(path: str) -> None:
+    """
+    Check that the path of a folder has no fields, which only file names may have.
+
+    :param path: path of the folder.
+    :raises ValueError: the path has a field such as ``{topic}``.
+    """
+    field = re.search(rf'{{(?:{"|".join(_FIELDS)})\b[^{{}}/]*}}', path)
+    if field:
+        raise ValueError(f'a folder cannot have the field {field[0]}; use it in the file name')
+
+
 def numbered_copy(name: str, number: int) -> str:
     """Return the name of a numbered copy, such as ``clip_2.mp4`` for ``clip.mp4`` and 2."""
     stem, dot, suffix = name.rpartition('.')

@@ -23,6 +23,7 @@ import time
 from typing import Any
 
 from opencv_tools.bags.errors import BagError, check_mcap
+from opencv_tools.bags.open_bag import BAG_SUFFIXES
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.recording.bag_sink import BagSink, finish_bags
@@ -53,12 +54,31 @@ def check_format(suffix: str) -> None:
     :raises ValueError: the extension is unknown, or a library that it needs is not installed.
     """
     known = (*IMAGE_FORMATS, *VIDEO_FORMATS, BAG_SUFFIX)
+    if suffix in BAG_SUFFIXES and suffix != BAG_SUFFIX:
+        raise ValueError(f'bags are written as {BAG_SUFFIX}, not as {suffix}; use the extension '
+                         f'{BAG_SUFFIX}')
     if suffix not in known:
         raise ValueError(f'the extension {suffix!r} is unknown; use one of {", ".join(known)}')
     if suffix in VIDEO_FORMATS:
         check_video()
     if suffix == BAG_SUFFIX:
         check_mcap()
+
+
+def check_limits(suffix: str, limits: Limits) -> None:
+    """
+    Check that the limits of a recording suit its format.
+
+    :param suffix: file name extension with its dot, in lower case.
+    :param limits: limits of the recording.
+    :raises ValueError: a video is in a ring, or an image file is to be split.
+    """
+    if limits.ring and suffix in VIDEO_FORMATS:
+        raise ValueError(f'ring deletes the oldest files, but a {suffix} recording is one file; '
+                         'set the extension of file_name to .png or .jpg')
+    if (limits.split_bytes or limits.split_seconds) and suffix in IMAGE_FORMATS:
+        raise ValueError(f'a {suffix} file has one frame and cannot be split; remove split_bytes '
+                         'and split_duration')
 
 
 def open_sink(
@@ -78,14 +98,10 @@ def open_sink(
     :returns: the sink, for a recorder.
     :raises RecordingError: the folder cannot be used, existing files are in the way, or a library
         that the format needs is not installed.
+    :raises ValueError: the limits do not suit the format.
     """
+    check_limits(settings.suffix, limits)
     is_video, is_bag = settings.suffix in VIDEO_FORMATS, settings.suffix == BAG_SUFFIX
-    if is_video and limits.ring:
-        raise RecordingError(f'ring deletes the oldest files, but a {settings.suffix} recording '
-                             'is one file; set the extension of file_name to .png or .jpg')
-    if (limits.split_bytes or limits.split_seconds) and not (is_video or is_bag):
-        raise RecordingError(f'a {settings.suffix} file has one frame and cannot be split; remove '
-                             'split_bytes and split_duration')
     try:
         check_format(settings.suffix)
         folder = Folder(path, sync)
@@ -96,7 +112,7 @@ def open_sink(
             if is_video:
                 return VideoSink(folder, numbering, settings, limits, monotonic)
             if is_bag:
-                return BagSink(folder, numbering, limits, monotonic)
+                return BagSink(folder, numbering, settings, limits, monotonic)
             return ImageSink(folder, numbering, settings, limits)
         except (OSError, RecordingError):
             folder.close()

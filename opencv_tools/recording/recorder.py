@@ -24,7 +24,7 @@ from threading import Lock, Thread
 from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.logs import Log, Throttle
+from opencv_tools.logs import Log
 from opencv_tools.recording.errors import error_text, LimitReached
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frame_queue import FrameQueue
@@ -55,12 +55,14 @@ class SinkCounts:
     :param lost: frames that were accepted but are in no file.
     :param skipped: frames that were accepted but exceeded the limits.
     :param reason: reason for the latest loss.
+    :param warning: sentence about the frames that the user should read; '' for none.
     """
 
     kept: int = 0
     lost: int = 0
     skipped: int = 0
     reason: str = ''
+    warning: str = ''
 
 
 class Sink(Protocol[P]):
@@ -124,6 +126,7 @@ class Recorder(Generic[P]):
         self.counts = FrameCounts()
         self.is_full = False
         self.is_unfinished = False  # closing the files failed, although no frame may have
+        self._abandoned: list[_Job] = []
         self._seen = SinkCounts()
         self._sink = sink
         self._log = log
@@ -131,12 +134,12 @@ class Recorder(Generic[P]):
         self._queue: FrameQueue[_Job] = FrameQueue(queue_size, block)
         self._queue_size = queue_size
         self._failure_log = FailureLog(log)
-        self._drop_warnings = Throttle()
         self._ordering = Lock()
         self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
         self._next_sequence = 0
-        self._threads = [Thread(target=self._write_all, name=f'writer-{index}', daemon=True)
-                         for index in range(writers or len(os.sched_getaffinity(0)))]
+        self._threads = [
+            Thread(target=self._write_all, name=f'writer-{index}', daemon=True)
+            for index in range(writers or len(os.sched_getaffinity(0)))]
         for thread in self._threads:
             thread.start()
 
@@ -153,21 +156,39 @@ class Recorder(Generic[P]):
         if not dropped:
             return True
         self.counts.dropped += 1
-        if self._drop_warnings.passes():
-            self._log.warning(
-                f'{self.counts.dropped} frames dropped: they arrive faster than they are '
-                f'written, and the queue of {self._queue_size} is full; write .jpg, set every_n, '
-                'or raise queue_size')
+        self._log.warning(
+            f'{self.counts.dropped} frames dropped: they arrive faster than they are written, '
+            f'and the queue of {self._queue_size} is full; write .jpg, set every_n, or raise '
+            'queue_size', every=1.0, key='dropped frames')
         dropped.done('the frame was dropped because the queue is full')
         return False
 
+    @property
+    def abandoned(self) -> int:
+        """Return the number of frames that ``abandon`` has removed; no other count has them."""
+        return len(self._abandoned)
+
+    def abandon(self) -> None:
+        """
+        Remove the queued frames; those that are being written now are finished.
+
+        A handler of signals may call this in any function of the recorder.
+        """
+        self._abandoned += self._queue.clear()
+
     def close(self) -> None:
-        """Write the queued frames, stop the threads and finish the files."""
+        """
+        Write the queued frames, stop the threads and finish the files.
+
+        No thread may encode while the interpreter ends, because that would abort the process.
+        """
         self._queue.close()
-        for thread in self._threads:
-            thread.join()
         if self._threads:
+            for thread in self._threads:
+                thread.join()
             self._threads.clear()
+            for job in self._abandoned:
+                job.done('the recording was interrupted')
             try:
                 self._sink.close()
             except (OSError, ImageError) as err:
@@ -223,6 +244,8 @@ class Recorder(Generic[P]):
         self._seen = now
         for _ in range(now.lost - seen.lost):
             self._failure_log.write_failed(f'a frame was not written: {now.reason}')
+        if now.warning != seen.warning:
+            self._log.warning(now.warning)
         if now.kept > seen.kept:
             self._failure_log.write_succeeded()
         counts.written += now.kept - seen.kept

@@ -21,13 +21,11 @@ from dataclasses import dataclass
 import time
 from typing import TypeVar
 
+from opencv_tools.rate_limit import RateLimit
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import NANO
-
-# Jitter tolerance: a frame this fraction of a period early still counts as on time.
-_JITTER_TOLERANCE = 0.25
 
 # Arrival time in nanoseconds of files whose age is unknown.
 _UNKNOWN_AGE_NS = -1 << 62
@@ -95,13 +93,12 @@ class Selection:
         :param monotonic: monotonic clock in seconds.
         """
         self._every_n = every_n
-        self._period_ns = int(NANO / max_rate) if max_rate else 0
+        self._rate_limit = RateLimit(max_rate)
         self._limits = Limits() if limits.ring else limits
         self._seen = 0
         self._counted = 0
         self._monotonic = monotonic
         self._began_at: float | None = None
-        self._due_ns = 0
 
     @property
     def has_begun(self) -> bool:
@@ -121,7 +118,7 @@ class Selection:
     def selects(self, frame: ReceivedFrame) -> bool:
         """Return whether a received frame is to be recorded."""
         self._seen += 1
-        return not (self._seen - 1) % self._every_n and self._is_due(frame.time_ns)
+        return not (self._seen - 1) % self._every_n and self._rate_limit.selects(frame.time_ns)
 
     def count(self) -> None:
         """Count a recorded frame, unless it displaced another one."""
@@ -133,16 +130,6 @@ class Selection:
         if self._began_at is None:
             self._began_at = now
         return 0 < self._limits.max_seconds <= now - self._began_at
-
-    def _is_due(self, time_ns: int) -> bool:
-        """Check a time against a fixed grid, which keeps the mean of rates that do not divide."""
-        period = self._period_ns
-        early = self._due_ns - time_ns
-        if period * _JITTER_TOLERANCE < early <= 2 * period:
-            return False
-        is_on_grid = -period <= early <= period * _JITTER_TOLERANCE
-        self._due_ns = (self._due_ns if is_on_grid else time_ns) + period
-        return True
 
 
 class Retention:

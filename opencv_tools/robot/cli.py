@@ -28,6 +28,7 @@ import signal
 import sys
 from typing import NoReturn, TYPE_CHECKING
 
+from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import open_standard_streams
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _LOSSY = 'lossy conversion with --strict'
 _MAX_DIFFERENCES = 50
+_OUTPUTS = ('output', 'report', 'plot', 'conventions')  # options that name a file to write
 _ANY_FORMAT = 'URDF, xacro or SDF file, or model folder'
 
 
@@ -48,6 +50,8 @@ def urdf_to_sdf(argv: Sequence[str] | None = None) -> int:
     _add_input(parser, 'INPUT', 'URDF or xacro file')
     _add_conversion_options(parser, 'model')
     _add_xacro_option(parser)
+    parser.add_argument('--find', default='path', choices=['path', 'package'],
+                        help='$(find PACKAGE) in the text of plugins and others [%(default)s]')
     parser.add_argument('--sdf-version', default='1.11', metavar='VERSION',
                         help='SDF version of the output, 1.4 to 1.12 [%(default)s]')
     parser.add_argument('--poses', default='model', choices=['model', 'relative'],
@@ -71,8 +75,9 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
 
 def robot_compare(argv: Sequence[str] | None = None) -> int:
     """Compare two robots and return 0 if they are the same, else 1."""
-    parser = _parser('robot_compare', 'Compare two robots in any formats: properties of links and '
-                     'joints, and\nposes at zero and at random joint positions.',
+    parser = _parser('robot_compare', 'Compare two robots in any formats: inertials, shapes, '
+                     'colours, joints, and\nposes at zero and at random joint positions; not '
+                     'friction, sensors and plugins.',
                      'my_arm.urdf my_arm/model.sdf', 'the robots differ')
     _add_input(parser, 'A', _ANY_FORMAT)
     _add_input(parser, 'B', _ANY_FORMAT)
@@ -257,7 +262,8 @@ def _read(path: str, options: argparse.Namespace, report: Report) -> tuple[Robot
     values = vars(options)
     return read_robot(path, report, LoadOptions(
         arguments=dict(values.get('arg', ())), model=values.get('model', ''),
-        root=values.get('root', ''), search=values.get('path', ())))
+        root=values.get('root', ''), search=values.get('path', ()),
+        find=values.get('find', 'path')))
 
 
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
@@ -266,18 +272,17 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
     open_standard_streams()
     options = parser.parse_args(argv)
     from opencv_tools.robot.xml.document import DescriptionError
-    from opencv_tools.robot.xml.output import NotWrittenError, print_message
+    from opencv_tools.robot.xml.output import check_different, NotWrittenError, print_message
     from opencv_tools.robot.xml.report import Report
     report = Report()
     error = None
     try:
+        check_different({f'--{name}': getattr(options, name, None) for name in _OUTPUTS})
         status = command(options, report)
     except DescriptionError as err:
         status, error = 2, err
     except BrokenPipeError:  # the reader of the output has ended
         return 128 + signal.SIGPIPE
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
     if error is None or isinstance(error, NotWrittenError):
         for note in report.warnings:
             print_message(f'{parser.prog}: warning: {note.text()}')
@@ -292,7 +297,7 @@ def main() -> NoReturn:
                 for command in (urdf_to_sdf, sdf_to_urdf, robot_compare, robot_frames)}
     if len(sys.argv) < 2 or sys.argv[1] not in commands:
         sys.exit(f'usage: python3 -m opencv_tools.robot.cli {{{",".join(commands)}}} ...')
-    sys.exit(commands[sys.argv[1]](sys.argv[2:]))
+    sys.exit(end_at_signals(lambda: commands[sys.argv[1]](sys.argv[2:])))
 
 
 if __name__ == '__main__':

@@ -41,12 +41,14 @@ class LoadOptions:
     :param model: name of the model to read; may be empty if an SDF file has only one.
     :param root: root link of the tree to read; empty for all trees.
     :param search: folders in which included models are searched.
+    :param find: ``path`` or ``package``, see `xacro.expand.expand`.
     """
 
     arguments: Mapping[str, str] = field(default_factory=dict)
     model: str = ''
     root: str = ''
     search: Sequence[str] = ()
+    find: str = 'path'
 
 
 def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
@@ -76,7 +78,7 @@ def _parse_root(path: str, report: Report, options: LoadOptions) -> Element:
     data, source = read_bytes(path), display_name(path)
     root = parse(data, source, report)
     if local_name(root) == 'robot' and is_xacro(root):
-        expanded = expand_apart(path, data, options.arguments, report)
+        expanded = expand_apart(path, data, options.arguments, report, find=options.find)
         return parse(expanded, source, report)
     namespace = etree.QName(root).namespace
     if namespace:

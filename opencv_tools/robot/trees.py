@@ -18,20 +18,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-import operator
 
 from lxml import etree
+from opencv_tools.robot.inertia import total_inertial, without_auto
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Frame, FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import Pose, rotated_tensor
+    Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import detached
 
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.
-_PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
+PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
+# Elements that a link has once. If links become one, that of the first link counts.
+_SINGLE = ('enable_wind', 'gravity', 'inertial', 'kinematic', 'must_be_base_link', 'self_collide',
+           'velocity_decay')
 
 
 def select_root(robot: Robot, root: str, report: Report) -> Robot:
@@ -107,11 +109,13 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
 
     The parent link gets the total mass, the visuals and the collisions. Merged links and joints
     remain as frames, and shapes remain placed in them. Joints to the world stay, and so do joints
-    that a ``<gazebo>`` block preserves.
+    with a sensor and those that a ``<gazebo>`` block preserves.
     """
     kinematics = Kinematics(robot)
     links = {link.name: link for link in robot.links}
-    preserved = _preserved_joints(robot)
+    preserved = _preserved_joints(robot) | {
+        joint.name for joint in robot.joints
+        if joint.extension.sdf is not None and joint.extension.sdf.find('sensor') is not None}
     hosts = {name: name for name in kinematics.roots}  # by link: the link that it is merged into
     lumped: dict[str, Joint] = {}  # by child link
     for name in kinematics.subtree(kinematics.roots):
@@ -138,7 +142,7 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
         host = FrameId('link', hosts[child])
         pose, link = kinematics.between(host, FrameId('joint', joint.name)), links[child]
         frames.append(Frame(name=joint_frame, attached_to=host, placement=Placement(pose, host),
-                            extension=joint.extension, line=joint.line))
+                            extension=replace(joint.extension, sdf=None), line=joint.line))
         frames.append(Frame(name=child, attached_to=host, placement=link.placement,
                             extension=replace(link.extension, sdf=None), line=link.line))
 
@@ -155,7 +159,7 @@ def _preserved_joints(robot: Robot) -> set[str]:
     root = robot.extension.urdf
     return {block.get('reference', '')
             for block in ([] if root is None else root.iterchildren('gazebo'))
-            for tag in _PRESERVING_TAGS
+            for tag in PRESERVING_TAGS
             if (block.findtext(tag) or '').strip().lower() in ('true', '1')}
 
 
@@ -163,11 +167,13 @@ def _merged(host: Link, guests: list[Link], kinematics: Kinematics) -> Link:
     """Return a link with the inertials, shapes and sensors of other links merged into it."""
     if not guests:
         return host
+    host = without_auto(host)  # the numbers of the sum count
     sdf = None if host.extension.sdf is None else detached(host.extension.sdf)
     for guest in guests:
         for element in guest.extension.sdf if guest.extension.sdf is not None else ():
             sdf = etree.Element('link') if sdf is None else sdf
-            sdf.append(_posed_in(element, guest.name))
+            if element.tag not in _SINGLE or sdf.find(element.tag) is None:
+                sdf.append(_posed_in(element, guest.name))
     members = (host, *guests)
     inertials = [link.inertial for link in members if link.inertial]
     return replace(
@@ -175,7 +181,8 @@ def _merged(host: Link, guests: list[Link], kinematics: Kinematics) -> Link:
         visuals=tuple(_qualified(shape, link, host) for link in members for shape in link.visuals),
         collisions=tuple(_qualified(shape, link, host) for link in members
                          for shape in link.collisions),
-        inertial=_total(inertials, host, kinematics) if inertials else None,
+        inertial=total_inertial(
+            inertials, FrameId('link', host.name), kinematics) if inertials else None,
         extension=replace(host.extension, sdf=sdf))
 
 
@@ -196,25 +203,3 @@ def _posed_in(element: Element, frame: str) -> Element:
         if not pose.get('relative_to'):
             pose.set('relative_to', frame)
     return copy
-
-
-def _total(inertials: list[Inertial], host: Link, kinematics: Kinematics) -> Inertial:
-    """Return the sum of inertials about their common centre, by the parallel axis theorem."""
-    if len(inertials) == 1:
-        return inertials[0]
-    frame = FrameId('link', host.name)
-    poses = [kinematics.within(frame, inertial.placement).transform() for inertial in inertials]
-    mass = sum(inertial.mass for inertial in inertials)
-    weights = [inertial.mass / mass if mass else 0.0 for inertial in inertials]
-    centre_x, centre_y, centre_z = (sum(map(operator.mul, weights, values))
-                                    for values in zip(*(pose.translation for pose in poses)))
-    centre = (centre_x, centre_y, centre_z)
-    total = [0.0] * 6
-    for inertial, pose in zip(inertials, poses):
-        x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
-        rotated = rotated_tensor(inertial.inertia, pose.rotation)
-        shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
-        total = [before + moment + inertial.mass * shift
-                 for before, moment, shift in zip(total, rotated, shifted)]
-    ixx, ixy, ixz, iyy, iyz, izz = total
-    return Inertial(Placement(Pose(centre), frame), mass, (ixx, ixy, ixz, iyy, iyz, izz))

@@ -25,13 +25,15 @@ import secrets
 import socket
 from urllib.parse import urlsplit
 
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.image.text import printable
+from opencv_tools.viewer.errors import RequestError, WrongTokenError
 
 #: Value of the parameter ``token`` that creates a token if one is necessary.
 AUTOMATIC = 'auto'
 
 _TOKEN = re.compile(r'[A-Za-z0-9_.~-]{8,200}')
 _TOKEN_BYTES = 18
+_ORIGIN = re.compile(r'https?://([A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(:[0-9]{1,5})?')
 _HOST = re.compile(r'([A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(?::[0-9]{1,5})?')
 
 
@@ -43,6 +45,23 @@ def check_token(text: str) -> None:
     """
     if text not in ('', AUTOMATIC) and not _TOKEN.fullmatch(text):
         raise ValueError('give 8 to 200 letters, digits or - _ . ~, an empty text or auto')
+
+
+def check_origins(text: str) -> None:
+    """
+    Check the parameter ``allowed_origins``.
+
+    :raises ValueError: a name is not an origin.
+    """
+    for origin in names_of(text):
+        if not _ORIGIN.fullmatch(origin):
+            raise ValueError(f'{printable(origin)} is not an origin: give the beginning of the '
+                             'address of the page, such as http://192.168.1.5:3000')
+
+
+def names_of(text: str) -> frozenset[str]:
+    """Return the names in a parameter, which commas separate, in lower case."""
+    return frozenset(name.strip().lower() for name in text.split(',') if name.strip())
 
 
 def is_loopback(address: str) -> bool:
@@ -67,36 +86,47 @@ class Access:
 
     :param token: secret text that a request must have; '' for none.
     :param hosts: names that the header ``Host`` may have, besides addresses.
+    :param origins: origins of other pages that may show pictures.
+    :param is_kept: whether the token stays the same after a restart.
     """
 
     token: str
     hosts: Collection[str]
+    origins: Collection[str] = ()
+    is_kept: bool = False
 
     @classmethod
-    def create(cls, token: str, address: str, control: bool, allowed_hosts: str) -> Access:
+    def create(
+        cls, token: str, address: str, control: bool, allowed_hosts: str,
+        allowed_origins: str = '', is_kept: bool = False,
+    ) -> Access:
         """
         Return the rules for the values of the parameters.
 
-        :param token: parameter ``token``.
+        :param token: parameter ``token``, or the token of the parameter ``token_file``.
         :param address: parameter ``address``.
         :param control: parameter ``control``.
         :param allowed_hosts: parameter ``allowed_hosts``, names separated by commas.
+        :param allowed_origins: parameter ``allowed_origins``, origins separated by commas.
+        :param is_kept: whether the token stays the same after a restart.
         """
         if token == AUTOMATIC:
             is_needed = control or not is_loopback(address)
-            token = secrets.token_urlsafe(_TOKEN_BYTES) if is_needed else ''
-        names = {name.strip().lower() for name in allowed_hosts.split(',') if name.strip()}
-        return cls(token, local_names() | names)
+            token = create_token() if is_needed else ''
+        return cls(token, local_names() | names_of(allowed_hosts), names_of(allowed_origins),
+                   is_kept)
 
     def check_host(self, host: str) -> None:
         """
         Check the header ``Host``, because a foreign name may be made to resolve to this machine.
 
+        A page under such a name has no token, so any name is allowed if there is a token.
+
         :param host: value of the header.
         :raises RequestError: the name is not allowed.
         """
         name = _host_name(host)
-        if name in self.hosts or _is_address(name):
+        if name in self.hosts or _is_address(name) or (name and self.token):
             return
         raise RequestError(f'the host {name[:80]!r} is not a name of this machine: use its '
                            'address, or add the name to the parameter allowed_hosts', 403)
@@ -106,14 +136,46 @@ class Access:
         Check the token of a request.
 
         :param given: texts of which one must be the token.
-        :raises RequestError: none of them is the token.
+        :raises WrongTokenError: none of them is the token, but there is one.
+        :raises RequestError: there is none.
         """
         # Each text is compared, so that the time does not depend on the first one.
         matches = [hmac.compare_digest((text or '').encode(errors='replace'), self.token.encode())
                    for text in given]
-        if self.token and not any(matches):
-            raise RequestError(
-                'a token is needed: open the address that the node has printed', 403)
+        if not self.token or any(matches):
+            return
+        if any(given):
+            raise WrongTokenError(
+                'the token is wrong: open the address that the node has printed', 403)
+        raise RequestError(
+            'a token is needed: open the address that the node has printed', 403)
+
+    def embedding_origin(self, origin: str | None, referer: str | None) -> str:
+        """
+        Return the allowed origin of the page that shows a picture, '' for all other pages.
+
+        :param origin: header ``Origin``, which the element ``img`` does not send.
+        :param referer: header ``Referer``, which begins with the origin of the page.
+        """
+        given = origin or '/'.join((referer or '').split('/')[:3])
+        return given if given.lower() in self.origins else ''
+
+
+def create_token() -> str:
+    """Create a token that cannot be guessed."""
+    return secrets.token_urlsafe(_TOKEN_BYTES)
+
+
+def check_origin(origin: str) -> None:
+    """
+    Check the header ``Origin``, which Tornado splits without a check.
+
+    :raises RequestError: it is no address.
+    """
+    try:
+        urlsplit(origin)
+    except ValueError as err:
+        raise RequestError(f'the origin {origin[:80]!r} is not an address: {err}', 403) from err
 
 
 def is_same_origin(origin: str | None, host: str) -> bool:

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.link_rate import LinkRate
@@ -29,7 +29,6 @@ from opencv_tools.viewer.stream import Stream
 
 # A frame may be sent before it is due by this part of the period, because frames have a jitter.
 _EARLY = 0.5
-_RATE_PICTURES = 16
 
 
 class Channel:
@@ -53,7 +52,7 @@ class Channel:
         self._send = send
         self._loop = asyncio.get_running_loop()
         self._unanswered: dict[int, tuple[float, int]] = {}
-        self._sent_at: deque[float] = deque(maxlen=_RATE_PICTURES)
+        self._sent = RateMeter(self._loop.time)
         self._last: tuple[Picture, int] | None = None
         self._number = 0
         self._due = 0.0
@@ -116,7 +115,7 @@ class Channel:
         if self._last:
             picture, quality = self._last
             sent = {'width': picture.width, 'height': picture.height, 'quality': quality,
-                    'rate': round(self._rate(), 1), 'passed_through': picture.is_kept,
+                    'rate': round(self._sent.rate, 1), 'passed_through': picture.is_kept,
                     'bytes': len(picture.data)}
         return {'sent': sent, 'link': None if link is None else round(link * 8e-6, 2)}
 
@@ -148,10 +147,5 @@ class Channel:
             self._link = LinkRate(width, self._options.quality, self._options.fixed)
         now = self._loop.time()
         self._unanswered[self._send(frame, picture)] = now, len(picture.data)
-        self._sent_at.append(now)
+        self._sent.add()
         self._last = picture, self._link.quality
-
-    def _rate(self) -> float:
-        """Return the rate of the last pictures in Hz."""
-        recent = [at for at in self._sent_at if self._loop.time() - at < 5]
-        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0

@@ -16,14 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 import time
 from typing import Any
 
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.ros.timers import create_steady_timer
+from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.parameter_json import parameter_json, value_from_json, value_json
+from opencv_tools.viewer.parameter_json import (
+    encodable, parameter_json, value_from_json, value_json)
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import (
     DescribeParameters, GetParameters, ListParameters, SetParameters)
@@ -42,6 +43,9 @@ _MAX_PARAMETERS = 500
 _MAX_NODES = 50
 _SAVE, _CAPTURE = '/save', '/set_capture'
 _TRIGGER, _SET_BOOL = 'std_srvs/srv/Trigger', 'std_srvs/srv/SetBool'
+_READING: dict[type, str] = {
+    ListParameters: 'list_parameters', DescribeParameters: 'describe_parameters',
+    GetParameters: 'get_parameters'}
 _HIDDEN = ('qos_overrides.', 'start_type_description_service', 'use_sim_time')
 
 
@@ -83,13 +87,16 @@ class Control:
     async def parameters(self, camera: Any) -> dict[str, Any]:
         """Return the parameters of a camera."""
         self._check(camera, self._cameras)
+        for service_type, name in _READING.items():  # together, because each needs discovery
+            self._client(service_type, f'{camera}/{name}')
         names = (await self._call(ListParameters, f'{camera}/list_parameters',
                                   ListParameters.Request())).result.names
         names = [name for name in names if not name.startswith(_HIDDEN)][:_MAX_PARAMETERS]
         described = await self._call(DescribeParameters, f'{camera}/describe_parameters',
                                      DescribeParameters.Request(names=names))
         values = await self._values(camera, names)
-        found = map(parameter_json, described.descriptors, values)
+        found = [parameter_json(descriptor, value)
+                 for _, descriptor, value in zip(names, described.descriptors, values)]
         return {'parameters': {'node': camera, 'parameters': [item for item in found if item],
                                'capture': self._cameras[camera]}}
 
@@ -98,15 +105,16 @@ class Control:
         self._check(camera, self._cameras)
         if not isinstance(name, str):
             raise RequestError('the name of the parameter is missing')
+        name = encodable(name)
         present = await self._values(camera, [name])
         if not present:
             raise RequestError(f'{camera} has no parameter {printable(name)}')
-        changed = Parameter(name=name, value=value_from_json(value, present[0]))
-        (result,) = (await self._call(
+        changed = Parameter(name=name, value=value_from_json(value, _only(present, camera)))
+        result = _only((await self._call(
             SetParameters, f'{camera}/set_parameters',
-            SetParameters.Request(parameters=[changed]))).results
-        (now,) = await self._values(camera, [name])
-        return {'set': {'node': camera, 'name': name, 'value': value_json(now),
+            SetParameters.Request(parameters=[changed]))).results, camera)
+        now = value_json(_only(await self._values(camera, [name]), camera))
+        return {'set': {'node': camera, 'name': name, 'value': now,
                         'ok': result.successful, 'message': printable(result.reason)}}
 
     async def capture(self, camera: Any, is_on: Any) -> dict[str, Any]:
@@ -129,8 +137,8 @@ class Control:
             raise RequestError(f'{printable(name)} cannot be controlled')
 
     async def _values(self, camera: str, names: list[str]) -> list[Any]:
-        answer = await self._call(GetParameters, f'{camera}/get_parameters',
-                                  GetParameters.Request(names=names))
+        answer = await self._call(
+            GetParameters, f'{camera}/get_parameters', GetParameters.Request(names=names))
         return list(answer.values)
 
     async def _call(self, service_type: Any, name: str, request: Any) -> Any:
@@ -140,27 +148,39 @@ class Control:
         :raises RequestError: the service has not answered.
         """
         client, ready_at = self._client(service_type, name)
-        answered = Future(executor=self._node.executor)
         deadline = time.monotonic() + _SECONDS
-        sent: list[Future] = []
-
-        def proceed() -> None:
-            now = time.monotonic()
-            if not sent and now >= ready_at and client.service_is_ready():
-                sent.append(client.call_async(request))
-                sent[0].add_done_callback(lambda done: answered.set_result(done.result()))
-            elif now >= deadline and not answered.done():
-                answered.set_result(None)
-
-        timer = create_steady_timer(self._node, _RETRY_SECONDS, proceed)
-        proceed()
-        answer = await answered
-        self._node.destroy_timer(timer)
-        if answer is None:
-            for future in sent:
-                client.remove_pending_request(future)
+        await self._wait(
+            lambda: time.monotonic() >= ready_at and client.service_is_ready(), deadline)
+        answer = client.call_async(request)
+        await self._wait(answer.done, deadline, answer)
+        if not answer.done():
+            client.remove_pending_request(answer)
             raise RequestError(f'{printable(name)} has not answered within {_SECONDS:g} s')
-        return answer
+        return answer.result()
+
+    async def _wait(
+        self, condition: Callable[[], bool], deadline: float, future: Future | None = None,
+    ) -> None:
+        """Wait for a condition, until a deadline; a future that is done ends the wait at once."""
+        over = Future(executor=self._node.executor)
+
+        def check(_: object = None) -> None:
+            if over.done():
+                return
+            try:
+                if condition() or time.monotonic() >= deadline:
+                    over.set_result(None)
+            except Exception as err:  # noqa: B902 (a client may have been destroyed meanwhile)
+                over.set_exception(err)
+
+        timer = create_steady_timer(self._node, _RETRY_SECONDS, check)
+        try:
+            check()
+            if future:
+                future.add_done_callback(check)
+            await over
+        finally:
+            self._node.destroy_timer(timer)
 
     def _client(self, service_type: Any, name: str) -> tuple[Client, float]:
         """Return a client, and the time from which its server knows it."""
@@ -171,6 +191,19 @@ class Control:
             client = self._node.create_client(service_type, name, callback_group=self._group)
             self._clients[name] = client, time.monotonic() + _DISCOVERY_SECONDS
         return self._clients[name]
+
+
+def _only(answers: Sequence[Any], camera: str) -> Any:
+    """
+    Return the answer about one parameter.
+
+    :raises RequestError: there is another number of answers.
+    """
+    if len(answers) != 1:
+        raise RequestError(
+            f'{camera} has given {len(answers)} answers about one parameter: it may have ended, '
+            'or the parameter is gone')
+    return answers[0]
 
 
 def _capture_service(node: str) -> str:

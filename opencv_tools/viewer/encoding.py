@@ -30,9 +30,15 @@ from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
-from opencv_tools.image_codecs import check_complete, convert_image, decode_image, encode_image
+from opencv_tools.image_codecs import check_complete, convert_image, decode_image, MAX_SIDES
 
 _BRIDGE = CvBridge()
+# Number of pixels up to which a picture keeps the colour of each pixel, because pages enlarge it.
+_SMALL = 200_000
+_SAMPLING_444 = 0x111111  # IMWRITE_JPEG_SAMPLING_FACTOR_444, which old versions of OpenCV lack
+_SAMPLING_FACTOR = 7  # IMWRITE_JPEG_SAMPLING_FACTOR, which they leave out
+# Factor above which a mean of all pixels is needed against false patterns.
+_AREA_FACTOR = 2
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
 _REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
             8: cv2.IMREAD_REDUCED_COLOR_8}
@@ -159,9 +165,23 @@ def _encode_pixels(
     low, high = limits or (0.0, 0.0)
     shown = (np.full(image.shape[:2], 128, np.uint8) if limits and low == high else
              cvtColorForDisplay(image, encoding.name, name, False, low, high))
-    return Picture(data=encode_image(shown, '.jpg', options.quality).tobytes(),
+    return Picture(data=_encode_jpeg(shown, options.quality),
                    width=shown.shape[1], height=shown.shape[0], source_size=size,
                    encoding=described, limits=limits)
+
+
+def _encode_jpeg(image: NDArray[Any], quality: int) -> bytes:
+    """Return a JPEG; a small one keeps the colour of each pixel."""
+    if max(image.shape[:2]) > MAX_SIDES['.jpg']:
+        raise CodecError(f'a {image.shape[1]}x{image.shape[0]} picture is too long for JPEG: '
+                         f'the limit is {MAX_SIDES[".jpg"]} pixels a side')
+    flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    if image.shape[0] * image.shape[1] <= _SMALL:
+        flags += [_SAMPLING_FACTOR, _SAMPLING_444]
+    is_encoded, content = cv2.imencode('.jpg', image, flags)
+    if not is_encoded:
+        raise CodecError(f'a {image.shape[1]}x{image.shape[0]} picture cannot be encoded as JPEG')
+    return content.tobytes()
 
 
 def _limits(image: NDArray[Any], encoding: Encoding) -> tuple[float, float]:
@@ -176,7 +196,8 @@ def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:
     if width == columns:
         return image
     size = width, max(1, round(rows * width / columns))
-    return cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_LINEAR)
+    method = cv2.INTER_AREA if columns > _AREA_FACTOR * width else cv2.INTER_LINEAR
+    return cv2.resize(np.ascontiguousarray(image), size, interpolation=method)
 
 
 def _pick(image: NDArray[Any], width: int) -> NDArray[Any]:

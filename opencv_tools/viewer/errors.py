@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+#: Longest sentence for a user in characters.
+MAX_SENTENCE = 500
+
 
 class ViewerError(Exception):
     """The viewer cannot start; the message includes the reason and the remedy."""
@@ -33,3 +36,7 @@ class RequestError(Exception):
         """
         super().__init__(message)
         self.status = status
+
+
+class WrongTokenError(RequestError):
+    """A request has another token than that of the node."""

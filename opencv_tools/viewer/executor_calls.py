@@ -20,29 +20,49 @@ from collections.abc import Callable, Coroutine
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.image.text import printable
+from opencv_tools.logs import Log
+from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
 from rclpy.node import Node
 
 _T = TypeVar('_T')
 
 
 class ExecutorCalls:
-    """Call functions in the executor of a node, from any thread."""
+    """
+    Call functions in the executor of a node, from any thread.
 
-    def __init__(self, node: Node) -> None:
+    A call that fails is logged, and fails only for its caller.
+    """
+
+    def __init__(self, node: Node, log: Log) -> None:
         """
         Create an empty queue.
 
         :param node: node of the executor.
+        :param log: log for calls that fail.
         """
         self._node = node
+        self._log = log
         self._queue: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._guard = node.create_guard_condition(self._run)
 
-    def post(self, call: Callable[[], object]) -> None:
-        """Request a call; thread-safe."""
-        self._queue.put(call)
-        self._guard.trigger()
+    def call(self, function: Callable[[], _T],
+             on_done: Callable[[_T | RequestError], object] = lambda _: None) -> None:
+        """
+        Call a function; thread-safe.
+
+        :param function: function without arguments.
+        :param on_done: called with the result, or with the refusal, in the executor.
+        """
+        def run() -> None:
+            try:
+                result: _T | RequestError = function()
+            except Exception as err:  # noqa: B902 (one request must not end the node)
+                result = self._refusal(err)
+            on_done(result)
+
+        self._request(run)
 
     def start(self, work: Coroutine[Any, Any, _T],
               on_done: Callable[[_T | RequestError], object]) -> None:
@@ -54,11 +74,21 @@ class ExecutorCalls:
         """
         async def run() -> None:
             try:
-                on_done(await work)
-            except RequestError as err:
-                on_done(err)
+                result: _T | RequestError = await work
+            except Exception as err:  # noqa: B902 (one request must not end the node)
+                result = self._refusal(err)
+            on_done(result)
 
-        self.post(lambda: self._node.executor.create_task(run()))
+        def create_task() -> None:
+            executor = self._node.executor
+            if executor:  # always, because it calls this function
+                executor.create_task(run())
+
+        self._request(create_task)
+
+    def _request(self, call: Callable[[], object]) -> None:
+        self._queue.put(call)
+        self._guard.trigger()
 
     def _run(self) -> None:
         while True:
@@ -67,3 +97,11 @@ class ExecutorCalls:
             except Empty:
                 return
             call()
+
+    def _refusal(self, err: Exception) -> RequestError:
+        """Return an error for the caller; log one that is not a refusal."""
+        if isinstance(err, RequestError):
+            return err
+        sentence = f'the request has failed: {type(err).__name__}: {err}'
+        self._log.error(sentence, every=1.0, key='request')
+        return RequestError(printable(sentence, MAX_SENTENCE), 500)

@@ -16,20 +16,22 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import itertools
 import time
 
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.text import printable
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.topics.rate_meter import RateMeter
+from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
 
-# Number of frames of which the rate is the mean, and the age of the oldest one in seconds.
-_RATE_FRAMES = 32
-_RATE_SECONDS = 5.0
 _NANO = 10**9
 # Seconds and periods without a frame after which the reason is shown.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
+# Time between two looks at a silent feed, in which the executor receives frames that have waited.
+_SECOND_LOOK_SECONDS = 0.5
 
 
 @dataclass(frozen=True)
@@ -59,27 +61,41 @@ class Feed:
     The executor calls ``put`` and ``count_broken``. All attributes may be read on any thread.
     """
 
-    def __init__(self, on_frame: Callable[[], object]) -> None:
+    def __init__(self, on_frame: Callable[[], object],
+                 clock: Callable[[], float] = time.monotonic) -> None:
         """
         Create an empty feed.
 
         :param on_frame: called after each frame, in the executor.
+        :param clock: monotonic clock in seconds.
         """
         self.newest: NewFrame | None = None
         self.broken = 0
+        #: Reason why the newest message cannot be read, or why there is no subscription; '' else.
+        self.error = ''
+        self._clock = clock
+        self._silent_at: float | None = None  # of the first look at a silent feed
         self._numbers = itertools.count(1)
         self._on_frame = on_frame
-        self._arrivals: deque[float] = deque(maxlen=_RATE_FRAMES)
+        self._meter = RateMeter(clock)
 
-    def put(self, message: WireMessage, receive_ns: int) -> None:
+    def opened(self, outcome: RequestError | None) -> None:
+        """Use the outcome of the subscription."""
+        if outcome:
+            self.error = str(outcome)
+
+    def put(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
-        self.newest = NewFrame(next(self._numbers), message, receive_ns)
-        self._arrivals.append(time.monotonic())
+        self.newest = NewFrame(next(self._numbers), received.message, received.receive_ns)
+        self.error = ''
+        self._arrived()
         self._on_frame()
 
-    def count_broken(self, _err: Exception) -> None:
+    def count_broken(self, err: Exception) -> None:
         """Count a message that cannot be read."""
         self.broken += 1
+        self.error = printable(err, MAX_SENTENCE)
+        self._arrived()
 
     @property
     def frames(self) -> int:
@@ -89,24 +105,28 @@ class Feed:
     @property
     def rate(self) -> float:
         """Return the rate of the received frames in Hz."""
-        now = time.monotonic()
-        recent = [arrival for arrival in tuple(self._arrivals) if now - arrival < _RATE_SECONDS]
-        if len(recent) < 2 or recent[-1] <= recent[0]:
-            return 0.0
-        return (len(recent) - 1) / (recent[-1] - recent[0])
+        return self._meter.rate
 
     @property
     def quiet_seconds(self) -> float | None:
         """Return the time since the last frame in seconds; None before the first one."""
-        arrivals = tuple(self._arrivals)[-1:]
-        return time.monotonic() - arrivals[0] if arrivals else None
+        return self._meter.silent_seconds
 
-    @property
-    def is_quiet(self) -> bool:
-        """Return whether frames are missing: none has arrived, or none for several periods."""
-        arrivals = tuple(self._arrivals)
-        if len(arrivals) < 2:
-            return not arrivals or time.monotonic() - arrivals[0] > _QUIET_SECONDS
-        period = (arrivals[-1] - arrivals[0]) / (len(arrivals) - 1)
-        quiet = max(_QUIET_SECONDS, _QUIET_PERIODS * period)
-        return time.monotonic() - arrivals[-1] > quiet
+    def look(self) -> bool:
+        """
+        Return whether frames are missing: none has arrived, or none for several periods.
+
+        They must be missing at two looks, because frames may wait for a busy executor at the first
+        look.
+        """
+        quiet, now = self._meter.silent_seconds, self._clock()
+        if quiet is not None and quiet <= max(_QUIET_SECONDS, _QUIET_PERIODS * self._meter.period):
+            self._silent_at = None
+            return False
+        if self._silent_at is None:
+            self._silent_at = now
+        return now - self._silent_at >= _SECOND_LOOK_SECONDS
+
+    def _arrived(self) -> None:
+        self._meter.add()
+        self._silent_at = None

@@ -16,29 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 import itertools
-import re
 from typing import Any
 
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.ros.subscriber.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
-from opencv_tools.ros.subscriber.subscription import FrameSubscription
-from opencv_tools.ros.subscriber.topic_discovery import UNKNOWN_NODE
+from opencv_tools.topics.messages import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.topics.subscription import FrameSubscription
+from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.protocol import COMPRESSED
 from rclpy.node import Node
 
+#: Name and transport of a subscription.
+FeedKey = tuple[str, str]
 #: Maximum number of topics in the list.
 MAX_TOPICS = 200
 # Names of topics whose numbers are remembered.
 _MAX_NUMBERS = 10_000
 
-_NAME = re.compile(r'/[A-Za-z0-9_/]+')
 # Number of frames that the middleware keeps while the executor is busy.
 _DEPTH = 3
 _TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed'}
@@ -95,14 +95,16 @@ class GraphState:
     Topics and subscriptions at one moment.
 
     :param topics: topics by name, in alphabetical order.
-    :param feeds: states of the subscriptions by topic.
+    :param more: number of image topics that are not among them.
+    :param feeds: states of the subscriptions by topic and transport.
     :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
         control.
     """
 
-    topics: dict[str, ViewTopic]
-    feeds: dict[str, FeedState]
-    nodes: dict[str, list[str]]
+    topics: dict[str, ViewTopic] = field(default_factory=dict)
+    more: int = 0
+    feeds: dict[FeedKey, FeedState] = field(default_factory=dict)
+    nodes: dict[str, list[str]] = field(default_factory=dict)
 
 
 class Graph:
@@ -126,69 +128,73 @@ class Graph:
         self.control = control
         self._numbers: dict[str, int] = {}
         self._next_number = itertools.count(1)
-        self._open: dict[str, tuple[Feed, FrameSubscription, str]] = {}
+        self._open: dict[FeedKey, tuple[Feed, FrameSubscription]] = {}
 
-    def topics(self) -> dict[str, ViewTopic]:
-        """Return the published image topics, and those that somebody looks at."""
+    def find(self, name: str) -> ViewTopic | None:
+        """Return a published image topic, which need not be in the list."""
         found: dict[str, ViewTopic] = {}
-        for name, types in sorted(self._node.get_topic_names_and_types()):
-            if not _NAME.fullmatch(name) or MESSAGE_TYPES.keys().isdisjoint(types):
-                continue
-            if name.endswith(_OTHER_TRANSPORTS):
-                continue
-            base = name.removesuffix(COMPRESSED) or name
-            if len(found) < MAX_TOPICS and self._is_wanted(base):
-                self._add_publishers(found, base, name)
-        for name in self._open.keys() - found.keys():
-            found[name] = self._topic(name)
-        return dict(sorted(found.items()))
+        for base, published in self._published():
+            if base == name:
+                self._add_publishers(found, base, published)
+        return found.get(name)
 
-    def open(self, name: str, feed: Feed) -> None:  # noqa: A003
+    def open(self, key: FeedKey, feed: Feed) -> None:  # noqa: A003
         """Subscribe to a topic; its frames go to a feed."""
-        if name not in self._open:
-            self._subscribe(name, feed, self._best_transport(self.topics().get(name)))
+        if key not in self._open:
+            name, transport = key
+            self._open[key] = feed, FrameSubscription(
+                self._node, name, transport, _DEPTH, self._log, feed.put, feed.count_broken,
+                prefers_compressed=True)
 
-    def close(self, name: str, feed: Feed) -> None:
+    def close(self, key: FeedKey, feed: Feed) -> None:
         """Unsubscribe the feed of a topic."""
-        if name in self._open and self._open[name][0] is feed:
-            self._open.pop(name)[1].destroy()
+        if key in self._open and self._open[key][0] is feed:
+            self._open.pop(key)[1].destroy()
 
     def close_all(self) -> None:
         """Unsubscribe from all topics."""
-        for name, (feed, _, _) in tuple(self._open.items()):
-            self.close(name, feed)
+        for key, (feed, _) in tuple(self._open.items()):
+            self.close(key, feed)
 
     def state(self) -> GraphState:
-        """Return the topics and the states of the subscriptions; adapt the transports."""
-        topics = self.topics()
-        for name, (feed, subscription, transport) in tuple(self._open.items()):
-            best = self._best_transport(topics[name])
-            if topics[name].publishers and best != transport:
-                subscription.destroy()
-                self._subscribe(name, feed, best)
-        return GraphState(topics, {
-            name: FeedState(self._reason(topics[name], feed, subscription),
-                            subscription.losses.count, subscription.is_latched)
-            for name, (feed, subscription, _) in self._open.items()
-        }, self.control.nodes(node for topic in topics.values() for node in topic.nodes)
-            if self.control else {})
+        """Return the topics and the states of the subscriptions."""
+        topics, more = self._topics()
+        feeds = {key: FeedState(self._reason(topics[key[0]], feed, subscription),
+                                subscription.account.lost, subscription.is_latched)
+                 for key, (feed, subscription) in self._open.items()}
+        nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
+                 if self.control else {})
+        return GraphState(topics, more, feeds, nodes)
 
-    def _subscribe(self, name: str, feed: Feed, transport: str) -> None:
-        subscription = FrameSubscription(
-            self._node, name, transport, _DEPTH, self._log, feed.put, feed.count_broken)
-        self._open[name] = feed, subscription, transport
+    def _topics(self) -> tuple[dict[str, ViewTopic], int]:
+        """Return the topics of the list and those that somebody looks at; count the others."""
+        found: dict[str, ViewTopic] = {}
+        others = set()
+        looked_at = {name for name, _ in self._open}
+        for base, name in self._published():
+            if base in found or base in looked_at or len(found) < MAX_TOPICS:
+                self._add_publishers(found, base, name)
+            else:
+                others.add(base)
+        for name in looked_at - found.keys():
+            found[name] = self._topic(name)
+        return dict(sorted(found.items())), len(others)
+
+    def _published(self) -> Iterator[tuple[str, str]]:
+        """Yield the names of the published image topics, without and with ``/compressed``."""
+        types_shown = {name for name, transport in _TRANSPORTS.items()
+                       if self._transport in ('auto', transport)}
+        for name in image_topics(self._node, types_shown):
+            base = name.removesuffix(COMPRESSED) or name
+            if not name.endswith(_OTHER_TRANSPORTS) and self._is_wanted(base):
+                yield base, name
 
     def _reason(self, topic: ViewTopic, feed: Feed, subscription: FrameSubscription) -> str:
-        if not feed.is_quiet or (feed.frames and topic.publishers and subscription.is_latched):
+        if not feed.look() or (feed.frames and topic.publishers and subscription.is_latched):
             return ''
         if not topic.publishers:
             return f'no publisher on {printable(topic.name)}: it has ended, or the network is cut'
         return subscription.explain_no_frames()
-
-    def _best_transport(self, topic: ViewTopic | None) -> str:
-        if self._transport != 'auto' or not topic or not topic.transports:
-            return self._transport
-        return 'compressed' if 'compressed' in topic.transports else 'raw'
 
     def _is_wanted(self, name: str) -> bool:
         return not self._patterns or any(fnmatchcase(name, wanted) for wanted in self._patterns)

@@ -20,18 +20,20 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
 from contextlib import suppress
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE
+from opencv_tools.viewer.graph import FeedKey, Graph, GraphState, NO_STATE, ViewTopic
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewOptions
 from opencv_tools.viewer.stream import Stream
 
+_T = TypeVar('_T')
 # Time after the last viewer until the subscription ends, for a reload of the page.
 _LINGER_SECONDS = 2.0
 _POLL_SECONDS = 1.0
@@ -73,15 +75,15 @@ class Hub:
         """
         self.settings = settings
         self.viewers: set[Viewer] = set()
-        self.state = GraphState({}, {}, {})
+        self.state = GraphState()
         self._graph = graph
         self._calls = calls
         self._pool = pool
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._guests = 0
-        self._streams: dict[str, Stream] = {}
-        self._users: dict[str, int] = {}
+        self._streams: dict[FeedKey, Stream] = {}
+        self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
 
@@ -125,31 +127,30 @@ class Hub:
 
     # Streams
 
-    async def acquire(self, name: str) -> Stream:
+    async def acquire(self, name: str, original: bool = False) -> Stream:
         """
         Return the stream of a topic; the caller releases it.
 
         :param name: name of the topic.
+        :param original: whether raw images are preferred to compressed ones.
         :raises RequestError: there is no such image topic.
         """
-        if name not in self._streams and name not in self.state.topics:
-            await self.refresh()
-        stream = self._streams.get(name)
+        topic = await self._find(name)
+        is_raw = original and len(topic.transports) > 1
+        key = name, 'raw' if is_raw else self.settings.transport
+        stream = self._streams.get(key)
         if stream is None:
-            topic = self.state.topics.get(name)
-            if topic is None:
-                raise RequestError(self._describe_unknown(name), 404)
-            stream = Stream(topic.number, name, self._loop, self._pool, self._log)
-            self._streams[name] = stream
+            stream = self._streams[key] = Stream(
+                topic.number, key, self._loop, self._pool, self._log)
             feed = stream.feed
-            self._calls.post(lambda: self._graph.open(name, feed))
-        self._users[name] = self._users.get(name, 0) + 1
+            self._calls.call(lambda: self._graph.open(key, feed), feed.opened)
+        self._users[key] = self._users.get(key, 0) + 1
         return stream
 
     def release(self, stream: Stream) -> None:
         """Unsubscribe two seconds after the last user of a stream."""
-        self._users[stream.name] -= 1
-        if not self._users[stream.name]:
+        self._users[stream.key] -= 1
+        if not self._users[stream.key]:
             self._loop.call_later(_LINGER_SECONDS, self._close_unused, stream)
 
     def options(self, wishes: ViewOptions) -> ViewOptions:
@@ -167,15 +168,12 @@ class Hub:
         """
         Read the state of the graph in the executor; simultaneous calls share one reading.
 
-        :raises RequestError: the executor is busy.
+        :raises RequestError: the executor is busy, or the state cannot be read.
         """
         if self._pending is None:
             self._pending = self._loop.create_future()
-            self._calls.post(self._read_state)
-        try:
-            return await asyncio.wait_for(asyncio.shield(self._pending), _EXECUTOR_SECONDS)
-        except asyncio.TimeoutError as err:
-            raise RequestError('the node is busy and does not answer: try again', 503) from err
+            self._calls.call(self._graph.state, partial(self._in_loop, self._set_state))
+        return await _answer(self._pending)
 
     async def control(
         self, choose: Callable[[Control], Coroutine[Any, Any, dict[str, Any]]],
@@ -190,23 +188,20 @@ class Hub:
         control = self._graph.control
         if control is None:
             raise RequestError('control is off: start the node with control:=true', 403)
-        answered: asyncio.Future[dict[str, Any] | RequestError] = self._loop.create_future()
-        self._calls.start(choose(control), lambda answer: self._loop.call_soon_threadsafe(
-            _set_result, answered, answer))
-        answer = await answered
-        if isinstance(answer, RequestError):
-            raise answer
-        return answer
+        answered: asyncio.Future[dict[str, Any]] = self._loop.create_future()
+        self._calls.start(choose(control), partial(self._in_loop, _set_result, answered))
+        return await answered
 
     def lists(self) -> dict[str, Any]:
         """Return the topics, and the nodes that can be controlled, by the name of the message."""
-        topics = [topic.as_json() for topic in self.state.topics.values()]
-        return {'topics': topics, **({'nodes': self.state.nodes} if self.state.nodes else {})}
+        state = self.state
+        return {'topics': [topic.as_json() for topic in state.topics.values()],
+                'more': state.more, **({'nodes': state.nodes} if state.nodes else {})}
 
     def status(self, stream: Stream) -> dict[str, Any]:
         """Return the state of a stream of the protocol."""
         feed, picture = stream.feed, stream.last_picture
-        known = self.state.feeds.get(stream.name, NO_STATE)
+        known = self.state.feeds.get(stream.key, NO_STATE)
         width, height = picture.source_size if picture else (0, 0)
         limits = picture.limits if picture else None
         quiet = feed.quiet_seconds
@@ -214,7 +209,8 @@ class Hub:
             'id': stream.number, 'name': stream.name, 'width': width,
             'height': height, 'encoding': picture.encoding if picture else '',
             'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
-            'broken': stream.broken, 'encodings': stream.encodings, 'reason': known.reason,
+            'broken': stream.broken, 'encodings': stream.encodings,
+            'reason': known.reason or stream.error,
             'range': limits and [finite(limit) for limit in limits],
             'quiet': None if quiet is None else round(quiet, 2)}
 
@@ -222,35 +218,51 @@ class Hub:
         """Return the list of topics with the state of those that somebody looks at."""
         topics: list[dict[str, Any]] = self.lists()['topics']
         for topic in topics:
-            stream = self._streams.get(topic['name'])
+            stream = self._streams.get((topic['name'], self.settings.transport))
             if stream:
-                topic |= {'status': self.status(stream), 'viewers': self._users[stream.name]}
+                topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]}
         return topics
+
+    async def _find(self, name: str) -> ViewTopic:
+        """Return a topic, which need not be in the list; refuse a name that is no image topic."""
+        if name not in self.state.topics:
+            await self.refresh()
+        topic = self.state.topics.get(name)
+        if topic is None and self.state.more:
+            found: asyncio.Future[ViewTopic | None] = self._loop.create_future()
+            self._calls.call(
+                partial(self._graph.find, name), partial(self._in_loop, _set_result, found))
+            topic = await _answer(found)
+        if topic is None:
+            raise RequestError(self._describe_unknown(name), 404)
+        return topic
 
     def _describe_unknown(self, name: str) -> str:
         names = list(self.state.topics)
         if not names:
             return f'{printable(name)} is not an image topic; no images are published'
-        more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
+        count = len(names) - _NAMED_TOPICS + self.state.more
+        more = f' and {count} more' if count > 0 else ''
         return (f'{printable(name)} is not an image topic; the image topics are '
                 f'{", ".join(names[:_NAMED_TOPICS])}{more}')
 
-    def _read_state(self) -> None:
-        """Read the state, in the executor."""
-        state = self._graph.state()
-        self._loop.call_soon_threadsafe(self._set_state, state)
+    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
+        """Call a function in the loop, from the executor."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(call, *args)
 
-    def _set_state(self, state: GraphState) -> None:
-        self.state = state
+    def _set_state(self, state: GraphState | RequestError) -> None:
+        if isinstance(state, GraphState):
+            self.state = state
         if self._pending:
             _set_result(self._pending, state)
         self._pending = None
 
     def _close_unused(self, stream: Stream) -> None:
-        name = stream.name
-        if self._streams.get(name) is stream and not self._users[name]:
-            del self._streams[name], self._users[name]
-            self._calls.post(lambda: self._graph.close(name, stream.feed))
+        key = stream.key
+        if self._streams.get(key) is stream and not self._users[key]:
+            del self._streams[key], self._users[key]
+            self._calls.call(lambda: self._graph.close(key, stream.feed))
 
     async def _update_viewers(self) -> None:
         """Send the state to all pages once a second, while there are any."""
@@ -265,6 +277,22 @@ class Hub:
             await asyncio.sleep(_POLL_SECONDS)
 
 
+async def _answer(future: asyncio.Future[_T]) -> _T:
+    """
+    Return an answer of the executor, which others may wait for as well.
+
+    :raises RequestError: the executor is busy, or has refused.
+    """
+    try:
+        return await asyncio.wait_for(asyncio.shield(future), _EXECUTOR_SECONDS)
+    except asyncio.TimeoutError as err:
+        raise RequestError('the node is busy and does not answer: try again', 503) from err
+
+
 def _set_result(future: asyncio.Future[Any], result: Any) -> None:
-    if not future.done():  # the page may have been closed
+    if future.done():  # the page may have been closed
+        return
+    if isinstance(result, RequestError):
+        future.set_exception(result)
+    else:
         future.set_result(result)

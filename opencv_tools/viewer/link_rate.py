@@ -31,7 +31,8 @@ _TOO_SLOW, _QUICK = 1.15, 0.5
 _FIRST_TRIAL, _LAST_TRIAL = 3.0, 60.0
 # A smaller picture that arrives hardly sooner shows that the link is far, not slow.
 _FAR = 0.85
-_MAX_WINDOW = 2
+#: Maximum number of unanswered pictures of a topic.
+MAX_WINDOW = 2
 
 
 class LinkRate:
@@ -115,8 +116,8 @@ class LinkRate:
         if self._raised_at is not None and now - self._raised_at < self._trial_seconds:
             self._trial_seconds = min(2 * self._trial_seconds, _LAST_TRIAL)
         is_far = self._before is not None and self._seconds > _FAR * self._before
-        if is_far and self.window < _MAX_WINDOW:
-            self.window = _MAX_WINDOW
+        if is_far and self.window < MAX_WINDOW:
+            self.window = MAX_WINDOW
             self._change(-self._level)
         elif self._level + 1 < len(self._levels) and not is_far:
             before = self._seconds

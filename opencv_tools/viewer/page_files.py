@@ -23,9 +23,8 @@ from importlib.resources import files
 #: Page of the viewer, and the page that asks for the token.
 INDEX, TOKEN_FORM = 'index.html', 'token.html'
 
-_TYPES = {'.css': 'text/css', '.html': 'text/html', '.ico': 'image/x-icon',
-          '.js': 'text/javascript', '.png': 'image/png', '.svg': 'image/svg+xml',
-          '.webmanifest': 'application/manifest+json'}
+_TYPES = {'.css': 'text/css', '.html': 'text/html', '.js': 'text/javascript',
+          '.svg': 'image/svg+xml'}
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,6 @@ def read_page() -> dict[str, PageFile]:
         suffix = file.name[file.name.rfind('.'):]
         if suffix in _TYPES:
             content = file.read_bytes()
-            charset = '' if suffix in ('.ico', '.png') else '; charset=utf-8'
-            page[file.name] = PageFile(content, _TYPES[suffix] + charset,
+            page[file.name] = PageFile(content, f'{_TYPES[suffix]}; charset=utf-8',
                                        f'"{hashlib.sha256(content).hexdigest()[:16]}"')
     return page

@@ -25,19 +25,24 @@ import socket
 import time
 from typing import Any
 
-from opencv_tools.viewer.access import is_same_origin
+from opencv_tools.viewer.access import check_origin, is_same_origin
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.encoding import Picture
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.graph import MAX_TOPICS
+from opencv_tools.viewer.link_rate import MAX_WINDOW
 from opencv_tools.viewer.protocol import (
-    pack_frame, parse_message, parse_options, topic_of, VERSION)
+    pack_frame, parse_message, parse_options, topic_of, WIDTHS)
 from opencv_tools.viewer.web import Refusal, SiteHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 _MAX_BAD_MESSAGES = 10
+# Unread pictures of topics that the page has left.
+_MAX_STALE = 8
+# Requests for control that wait for the one before.
+_MAX_WAITING = 20
 _POLICY_VIOLATION = 1008
 
 _Message = dict[str, Any]
@@ -54,10 +59,13 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
 class PageSocket(SiteHandler, WebSocketHandler):
     """Send pictures and states to a page, and read its wishes."""
 
-    def prepare(self) -> None:
-        """Refuse a page without the token, and more pages than allowed."""
-        super().prepare()
+    SUPPORTED_METHODS: Any = ('GET',)
+
+    async def prepare(self) -> None:
+        """Refuse a page without the token, a malformed origin, and more pages than allowed."""
+        await super().prepare()
         try:
+            check_origin(self.request.headers.get('Origin', ''))
             self.site.hub.check_room()
         except RequestError as err:
             raise Refusal(err) from err
@@ -66,19 +74,21 @@ class PageSocket(SiteHandler, WebSocketHandler):
         """Return whether the page is of this server."""
         return is_same_origin(origin, self.request.headers.get('Host', ''))
 
-    def open(self) -> None:  # noqa: A003
+    def open(self, *_args: str, **_options: str) -> None:  # noqa: A003
         """Send the state of the node."""
         self._channels: dict[str, Channel] = {}
         self._sequence = 0
         self._bad_messages = 0
+        self._changed: _Message = {}
         self._sending: asyncio.Future[None] | None = None
+        self._writing: dict[int, asyncio.Future[None]] = {}
+        self._controlling = asyncio.Lock()
+        self._controls: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
-        settings = hub.settings
         self._post({'hello': {
-            'version': VERSION, 'node': self.site.node, 'host': socket.gethostname(),
-            'control': settings.control, 'width': settings.width, 'quality': settings.quality,
-            'rate': settings.rate, 'now': time.time()}})
+            'host': socket.gethostname(), 'control': hub.settings.control, 'widths': WIDTHS,
+            'token': self.site.access.token}})
         for name, value in hub.lists().items():
             self._post({name: value})
         hub.add_viewer(self)
@@ -88,25 +98,34 @@ class PageSocket(SiteHandler, WebSocketHandler):
         self.site.hub.viewers.discard(self)
         for name in tuple(getattr(self, '_channels', ())):
             self._unsubscribe(name)
+        for task in tuple(getattr(self, '_controls', ())):
+            task.cancel()
 
     async def on_message(self, message: str | bytes) -> None:
-        """Fulfil a wish of the page; the next message is read when the answer was sent."""
+        """
+        Fulfil a wish of the page; the next message is read when the answer was sent.
+
+        Control of other nodes takes longer, and has a task of its own.
+        """
         try:
             answer = await self._answer(parse_message(message))
         except RequestError as err:
             self._bad_messages += 1
             answer = {'error': str(err)}
         if answer:
-            with suppress(WebSocketClosedError):
-                await self.write_message(json.dumps(answer))
+            await self._write(answer)
         if self._bad_messages >= _MAX_BAD_MESSAGES:
             self.close(_POLICY_VIOLATION, 'too many messages that cannot be used')
 
     def update(self, changed: dict[str, Any]) -> None:
         """Send the state, unless the page has not read the last one."""
-        for name, value in changed.items():
+        self._changed |= changed
+        if self._sending and not self._sending.done():
+            return
+        for name, value in self._changed.items():
             self._post({name: value})
-        if self._channels and (self._sending is None or self._sending.done()):
+        self._changed = {}
+        if self._channels:
             hub = self.site.hub
             self._post({'status': [
                 {**hub.status(channel.stream), **channel.status()}
@@ -123,24 +142,39 @@ class PageSocket(SiteHandler, WebSocketHandler):
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
         else:
-            return await self._control(message)
+            self._start_control(message)
         return None
 
-    async def _control(self, message: _Message) -> _Message:
-        """Control a camera or a recorder; a refusal has the form of the answer."""
+    def _start_control(self, message: _Message) -> None:
+        """Control a camera or a recorder, after the last request of the page."""
         kind = next((key for key in _CONTROLS if key in message), None)
         if kind is None:
             raise RequestError('the message has no known word, such as subscribe or got')
-        try:
-            return await self.site.hub.control(
-                lambda control: _CONTROLS[kind](control, message[kind], message))
-        except RequestError as err:
-            return {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
-                           'message': str(err)}}
+        if len(self._controls) >= _MAX_WAITING:
+            raise RequestError(f'{_MAX_WAITING} requests wait for an answer: wait as well')
+        task = asyncio.ensure_future(self._control(kind, message))
+        self._controls.add(task)
+        task.add_done_callback(self._controls.discard)
+
+    async def _control(self, kind: str, message: _Message) -> None:
+        """Control a camera or a recorder; a refusal has the form of the answer."""
+        async with self._controlling:
+            try:
+                answer = await self.site.hub.control(
+                    lambda control: _CONTROLS[kind](control, message[kind], message))
+            except RequestError as err:
+                answer = {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
+                                 'message': str(err)}}
+            await self._write(answer)
 
     def _acknowledge(self, sequence: Any) -> None:
+        """Use the answer to a picture; one that comes before the picture was sent is a guess."""
         if not isinstance(sequence, int) or not 0 < sequence <= self._sequence:
             raise RequestError('got is not the number of a picture')
+        writing = self._writing.get(sequence)
+        if writing and not writing.done():
+            self.close(_POLICY_VIOLATION, 'an answer to a picture that was not sent yet')
+            return
         for channel in self._channels.values():
             if channel.answered(sequence):
                 return
@@ -172,9 +206,21 @@ class PageSocket(SiteHandler, WebSocketHandler):
 
     def _send_picture(self, number: int, frame: NewFrame, picture: Picture) -> int:
         self._sequence += 1
-        self._start(pack_frame(
-            number, self._sequence, frame.stamp, time.time(), picture.data), binary=True)
-        return self._sequence
+        sequence = self._sequence
+        if len(self._writing) >= MAX_WINDOW * len(self._channels) + _MAX_STALE:
+            self.close(_POLICY_VIOLATION, 'too many pictures that the page has not read')
+            return sequence
+        writing = self._start(pack_frame(
+            number, sequence, frame.stamp, time.time(), picture.data), binary=True)
+        if writing:
+            self._writing[sequence] = writing
+            writing.add_done_callback(lambda _: self._writing.pop(sequence))
+        return sequence
+
+    async def _write(self, message: _Message) -> None:
+        """Send a message and wait until it is sent; nothing happens if the page was closed."""
+        with suppress(WebSocketClosedError):
+            await self.write_message(json.dumps(message))
 
     def _post(self, message: _Message) -> None:
         """Send a message without waiting for the page to read it."""

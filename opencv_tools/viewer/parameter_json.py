@@ -20,11 +20,10 @@ import re
 from typing import Any
 
 from opencv_tools.image.text import printable
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
 from opencv_tools.viewer.protocol import finite
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 
-_MAX_DESCRIPTION = 500
 # Type, field of ParameterValue and type in Python, by the number of the type.
 _TYPES: dict[int, tuple[str, str, type]] = {
     ParameterType.PARAMETER_BOOL: ('bool', 'bool_value', bool),
@@ -49,21 +48,29 @@ def parameter_json(
     if value.type not in _TYPES:
         return None
     kind, _, _ = _TYPES[value.type]
+    shown = value_json(value)
+    is_changed = kind == 'string' and shown != value.string_value
     ranges = [*descriptor.integer_range, *descriptor.floating_point_range]
     low, high, step = ((finite(ranges[0].from_value), finite(ranges[0].to_value),
                         finite(ranges[0].step)) if ranges else (None, None, None))
     return {
         'name': printable(descriptor.name), 'type': kind,
-        'value': value_json(value), 'minimum': low, 'maximum': high, 'step': step or None,
+        'value': shown, 'minimum': low, 'maximum': high, 'step': step or None,
         'choices': _choices(descriptor, kind),
-        'description': printable(descriptor.description, _MAX_DESCRIPTION),
-        'read_only': descriptor.read_only}
+        'description': printable(descriptor.description, MAX_SENTENCE),
+        'read_only': descriptor.read_only or is_changed}
 
 
 def value_json(value: ParameterValue) -> Any:
-    """Return a value for JSON."""
-    _, field, _ = _TYPES[value.type]
+    """
+    Return a value for JSON; a long text is cut.
+
+    :raises RequestError: the value has a type that is not shown.
+    """
+    _, field, _ = _type_of(value)
     found = getattr(value, field)
+    if isinstance(found, str):
+        return printable(found, MAX_SENTENCE)
     return finite(found) if isinstance(found, float) else found
 
 
@@ -73,17 +80,27 @@ def value_from_json(given: Any, present: ParameterValue) -> ParameterValue:
 
     :raises RequestError: the value has another type.
     """
-    if present.type not in _TYPES:
-        raise RequestError('the parameter is not a number, a text or true or false')
-    kind, field, python_type = _TYPES[present.type]
+    kind, field, python_type = _type_of(present)
     if python_type is float and type(given) is int:
         given = float(given) if abs(given) < 2**53 else given
     if type(given) is not python_type or (
             isinstance(given, int) and not -2**63 <= given < 2**63):
         raise RequestError(f'{str(given)[:40]!r} is not a value of the type {kind}')
     if isinstance(given, str):
-        given = given.encode(errors='replace').decode().replace('\0', '')
+        given = encodable(given)
     return ParameterValue(type=present.type, **{field: given})
+
+
+def encodable(text: str) -> str:
+    """Return a text that a message of ROS can hold."""
+    return text.encode(errors='replace').decode().replace('\0', '')
+
+
+def _type_of(value: ParameterValue) -> tuple[str, str, type]:
+    """Return the row of ``_TYPES`` of a value."""
+    if value.type not in _TYPES:
+        raise RequestError('the parameter is not a number, a text or true or false')
+    return _TYPES[value.type]
 
 
 def _choices(descriptor: ParameterDescriptor, kind: str) -> list[tuple[Any, str]]:
@@ -92,7 +109,7 @@ def _choices(descriptor: ParameterDescriptor, kind: str) -> list[tuple[Any, str]
     if not constraint.startswith(_CHOICES) or kind not in ('integer', 'string'):
         return []
     choices: list[tuple[Any, str]] = []
-    for text in constraint.removeprefix(_CHOICES)[:_MAX_DESCRIPTION].split(', '):
+    for text in constraint.removeprefix(_CHOICES)[:MAX_SENTENCE].split(', '):
         if kind == 'string':
             choices.append((text, printable(text)))
         elif re.fullmatch('-?[0-9]{1,18}', text):

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from opencv_tools.ros.parameters import parameter, parameter_table, ParameterError
-from opencv_tools.ros.subscriber.topic_discovery import TRANSPORTS
-from opencv_tools.viewer.access import check_token
+from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.topic_discovery import TRANSPORTS
+from opencv_tools.viewer.access import AUTOMATIC, check_origins, check_token
 
 
 def _check_address(text: str) -> None:
@@ -39,7 +40,10 @@ class ViewerSettings:
         '0.0.0.0 stands for all addresses of this machine', check=_check_address)
     token: str = parameter(
         'auto', 'Secret text that a browser needs; auto creates one for other addresses than '
-        'those of this machine, and empty lets everybody look', check=check_token)
+        'those of this machine, and empty lets everybody look', check=check_token, secret=True)
+    token_file: str = parameter(
+        '', 'File that keeps the token over restarts; it is created if it is missing, and only '
+        'its owner may read it')
     width: int = parameter(
         0, 'Maximum width of the pictures in pixels; 0 for no limit', bounds=(0, 65535))
     quality: int = parameter(
@@ -56,6 +60,9 @@ class ViewerSettings:
         32, 'Maximum number of open pages and streams', bounds=(1, 1000))
     allowed_hosts: str = parameter(
         '', 'Names of this machine in a browser beside its own, separated by commas')
+    allowed_origins: str = parameter(
+        '', 'Origins of other pages that may show /stream and /snapshot, separated by commas, '
+        'such as http://192.168.1.5:3000', check=check_origins)
     certificate: str = parameter(
         '', 'File with the certificate for https, in PEM format; empty for http')
     key: str = parameter(
@@ -75,6 +82,9 @@ class ViewerSettings:
             raise ParameterError(
                 "control is true and token is '': set token to auto or to a secret text, because "
                 'everybody could change the cameras')
+        if self.token_file and self.token != AUTOMATIC:
+            raise ParameterError(
+                f'token_file is {self.token_file!r}, but token is set as well: set only one')
         if self.key and not self.certificate:
             raise ParameterError(
                 f'key is {self.key!r}, but certificate is empty: set certificate as well')

@@ -24,8 +24,6 @@ from typing import Any
 
 from opencv_tools.viewer.errors import RequestError
 
-#: Version of the protocol.
-VERSION = 1
 #: Maximum size of a message of the page in bytes.
 MAX_MESSAGE_BYTES = 4096
 

@@ -22,12 +22,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import logging
 import os
+from pathlib import Path
 import socket
 import ssl
 from threading import Event, Thread
+from typing import Any, cast
 
-from opencv_tools.image.text import printable, without_password
-from opencv_tools.logs import Log, Throttle
+from opencv_tools.image.text import without_password
+from opencv_tools.logs import Log
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
@@ -37,6 +39,7 @@ from opencv_tools.viewer.page_files import read_page
 from opencv_tools.viewer.page_socket import PageSocket
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
+from opencv_tools.viewer.token_file import read_token
 from opencv_tools.viewer.web import (
     FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
 from opencv_tools.viewer.web_video_server import (
@@ -49,13 +52,14 @@ from tornado.web import Application
 _ENCODERS = 2
 _END_SECONDS = 5.0
 _CLOSE_SECONDS = 1.0
-_IDLE_SECONDS = 20
+# Time in which a connection must have sent the header of a request.
+_HEADER_SECONDS = 5
 # Time in which a page on a slow link must have read its first picture.
 _PING_SECONDS = 20
 _MAX_HEADER_BYTES = 16_384
 _MAX_BODY_BYTES = 4096
-# Connections that are not WebSockets; a browser opens six.
-_MAX_CONNECTIONS = 256
+# Connections that are not WebSockets, altogether and of one address; a browser opens six.
+_MAX_CONNECTIONS, _MAX_OF_ADDRESS = 256, 64
 
 
 class ViewerServer:
@@ -85,8 +89,10 @@ class ViewerServer:
         self._tls = _load_certificate(settings)
         self._sockets = _listen(settings.address, settings.port)
         self._port: int = self._sockets[0].getsockname()[1]
+        token = read_token(settings.token_file) if settings.token_file else settings.token
         self._access = Access.create(
-            settings.token, settings.address, settings.control, settings.allowed_hosts)
+            token, settings.address, settings.control, settings.allowed_hosts,
+            settings.allowed_origins, bool(settings.token_file))
         _pass_on_errors(log)
         self._loop = asyncio.new_event_loop()
         self._end = asyncio.Event()
@@ -122,7 +128,7 @@ class ViewerServer:
         try:
             self._loop.run_until_complete(self._serve())
         except Exception as err:  # noqa: B902 (the node must not go on without its server)
-            self._log.error(f'the server has failed: {type(err).__name__}: {printable(err)}')
+            self._log.error(f'the server has failed: {type(err).__name__}: {err}')
         finally:
             self._has_started.set()
             if not self._end.is_set():
@@ -133,11 +139,11 @@ class ViewerServer:
         with ThreadPoolExecutor(_ENCODERS, 'encoder') as pool:
             hub = Hub(self._settings, self._graph, self._calls, pool, self._log)
             site = Site(hub, self._access, read_page(), self._node, self._port,
-                        self._tls is not None)
+                        self._tls is not None, self._log)
             server = _Server(
                 _application(site), ssl_options=self._tls,
                 max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,
-                body_timeout=_IDLE_SECONDS, idle_connection_timeout=_IDLE_SECONDS)
+                body_timeout=_HEADER_SECONDS, idle_connection_timeout=_HEADER_SECONDS)
             server.add_sockets(self._sockets)
             self._has_started.set()
             await self._end.wait()
@@ -151,7 +157,9 @@ class _Server(HTTPServer):
     """A server with a limited number of connections."""
 
     def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
-        if len(self._connections) >= _MAX_CONNECTIONS:
+        addresses = [cast(Any, connection.context).remote_ip
+                     for connection in self._connections]
+        if len(addresses) >= _MAX_CONNECTIONS or addresses.count(address[0]) >= _MAX_OF_ADDRESS:
             stream.close()
         else:
             super().handle_stream(stream, address)
@@ -163,14 +171,13 @@ class _NodeHandler(logging.Handler):
     def __init__(self, log: Log) -> None:
         super().__init__(logging.ERROR)
         self._log = log
-        self._throttle = Throttle()
 
     def emit(self, record: logging.LogRecord) -> None:
-        if self._throttle.passes():
-            err = record.exc_info[1] if record.exc_info else None
-            first_line, *_ = record.getMessage().splitlines() or ['']
-            self._log.error(without_password(first_line)
-                            + (f': {type(err).__name__}: {printable(err)}' if err else ''))
+        err = record.exc_info[1] if record.exc_info else None
+        first_line, *_ = record.getMessage().splitlines() or ['']
+        self._log.error(without_password(first_line)
+                        + (f': {type(err).__name__}: {err}' if err else ''),
+                        every=1.0, key=record.name)
 
 
 def _application(site: Site) -> Application:
@@ -208,9 +215,22 @@ def _load_certificate(settings: ViewerSettings) -> ssl.SSLContext | None:
     try:
         context.load_cert_chain(settings.certificate, settings.key or None, lambda: '')
     except (OSError, ValueError) as err:
-        raise ViewerError(f'certificate {settings.certificate} and key '
-                          f'{settings.key or settings.certificate} cannot be used: {err}') from err
+        reason = _missing_pem(settings) or err
+        raise ViewerError(
+            f'certificate {settings.certificate} and key {settings.key or settings.certificate} '
+            f'cannot be used: {reason}') from err
     return context
+
+
+def _missing_pem(settings: ViewerSettings) -> str:
+    """Return which part of the certificate its files lack, and the remedy; '' if none."""
+    for name, path, part in (('certificate', settings.certificate, 'certificate'),
+                             ('key', settings.key or settings.certificate, 'private key')):
+        with suppress(OSError):
+            file = Path(path)  # a pipe was emptied by the first reader
+            if file.is_file() and f'{part.upper()}-----'.encode() not in file.read_bytes():
+                return f'{path} has no {part} in PEM format; set {name} to a file that has one'
+    return ''
 
 
 def _pass_on_errors(log: Log) -> None:

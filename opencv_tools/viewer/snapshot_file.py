@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import (
     encode_frame, EncoderSettings, read_image_header)
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.ros.subscriber.conversion import FrameConverter
 
 # Lossless formats, most common first; .npy stores every frame.
 _SUFFIXES = ('.png', '.tiff', '.npy')

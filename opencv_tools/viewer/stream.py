@@ -27,8 +27,9 @@ from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
-from opencv_tools.logs import Log, Throttle
+from opencv_tools.logs import Log
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
+from opencv_tools.viewer.errors import MAX_SENTENCE
 from opencv_tools.viewer.feed import Feed, NewFrame
 
 _P = ParamSpec('_P')
@@ -43,19 +44,21 @@ class Stream:
     """
 
     def __init__(
-        self, number: int, name: str, loop: asyncio.AbstractEventLoop, pool: Executor, log: Log,
+        self, number: int, key: tuple[str, str], loop: asyncio.AbstractEventLoop, pool: Executor,
+        log: Log,
     ) -> None:
         """
         Create a stream without viewers.
 
         :param number: number of the topic.
-        :param name: name of the topic.
+        :param key: name of the topic, and the transport.
         :param loop: loop of the server.
         :param pool: threads that encode.
         :param log: log for broken images.
         """
         self.number = number
-        self.name = name
+        self.key = key
+        self.name, _ = key
         self.feed = Feed(self._notify)
         #: Functions that are called after each frame.
         self.watchers: set[Callable[[], object]] = set()
@@ -66,7 +69,8 @@ class Stream:
         self._loop = loop
         self._pool = pool
         self._log = log
-        self._throttle = Throttle()
+        self._error = ''  # of the newest picture
+        self._logged = ''
         self._broken = 0
         self._broken_number = 0
         self._is_notified = False
@@ -76,6 +80,11 @@ class Stream:
     def broken(self) -> int:
         """Return the number of messages that are not valid images."""
         return self.feed.broken + self._broken
+
+    @property
+    def error(self) -> str:
+        """Return the reason why the newest frame is not shown; '' if there is none."""
+        return self.feed.error or self._error
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """
@@ -139,12 +148,15 @@ class Stream:
         outcome = future.result()
         if isinstance(outcome, Picture):
             self.last_picture = outcome
+            self._error = ''
             return
+        self._error = outcome
         if self._broken_number != number:
             self._broken_number = number
             self._broken += 1
-        if self._throttle.passes():
-            self._log.warning(f'frame of {self.name} left out: {outcome}')
+        if outcome != self._logged and self._log.warning(
+                f'frame of {self.name} left out: {outcome}', every=1.0, key=self.name):
+            self._logged = outcome
 
 
 def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
@@ -152,4 +164,4 @@ def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
     try:
         return encode_picture(message, options)
     except (CvBridgeError, ImageError) as err:
-        return printable(err)
+        return printable(err, MAX_SENTENCE)

@@ -16,21 +16,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Awaitable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from opencv_tools.image.text import printable
+from opencv_tools.logs import Log
 from opencv_tools.viewer.access import Access
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.page_files import INDEX, PageFile, TOKEN_FORM
+from tornado.iostream import StreamClosedError
 from tornado.web import HTTPError, RequestHandler
 
-_SENTENCES = {404: 'there is no such page', 405: 'only GET is allowed'}
+_SENTENCES = {404: 'there is no such page', 405: 'only GET and HEAD are allowed'}
+# Time until a wrong token is refused, so that nobody can try many.
+_REFUSAL_SECONDS = 1.0
+_LOG_SECONDS = 10.0
+# Time in which an answer, or a part of it, must have been taken by the network.
+_TAKEN_SECONDS = 30.0
+_WEBSOCKET = 101  # status of an answer after which the connection is a WebSocket
+_COOKIE_SECONDS = 90 * 24 * 3600
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-    "connect-src 'self' ws://{host} wss://{host}; manifest-src 'self'; form-action 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+    "connect-src 'self' ws://{host} wss://{host}; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'")
 # Policy of texts.
 _NO_POLICY = "default-src 'none'; frame-ancestors 'none'"
@@ -47,6 +57,7 @@ class Site:
     :param node: full name of the node.
     :param port: port of the server.
     :param is_secure: whether the connection is encrypted.
+    :param log: log of the node.
     """
 
     hub: Hub
@@ -55,6 +66,7 @@ class Site:
     node: str
     port: int
     is_secure: bool
+    log: Log
 
     @property
     def cookie(self) -> str:
@@ -81,27 +93,33 @@ class SiteHandler(RequestHandler):
         """Store the site."""
         self.site = site
 
-    def prepare(self) -> None:
+    async def prepare(self) -> None:
         """Refuse a request of a foreign host or without the token."""
         host = self.request.headers.get('Host', '')
         try:
             self.site.access.check_host(host)
             self.set_header('Content-Security-Policy', _POLICY.format(host=host))
             if self.needs_token:
-                self.check_token()
+                await self.check_token()
         except RequestError as err:
             raise Refusal(err) from err
 
-    def check_token(self) -> None:
+    async def check_token(self) -> None:
         """
         Check the token in the cookie, in the URL or in the header ``Authorization``.
 
         :raises RequestError: none of them is the token.
         """
         authorization = self.request.headers.get('Authorization', '')
-        self.site.access.check_token(
-            self.get_cookie(self.site.cookie), self.get_query_argument('token', None),
-            authorization.removeprefix('Bearer '))
+        try:
+            self.site.access.check_token(
+                self.get_cookie(self.site.cookie), self.get_query_argument('token', None),
+                authorization.removeprefix('Bearer '))
+        except WrongTokenError:
+            self.site.log.warning(f'{self.request.remote_ip} has given a wrong token',
+                                  every=_LOG_SECONDS, key='wrong token')
+            await asyncio.sleep(_REFUSAL_SECONDS)
+            raise
 
     async def refresh(self) -> None:
         """
@@ -119,7 +137,12 @@ class SiteHandler(RequestHandler):
         token = self.site.access.token
         if token and self.get_query_argument('token', None) == token:
             self.set_cookie(self.site.cookie, token, httponly=True, samesite='Strict',
-                            secure=self.site.is_secure)
+                            secure=self.site.is_secure,
+                            max_age=_COOKIE_SECONDS if self.site.access.is_kept else None)
+
+    def head(self, *names: str) -> Awaitable[None] | None:
+        """Write the header that GET writes."""
+        return self.get(*names)
 
     def set_default_headers(self) -> None:
         """Set the headers that protect the page."""
@@ -136,6 +159,24 @@ class SiteHandler(RequestHandler):
         sentence = getattr(err, 'sentence', _SENTENCES.get(status_code, self._reason))
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(f'{printable(sentence, 1000)}\n')
+
+    def finish(
+        self, chunk: str | bytes | dict[str, Any] | None = None,
+    ) -> asyncio.Future[Any]:
+        """Write the rest of the answer, and close the connection if nobody reads it."""
+        writing = super().finish(chunk)
+        if self.get_status() == _WEBSOCKET:
+            return writing
+        return asyncio.ensure_future(self.is_taken(writing))
+
+    async def is_taken(self, writing: asyncio.Future[None]) -> bool:
+        """Return whether the network takes what is written in time; else close the connection."""
+        try:
+            await asyncio.wait_for(writing, _TAKEN_SECONDS)
+        except (StreamClosedError, asyncio.TimeoutError):
+            cast(Any, self.request.connection).close()  # detached, a finished answer would fail
+            return False
+        return True
 
     def compute_etag(self) -> None:
         """Compute no hash of pictures, which are never asked for again."""
@@ -155,9 +196,9 @@ class SiteHandler(RequestHandler):
 class UnknownHandler(SiteHandler):
     """All other addresses."""
 
-    def prepare(self) -> None:
+    async def prepare(self) -> None:
         """Refuse the request."""
-        super().prepare()
+        await super().prepare()
         raise HTTPError(404)
 
 
@@ -166,10 +207,10 @@ class IndexHandler(SiteHandler):
 
     needs_token = False
 
-    def get(self) -> None:
+    async def get(self) -> None:
         """Write the page, and keep a token of the URL in a cookie."""
         try:
-            self.check_token()
+            await self.check_token()
         except RequestError as err:
             if TOKEN_FORM not in self.site.page:
                 raise Refusal(err) from err
@@ -204,7 +245,8 @@ class TopicsHandler(SiteHandler):
     async def get(self) -> None:
         """Write the list, with the state of topics that somebody looks at."""
         await self.refresh()
-        self.finish({'node': self.site.node, 'topics': self.site.hub.full_json()})
+        self.finish({'node': self.site.node, 'topics': self.site.hub.full_json(),
+                     'more': self.site.hub.state.more})
 
 
 class HealthHandler(SiteHandler):

@@ -33,14 +33,10 @@ from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.web import Refusal, SiteHandler
 from tornado.escape import xhtml_escape
-from tornado.iostream import StreamClosedError
 
 _FRAME_SECONDS = 5.0
 # Chromium shows a part of a stream when the next part begins, so the last one is repeated.
 _REPEAT_SECONDS = 0.2
-# Time in which a part must have been taken by the network.
-_FLUSH_SECONDS = 30.0
-_TYPES = ('mjpeg', 'ros_compressed')
 # Browsers search the pictures for the boundary, so it must not occur in them.
 _BOUNDARY_BYTES = 15
 
@@ -48,11 +44,21 @@ _BOUNDARY_BYTES = 15
 class StreamingHandler(SiteHandler):
     """A handler that looks at a topic without the page."""
 
+    async def prepare(self) -> None:
+        """Allow other pages to show the pictures, if their origin is allowed."""
+        headers = self.request.headers
+        origin = self.site.access.embedding_origin(headers.get('Origin'), headers.get('Referer'))
+        if origin:
+            self.set_header('Cross-Origin-Resource-Policy', 'cross-origin')
+            self.set_header('Access-Control-Allow-Origin', origin)
+        await super().prepare()
+
     @asynccontextmanager
-    async def stream(self) -> AsyncIterator[Stream]:
+    async def stream(self, original: bool = False) -> AsyncIterator[Stream]:
         """
         Look at the topic of the URL.
 
+        :param original: whether raw images are preferred to compressed ones.
         :raises Refusal: there is no such topic, or too many viewers.
         """
         hub = self.site.hub
@@ -62,7 +68,7 @@ class StreamingHandler(SiteHandler):
         except RequestError as err:
             raise Refusal(err) from err
         try:
-            stream = await hub.acquire(name)
+            stream = await hub.acquire(name, original)
             try:
                 yield stream
             finally:
@@ -81,7 +87,7 @@ class StreamingHandler(SiteHandler):
         settings = self.site.hub.settings
         try:
             width, height, quality = (
-                int(number_of(self.get_query_argument(name, '0'), name, 0, high))
+                int(number_of(self.get_query_argument(name, '') or '0', name, 0, high))
                 for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
         except RequestError as err:
             raise Refusal(err) from err
@@ -96,13 +102,13 @@ class StreamingHandler(SiteHandler):
         :raises RequestError: no frame has arrived.
         """
         state = await self.site.hub.refresh()
-        if stream.feed.newest and state.feeds.get(stream.name, NO_STATE).is_latched:
+        if stream.feed.newest and state.feeds.get(stream.key, NO_STATE).is_latched:
             return stream.feed.newest
         frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
         state = await self.site.hub.refresh()
-        reason = state.feeds.get(stream.name, NO_STATE).reason
+        reason = state.feeds.get(stream.key, NO_STATE).reason or stream.error
         raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
 
 
@@ -110,25 +116,28 @@ class SnapshotHandler(StreamingHandler):
     """One picture, as JPEG or as the recorder would write it."""
 
     async def get(self) -> None:
-        """Write the next frame."""
+        """Write the next frame; a browser that has not read it is still a viewer."""
         is_original = self.get_query_argument('format', 'jpg') == 'original'
         options = self.picture_options()
-        async with self.stream() as stream:
-            frame = await self.first_frame(stream)
-            header = frame.message.header
-            self.set_header('X-Timestamp', f'{header.sec}.{header.nanosec:09d}')
-            if is_original:
-                await self._write_original(stream, frame)
-            else:
-                self._write_picture(await stream.picture(frame, options))
+        async with self.stream(is_original) as stream:
+            # Nothing but the connection keeps the content, which may be large.
+            await self.finish(await self._content(stream, options, is_original))
 
-    def _write_picture(self, picture: Picture | str) -> None:
+    async def _content(
+        self, stream: Stream, options: PictureOptions, is_original: bool,
+    ) -> bytes:
+        frame = await self.first_frame(stream)
+        header = frame.message.header
+        self.set_header('X-Timestamp', f'{header.sec}.{header.nanosec:09d}')
+        if is_original:
+            return await self._original(stream, frame)
+        picture = await stream.picture(frame, options)
         if isinstance(picture, str):
             raise RequestError(f'the frame cannot be shown: {picture}', 503)
         self.set_header('Content-Type', 'image/jpeg')
-        self.finish(picture.data)
+        return picture.data
 
-    async def _write_original(self, stream: Stream, frame: NewFrame) -> None:
+    async def _original(self, stream: Stream, frame: NewFrame) -> bytes:
         try:
             name, content = await stream.in_pool(
                 encode_original, frame.message, stream.name, frame.receive_ns)
@@ -136,7 +145,7 @@ class SnapshotHandler(StreamingHandler):
             raise RequestError(f'the frame cannot be saved: {err}', 503) from err
         self.set_header('Content-Type', 'application/octet-stream')
         self.set_header('Content-Disposition', f'attachment; filename="{name}"')
-        self.finish(content)
+        return content
 
 
 class StreamHandler(StreamingHandler):
@@ -146,15 +155,16 @@ class StreamHandler(StreamingHandler):
 
     async def get(self) -> None:
         """Write pictures until the browser closes the connection."""
-        kind = self.get_query_argument('type', 'mjpeg')
-        if kind not in _TYPES:
-            raise Refusal(RequestError(
-                f'type {kind[:40]!r} is not available: use {" or ".join(_TYPES)}'))
+        kind = self.get_query_argument('type', '') or 'mjpeg'
+        if kind != 'mjpeg':
+            raise Refusal(RequestError(f'type {kind[:40]!r} is not available: use mjpeg'))
         options = self.picture_options()
         async with self.stream() as stream:
             frame = await self.first_frame(stream)
             boundary = secrets.token_hex(_BOUNDARY_BYTES)
             self.set_header('Content-Type', f'multipart/x-mixed-replace;boundary={boundary}')
+            if self.request.method == 'HEAD':
+                return
             await self._write_parts(stream, frame, options, boundary)
 
     def on_connection_close(self) -> None:
@@ -192,12 +202,7 @@ class StreamHandler(StreamingHandler):
     async def _write_part(self, part: bytes) -> bool:
         """Write a part; return False if the browser is gone or reads nothing."""
         self.write(part)
-        try:
-            await asyncio.wait_for(self.flush(), _FLUSH_SECONDS)
-        except (StreamClosedError, asyncio.TimeoutError):
-            self.detach().close()
-            return False
-        return True
+        return await self.is_taken(self.flush())
 
 
 class StreamViewerHandler(SiteHandler):

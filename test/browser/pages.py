@@ -38,8 +38,17 @@ _CELLS = 4  # a number has 16 bits, in rows of four squares
 SCRIPT = """
 window.drawn = [];
 window.sockets = [];
+window.sent = [];
+window.received = [];
 window.WebSocket = class extends WebSocket {
-  constructor(...words) { super(...words); sockets.push(this); }
+  constructor(...words) {
+    super(...words);
+    sockets.push(this);
+    this.addEventListener('message', ({ data }) => {
+      if (data instanceof ArrayBuffer && received.length < 10) received.push(data.slice(0));
+    });
+  }
+  send(text) { super.send(text); sent.push(JSON.parse(text)); }
 };
 window.pixel = (canvas, x, y) => [...canvas.getContext('2d').getImageData(
   Math.floor(x * canvas.width), Math.floor(y * canvas.height), 1, 1).data].slice(0, 3);

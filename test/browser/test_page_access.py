@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from threading import Thread
 
-from chromium import Browser, new_browser
+from chromium import Browser, new_browser, Page
 from pages import Camera, Viewer
 import pytest
 from rclpy.node import Node
@@ -43,6 +43,12 @@ class EmptyPage(BaseHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         """Print nothing."""
+
+
+def type_token(page: Page, token: str) -> None:
+    """Type a token into the form and send it."""
+    page.evaluate(f'document.getElementById("secret").value = "{token}"; '
+                  'setTimeout(() => document.getElementById("token").requestSubmit())')
 
 
 @pytest.fixture
@@ -75,13 +81,26 @@ def test_token_that_is_typed(
     viewer = start_viewer(token=TOKEN)
     address = viewer.url.partition('?')[0]
     front, page = Camera(camera, '/front'), browser.new_page(address)
-    for token in ('not-the-token', TOKEN):
-        assert page.evaluate('document.title') == 'Token needed'
-        page.evaluate(f'document.getElementById("secret").value = "{token}"; '
-                      'setTimeout(() => document.getElementById("token").requestSubmit())')
-        page.wait_for(f'location.href !== "{address}" && document.readyState === "complete"')
-        address = page.evaluate('location.href')
+    assert page.evaluate('document.title') == 'Token needed'
+    assert page.evaluate('document.getElementById("wrong").offsetHeight') == 0
+    type_token(page, 'not-the-token')
+    page.wait_for('document.getElementById("wrong")?.offsetHeight')
+    assert page.evaluate('location.href') == address
+    type_token(page, TOKEN)
     front.show(page, 1)
+
+
+@pytest.mark.parametrize('token', [TOKEN, 'auto'])
+def test_copied_link(token: str, start_viewer: Callable[..., Viewer], browser: Browser) -> None:
+    viewer = start_viewer(token=token)
+    page = browser.new_page(viewer.url)
+    page.wait_for(LIVE)
+    browser.call('Browser.grantPermissions', permissions=['clipboardReadWrite'])
+    page.evaluate('document.getElementById("link").focus()')
+    page.press('Enter')
+    page.wait_for('document.getElementById("notice").textContent.startsWith("Copied the link")')
+    assert page.evaluate('navigator.clipboard.readText()') == viewer.url
+    assert page.evaluate('document.activeElement.id') == 'link'
 
 
 def test_page_after_the_token_has_changed(
@@ -93,7 +112,7 @@ def test_page_after_the_token_has_changed(
     viewer.process.finish()
     start_viewer(token='another-secret', port=viewer.port)
     page.wait_for(
-        'document.getElementById("notice").textContent.startsWith("a token is needed")')
+        'document.getElementById("notice").textContent.startsWith("the token is wrong")')
 
 
 def test_foreign_host_is_refused(viewer: Viewer) -> None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import signal
 
 from chromium import Browser, Page, wait_until
 from conftest import call_service, NodeProcess, recorded_files, set_parameters
@@ -76,6 +77,42 @@ def test_number_sets_a_parameter(kind: str, camera_page: Page, node: Node) -> No
     has_value(camera_page, 'jpeg quality', 40)
     wait_until(lambda: parameter(node, 'jpeg_quality') == 40)
     assert camera_page.complaints() == []
+
+
+def test_camera_that_answers_late(
+        start: Callable[..., NodeProcess], start_viewer: Callable[..., Viewer],
+        browser: Browser) -> None:
+    camera = start('img_publisher', source='pattern:64x48', publish_rate=20.0)
+    viewer = start_viewer(token=TOKEN, control=True)
+    page = browser.new_page(viewer.url)
+    page.wait_for(f'numberOf("{TOPIC}") >= 0')
+    camera.interrupt(signal.SIGSTOP)
+    page.evaluate(f'tileOf("{TOPIC}").querySelector(".frame").click()')
+    page.wait_for('document.getElementById("notice").textContent.includes("/image_publisher")')
+    camera.interrupt(signal.SIGCONT)
+    page.wait_for(f'{row_of("jpeg quality")} !== undefined')
+    assert page.complaints() == []
+
+
+def test_last_position_of_a_slider(camera_page: Page, node: Node) -> None:
+    row = row_of('jpeg quality')
+    camera_page.wait_for(f'{row} !== undefined')
+    camera_page.evaluate(f'{{ const slider = {row}.querySelector("[type=range]"); '
+                         'for (const value of [30, 40, 50]) { slider.value = value; '
+                         'slider.dispatchEvent(new Event("input")); } }')
+    wait_until(lambda: parameter(node, 'jpeg_quality') == 50)
+    has_value(camera_page, 'jpeg quality', 50)
+
+
+def test_number_is_kept_while_somebody_types(camera_page: Page, node: Node) -> None:
+    camera_page.wait_for(f'{row_of("jpeg quality")} !== undefined')
+    camera_page.evaluate(f'{{ const field = {row_of("jpeg quality")}.querySelector('
+                         '"[type=number]"); field.focus(); field.value = 33; }')
+    assert set_parameters(node, rotate=180) == ''
+    change(camera_page, 'publish rate', '15')  # the page reads all values after a change
+    camera_page.wait_for(f'{row_of("rotate")}.querySelector("select").value === "180"')
+    assert camera_page.evaluate(
+        f'{row_of("jpeg quality")}.querySelector("[type=number]").value') == '33'
 
 
 def test_menu_sets_a_parameter(camera_page: Page) -> None:

@@ -97,6 +97,8 @@ def check_layout(page: Page, width: int) -> None:
             within = one['pressed'] and one['pressed'] == other['pressed']
             assert within or not overlaps(one, other), (one, other)
     assert page.evaluate('document.documentElement.scrollWidth') <= width
+    assert page.evaluate('[...document.querySelectorAll("button")].every('
+                         '(one) => one.scrollWidth <= one.clientWidth)')
 
 
 def luminance(color: list[float]) -> float:
@@ -142,6 +144,17 @@ def check_all(page: Page) -> None:
     check_names(page)
 
 
+def check_cut_name(page: Page, element: str, end: str) -> None:
+    """Check that the end of a name is on the screen, and that the beginning is cut."""
+    text, right, edge, whole, seen = page.evaluate(
+        f'(([begin, end], box) => [end.textContent, end.getBoundingClientRect().right, box.right, '
+        f'begin.scrollWidth, begin.clientWidth])({element}.children, '
+        f'{element}.getBoundingClientRect())')
+    assert text.endswith(end)
+    assert right <= edge + 0.5
+    assert 0 < seen < whole
+
+
 @pytest.mark.parametrize('count', [0, 1, 8])
 def test_grid(count: int, viewer: Viewer, browser: Browser, camera: Node) -> None:
     cameras = [Camera(camera, f'/camera_{number}/image_raw', LATCHED) for number in range(count)]
@@ -167,6 +180,58 @@ def test_stalled_camera_and_long_texts(viewer: Viewer, browser: Browser, camera:
     check_all(page)
     page.evaluate(f'tileOf({name!r}).querySelector(".frame").click()')
     check_all(page)
+
+
+def test_number_of_unlisted_topics(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, '/front')
+    page = browser.new_page(viewer.url)
+    page.wait_for('tileOf("/front") !== undefined')
+    assert page.evaluate('document.getElementById("more").offsetHeight') == 0
+    page.evaluate('sockets[0].onmessage({data: JSON.stringify({more: 801})})')
+    assert page.evaluate('document.getElementById("more").textContent').startswith('801 more')
+    check_all(page)
+    page.evaluate('sockets[0].onmessage({data: JSON.stringify({more: 0})})')
+    assert page.evaluate('document.getElementById("more").offsetHeight') == 0
+
+
+def test_long_names_are_cut_in_the_middle(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    folder = '/' + 'a_camera_with_a_very_long_name/' * 5
+    for name in ('image_raw', 'image_rectified'):
+        Camera(camera, folder + name)
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.querySelectorAll(".tile").length === 2')
+    check_cut_name(page, f'tileOf({folder + "image_raw"!r}).querySelector(".name")', 'image_raw')
+    page.evaluate(f'tileOf({folder + "image_rectified"!r}).querySelector(".frame").click()')
+    for width, height in SIZES:
+        page.resize(width, height)
+        page.wait_for(f'innerWidth === {width}')
+        check_cut_name(page, 'document.getElementById("title")', 'image_rectified')
+    page.resize(800, 600)
+    page.wait_for('innerWidth === 800')
+    assert page.evaluate('document.getElementById("back").offsetHeight'
+                         ' === document.getElementById("pause").offsetHeight')  # one line
+
+
+def test_long_reason_on_one_line(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    name = '/' + 'a_camera_with_a_very_long_name/' * 5 + 'image'
+    front, rear = Camera(camera, name), Camera(camera, '/rear')
+    page = browser.new_page(viewer.url)
+    front.show(page, 1)
+    rear.show(page, 2)
+    camera.destroy_publisher(front.publisher)
+    reason = f'tileOf({name!r}).querySelector(".reason")'
+    page.wait_for(f'{reason}.textContent.includes("no publisher")')
+    assert page.evaluate(f'{reason}.scrollWidth > {reason}.clientWidth')
+    assert page.evaluate(f'{reason}.clientHeight < 2 * parseFloat(getComputedStyle({reason})'
+                         '.lineHeight)')
+    assert page.evaluate(f'tileOf({name!r}).querySelector(".frame").title'
+                         f' === {reason}.textContent')
+    assert len(page.evaluate('[...new Set([...document.querySelectorAll(".name")].map('
+                             '(one) => one.getBoundingClientRect().top))]')) == 1
+    page.evaluate(f'tileOf({name!r}).querySelector(".frame").click()')
+    assert page.evaluate(f'{reason}.scrollWidth <= {reason}.clientWidth')
+    assert page.evaluate(f'{reason}.scrollHeight <= {reason}.clientHeight')
 
 
 def test_one_camera_with_range(viewer: Viewer, browser: Browser, camera: Node) -> None:
@@ -206,5 +271,5 @@ def test_all_of_a_picture_is_on_the_screen(viewer: Viewer, browser: Browser, cam
     for width, height in SIZES:
         page.resize(width, height)
         page.wait_for(f'innerWidth === {width} && tileOf("/portrait").getBoundingClientRect()'
-                      f'.bottom <= {height}')
-        assert page.evaluate('tileOf("/portrait").querySelector("canvas").offsetWidth') > 100
+                      f'.bottom <= {height} '
+                      '&& tileOf("/portrait").querySelector("canvas").offsetWidth > 100')

@@ -100,7 +100,9 @@ def test_one_topic_and_the_keys(viewer: Viewer, browser: Browser, camera: Node) 
     assert left.is_watched()
     assert page.evaluate('tileOf("/right").offsetWidth') == 0
     assert page.evaluate('document.title').startswith('/left')
-    page.press('ArrowRight')
+    for key, name in (('ArrowLeft', '/right'), ('ArrowLeft', '/left'), ('ArrowRight', '/right')):
+        page.press(key)
+        assert page.evaluate('document.title').startswith(name)
     left.wait_for_no_viewer()
     right.show(page, 6)
     assert page.evaluate('new URL(location).searchParams.get("topic")') == '/right'
@@ -123,6 +125,52 @@ def test_focus_moves_with_the_arrows(viewer: Viewer, browser: Browser, camera: N
         assert page.evaluate('document.activeElement.closest(".tile").dataset.topic') == f'/{name}'
     page.press('Enter')
     page.wait_for('document.title.startsWith("/b")')
+
+
+def test_focus_moves_between_rows(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    cameras = [Camera(camera, f'/camera_{number}') for number in range(8)]
+    page = browser.new_page(viewer.url)
+    page.wait_for('document.querySelectorAll(".tile").length === 8')
+    columns = int(page.evaluate('document.getElementById("cameras").style.getPropertyValue('
+                                '"--columns")'))
+    assert columns > 1
+    for key, place in (('ArrowDown', 0), ('ArrowDown', columns), ('ArrowRight', columns + 1),
+                       ('ArrowUp', 1), ('ArrowUp', 0)):
+        page.press(key)
+        assert page.evaluate('document.activeElement.closest(".tile").dataset.topic'
+                             ) == cameras[place].topic
+
+
+def test_topic_that_nobody_publishes(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for name in ('/left', '/right'):
+        Camera(camera, name)
+    page = browser.new_page(f'{viewer.url}?topic=/wrong')
+    page.wait_for('document.querySelectorAll(".tile").length === 3')
+    sentence = page.wait_for('tileOf("/wrong").querySelector(".reason").textContent')
+    assert sentence.startswith('/wrong is not an image topic')
+    page.press('s')
+    notice = page.wait_for('document.getElementById("notice").textContent')
+    assert notice.startswith('/wrong is not an image topic')
+    for key, name in (('ArrowRight', '/left'), ('ArrowLeft', '/right'), ('ArrowLeft', '/left')):
+        page.press(key)
+        assert page.evaluate('document.title').startswith(name)
+    assert page.evaluate('tileOf("/wrong") === undefined')
+    assert [complaint for complaint in page.complaints() if '404' not in complaint] == []
+
+
+def test_selected_topic_that_has_ended(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    left, page = Camera(camera, '/left'), browser.new_page(f'{viewer.url}?topic=/left')
+    left.show(page, 1)
+    page.press(' ')
+    left.wait_for_no_viewer()
+    camera.destroy_publisher(left.publisher)
+    Camera(camera, '/right')
+    page.wait_for('tileOf("/right") !== undefined')
+    assert page.evaluate('numberOf("/left")') == 1
+    page.press('ArrowRight')
+    assert page.evaluate('document.title').startswith('/right')
+    assert page.evaluate('tileOf("/left") === undefined')
 
 
 def test_hidden_page_asks_for_nothing(viewer: Viewer, browser: Browser, camera: Node) -> None:
@@ -235,6 +283,45 @@ def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
     page.go(page.evaluate('location.href'))
     page.wait_for('numberOf("/depth") >= 0')
     assert page.evaluate(grays) == pytest.approx([0, 0, 255, 255], abs=3)
+
+
+def test_equal_limits_are_not_used(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, '/depth', LATCHED).publish_image(np.eye(48, 64, dtype=np.uint16), '16UC1')
+    page = browser.new_page(f'{viewer.url}?topic=/depth&range=5,5')
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    assert page.evaluate('document.getElementById("automatic").checked')
+    page.go(f'{viewer.url}?topic=/depth&range=1,2')
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    page.evaluate('document.getElementById("high").value = 1; document.getElementById("high")'
+                  '.dispatchEvent(new Event("change", {bubbles: true}))')
+    assert page.evaluate('document.getElementById("high").validationMessage')
+    assert page.evaluate('new URL(location).searchParams.get("range")') == '1,2'
+
+
+def test_keys_in_a_field(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, '/depth', LATCHED).publish_image(np.eye(48, 64, dtype=np.uint16), '16UC1')
+    Camera(camera, '/other')
+    page = browser.new_page(f'{viewer.url}?topic=/depth&range=1,2')
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    page.evaluate('document.getElementById("low").focus()')
+    for key in (' ', 'ArrowRight'):
+        page.press(key)
+    assert page.evaluate('document.getElementById("pause").getAttribute("aria-pressed")'
+                         ) == 'false'
+    assert page.evaluate('document.title').startswith('/depth')
+    page.press('Escape')
+    assert not page.evaluate('document.title').startswith('/depth')
+
+
+@pytest.mark.parametrize(('width', 'rendering'), [(4, 'pixelated'), (1280, 'auto')])
+def test_pixels_of_an_enlarged_picture(
+        width: int, rendering: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    latched = Camera(camera, '/map', LATCHED)
+    latched.publish_image(np.zeros((width, width, 3), np.uint8), 'bgr8')
+    page = browser.new_page(f'{viewer.url}?topic=/map')
+    page.wait_for('factOf("/map", "size")')
+    assert page.evaluate(
+        'getComputedStyle(tileOf("/map").querySelector("canvas")).imageRendering') == rendering
 
 
 def test_picture_of_another_size(viewer: Viewer, browser: Browser, camera: Node) -> None:

@@ -280,6 +280,7 @@ def test_fresh_frame_after_a_pause(start: Start, viewer: Viewer) -> None:
     publisher.interrupt(signal.SIGSTOP)
     time.sleep(1.0)
     count = len(viewer.images)
+    resumed = time.time()
     publisher.interrupt(signal.SIGCONT)
     viewer.wait_for(15)
     period = np.median(np.diff(viewer.stamps()[:20]))
@@ -290,7 +291,8 @@ def test_fresh_frame_after_a_pause(start: Start, viewer: Viewer) -> None:
     tell('freshness', 'after a pause of 1 s the oldest of 15 frames was published '
          f'{1000 * oldest:.0f} ms after its stamp, usual are {1000 * usual:.0f} ms, '
          f'the period is {1000 * period:.0f} ms')
-    assert oldest < usual + period + 0.03
+    # The buffers that waited in the driver are from the begin of the pause.
+    assert min(viewer.stamps()[pause:]) > resumed - 0.5
 
 
 @contextmanager

@@ -46,9 +46,13 @@ DATA = ROOT / 'test' / 'data' / 'robots'
 SHIPPED = [ROOT / 'urdf' / 'my_robot.urdf.xacro', ROOT / 'urdf' / 'my_robot.urdf',
            ROOT / 'sdf' / 'my_robot' / 'model.sdf', ROOT / 'urdf' / 'my_arm.urdf',
            ROOT / 'sdf' / 'my_arm' / 'model.sdf']
+# Debian's libsdformat does not know inertials that are computed, and it reports the preserved mesh
+# without a name. The tests of the readers and of the inertia hold these files.
+NOT_JUDGED = {'ok_auto_inertial.sdf', 'warning_auto_inertial_of_a_mesh.sdf',
+              'warning_mesh_of_an_empty_filename.urdf'}
 ROBOTS = [*SHIPPED, *sorted(
     path for path in DATA.glob('*/*.*')
-    if path.name.startswith(('ok_', 'warning_', 'tutorial_')))]
+    if path.name.startswith(('ok_', 'warning_', 'tutorial_')) and path.name not in NOT_JUDGED)]
 SDF = [path for path in ROBOTS if path.suffix == '.sdf']
 
 # Debian's libsdformat supports up to 1.9. It reads 1.11 with a message.

@@ -24,8 +24,9 @@ import signal
 
 from conftest import NodeProcess
 from opencv_tools import basic_image_publisher, basic_image_subscriber
-from opencv_tools.ros.command_line import check_params_file, check_ros_arguments, load_parameters
-from opencv_tools.ros.parameters import Parameter, ParameterError
+from opencv_tools.nodes.command_line import check_params_file, check_ros_arguments, load_parameters
+from opencv_tools.nodes.parameters import Parameter
+from opencv_tools.topics.errors import ParameterError
 import pytest
 import yaml
 
@@ -71,6 +72,18 @@ PUBLISHER = {
     'a start after the stop': (
         BAD_USAGE, {'source': 'pattern', 'start_frame': 5, 'stop_frame': 5},
         'parameter start_frame is 5, which is not before stop_frame 5: give a smaller'),
+    'a first frame of a camera': (
+        BAD_USAGE, {'source': '99', 'start_frame': 5},
+        'parameter start_frame is 5, but the source 99 is a camera: give a file'),
+    'repetitions of a camera': (
+        BAD_USAGE, {'source': '/dev/video99', 'loop': 3},
+        'parameter loop is 3, but the source /dev/video99 is a camera: give a file'),
+    'repetitions of a pattern': (
+        BAD_USAGE, {'source': 'pattern', 'loop': 3, 'start_frame': 5},
+        'parameter loop is 3, but the source pattern has no end: give stop_frame'),
+    'two numbers of repetitions': (
+        BAD_USAGE, {'source': 'empty', 'loop': 2, 'on_end': 'loop'},
+        'parameter loop is 2, but on_end is loop, which repeats the file forever: give only one'),
     'a name with a path': (BAD_USAGE, {'source': 'pattern', 'camera_name': '../x'},
                            "parameter camera_name is '../x': give up to 128 letters"),
     'unknown turn': (BAD_USAGE, {'rotate': 45}, 'parameter rotate is 45: give one of 0, 90'),
@@ -95,11 +108,15 @@ SUBSCRIBER = {
                               'output_dir', 'cannot be used: Not a directory'),
     'a folder in /proc': (FAILED, {'output_dir': '/proc/out'}, 'output_dir /proc/out'),
     'no folder': (BAD_USAGE, {'output_dir': "''"}, "output_dir is '': set it to a folder"),
+    'a field in the folder': (BAD_USAGE, {'output_dir': 'out/{stamp:.3f}'},
+                              "output_dir is 'out/{stamp:.3f}': a folder cannot have the field"),
     'no such field in the name': (BAD_USAGE, {'file_name': 'f{sequence}.png'},
                                   'the field {sequence} is unknown', '{seq}, {stamp}'),
     'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'set max_frames, max_duration or'),
-    'a ring of videos': (FAILED, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
+    'a ring of videos': (BAD_USAGE, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
                          'ring deletes the oldest files, but a .mp4 recording'),
+    'a split of images': (BAD_USAGE, {'split_bytes': 100, 'file_name': 'a.png'},
+                          'a .png file has one frame and cannot be split; remove'),
     'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
                                       'writer is not used; did you mean writers?'),
     **{f'a misspelt {meant}': (BAD_USAGE, {wrong: 5},
@@ -138,7 +155,7 @@ Run = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def run(files: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+def run(domain: int, files: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> Iterator[Run]:
     """Run an executable in this process: its exit status, and what is on the console."""
     handlers = {number: signal.getsignal(number) for number in (
@@ -273,8 +290,7 @@ def test_launch_with_a_missing_params_file(
     for launch_file in (Path(__file__).parents[2] / 'launch').glob('*.launch.py'):
         calls = [call for call in ast.walk(ast.parse(launch_file.read_text()))
                  if isinstance(call, ast.Call) and ast.unparse(call.func) == 'check_params_file']
-        assert [ast.unparse(argument) for call in calls for argument in call.args] == [
-            'params_file']
+        assert len(calls) == 1, launch_file.name
 
 
 def test_parameter_files_left_to_rcl(tmp_path: Path) -> None:

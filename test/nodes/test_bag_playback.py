@@ -19,11 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 import re
+import signal
+import struct
+import subprocess
 from typing import Any
 
 from calibrations import CALIBRATION
 from conftest import (
-    CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_manifest, spin_until)
+    CLIP, CLIP_FRAMES, DEADLINE, decode_clip, executable, NodeProcess, read_manifest, spin_until)
 import cv2
 from images import random_image
 import numpy as np
@@ -234,6 +237,41 @@ def test_cut_bag_is_played_with_one_warning(start: Start, node: Node, tmp_path: 
     played = Played(start, node, Image, source='a.mcap', loop=3)
     assert [message.data[0] for message in played.messages(Image)] == [0, 1, 2, 3] * 3
     assert played.publisher.output.count('a.mcap has no end') == 1
+
+
+def write_long_bag(path: Path) -> Path:
+    """Write a bag of millions of empty messages without an index."""
+    write_mcap(path, [image_entry(1)], use_chunking=False)
+    content = path.read_bytes()
+    empty = struct.pack('<BQ', 5, 22) + bytes(22)
+    with path.open('wb') as file:
+        file.write(content[:content.index(b'\x0f' + struct.pack('<Q', 4))])
+        for _ in range(40):
+            file.write(empty * 100_000)
+    return path
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_while_a_bag_is_read(start: Start, tmp_path: Path, number: int) -> None:
+    write_long_bag(tmp_path / 'long.mcap')
+    publisher = start('img_publisher', source='long.mcap')
+    publisher.wait_for('Reading long.mcap from its begin to its end')
+    publisher.interrupt(number)
+    assert publisher.finish() == 0, publisher.output
+    assert 'opened' not in publisher.output
+
+
+@pytest.mark.process
+def test_interrupt_while_a_bag_is_read_for_a_conversion(tmp_path: Path) -> None:
+    path = write_long_bag(tmp_path / 'long.mcap')
+    with subprocess.Popen([executable('img_convert'), path, tmp_path / '{seq}.png'],
+                          stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert 'from its begin to its end' in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert errors == 'img_convert: error: interrupted before the first frame\n'
 
 
 def test_remedy_for_frames_that_have_no_colours(

@@ -21,7 +21,7 @@ from pathlib import Path
 import subprocess
 
 from closed_streams import CLOSED, closing
-from conftest import executable, NodeProcess, read_manifest
+from conftest import DEADLINE, executable, NodeProcess, read_manifest
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -56,6 +56,6 @@ def test_robot_commands_work_without_standard_streams(
                          ('robot_compare', 'a.urdf', 'a.sdf'), ('sdf_to_urdf', 'a.sdf')):
         finished = subprocess.run(
             [*closing(*closed), executable(name), *words], cwd=tmp_path, input='',
-            capture_output=True, text=True, timeout=60, check=False)
+            capture_output=True, text=True, timeout=DEADLINE, check=False)
         assert finished.returncode == 0, (name, finished.stderr)
     assert (tmp_path / 'a.sdf').read_text().startswith('<?xml')

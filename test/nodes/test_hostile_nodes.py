@@ -24,6 +24,7 @@ own account in /proc, must print nothing that is not printable, and its sums mus
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+import json
 from pathlib import Path
 import re
 import struct
@@ -39,14 +40,17 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
+from sharing import Camera
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 Start = Callable[..., NodeProcess]
 
 MEGABYTES = 400
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ESCAPES = '\x1b]0;owned\x07\x1b[2J\n[INFO] [1.0] [image_subscriber]: \x9b31m\u202edlrow'
 WRITTEN, FAILED = True, False
 
@@ -280,3 +284,53 @@ def test_hostile_parameters_and_services(start: Start, node: Node) -> None:
     hold(publisher)
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
+
+
+def test_announcement_with_the_service_of_another_camera(
+        start: Start, camera: Node, node: Node, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    recorder = start('img_subscriber', '--ros-args', '-r', 'video_frames:=/a/frames',
+                     output_dir=folder, file_name='f{seq:06d}.npy', on_overflow='block')
+    announced: dict[str, str] = {}
+    ours = Camera(camera, 'a', topic='/a/frames')
+    other = Camera(camera, 'b', topic='/b/frames')
+    cameras = [ours, other]
+    for name in ('/a/frames', '/b/frames'):
+        node.create_subscription(String, f'{name}/shm', lambda message, name=name: (
+            announced.setdefault(name, message.data)), LATCHED)
+    hostile = node.create_publisher(String, '/a/frames/shm', LATCHED)
+
+    def send_until(condition: Callable[[], bool]) -> None:
+        def step() -> bool:
+            for each in cameras:
+                each.send()
+            if len(announced) == 2:
+                service = json.loads(announced['/b/frames'])['service']
+                hostile.publish(String(data=json.dumps(
+                    {**json.loads(announced['/a/frames']), 'service': service})))
+            return condition()
+
+        spin_until(node, step)
+
+    spin_until(node, lambda: ours.subscribers > 0)
+    manifest = folder / 'manifest.jsonl'
+    send_until(lambda: (
+        len(announced) == 2 and hostile.get_subscription_count() == 2 and manifest.exists()))
+    until = ours.sent + 100
+    send_until(lambda: ours.sent >= until)
+    other.destroy()
+    cameras.remove(other)
+    until = ours.sent + 100
+    send_until(lambda: ours.sent >= until)
+    last = f'"stamp": {{"sec": {ours.sent},'
+    recorder.wait_until(lambda _: last in manifest.read_text(), last)
+    recorder.interrupt()
+    assert recorder.finish() == 0, recorder.output
+    lines = read_manifest(folder)
+    assert {line['frame_id'] for line in lines} == {'a'}
+    stamps = [line['stamp']['sec'] for line in lines]
+    assert stamps == sorted(set(stamps))
+    sums = numbers(recorder.output)
+    assert sums['written'] == len(lines)
+    first = stamps[0] if 'since the first received frame' in recorder.output else 1
+    assert sums['frames'] + sums['lost'] == ours.sent - first + 1, recorder.output

@@ -17,23 +17,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import itertools
 from pathlib import Path
+import re
+import shutil
+import signal
 import subprocess
 import sys
 from typing import Any
 
+from calibrations import CALIBRATION
 from conftest import (
-    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, NodeProcess, spin_until)
+    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, EXAMPLES, NodeProcess, spin_until)
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 import pytest
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from sending import create_publisher, stamped
 from sensor_msgs.msg import Image
+from sharing import Camera, TOPIC
 from std_msgs.msg import String
+import yaml
 
 Start = Callable[..., NodeProcess]
 
@@ -63,29 +72,47 @@ def has_image(images: dict[int, np.ndarray], expected: np.ndarray) -> bool:
     return any(np.array_equal(image, expected) for image in images.values())
 
 
-@pytest.mark.parametrize('arguments', [
-    ('edges.py', {}),
-    ('img_filter', {'function': 'cv2:Canny', 'arguments': '50, 150', 'encoding': 'mono8'}),
-    ('img_filter', {'function': 'cv2.Canny', 'arguments': 'threshold1=50, threshold2=150',
-                    'encoding': 'mono8', 'transport': 'compressed', 'every': 'true'})],
-    ids=['edges', 'img_filter', 'compressed'])
-def test_edges_of_the_same_stamp(start: Start, node: Node,
-                                 arguments: tuple[str, dict[str, str]]) -> None:
-    name, parameters = arguments
-    topic = 'edges' if name == 'edges.py' else 'filtered_frames'
-    sources, results = receive(node, 'video_frames', topic)
+EDGES: dict[str, tuple[str, dict[str, str]]] = {
+    'edges': ('edges.py', {}),
+    'filtered_frames': ('img_filter', {
+        'function': 'cv2:Canny', 'arguments': '50, 150', 'encoding': 'mono8'}),
+    'compressed': ('img_filter', {
+        'function': 'cv2.Canny', 'arguments': 'threshold1=50, threshold2=150',
+        'encoding': 'mono8', 'transport': 'compressed', 'every': 'true'})}
+
+
+def test_edges_of_the_same_stamp(start: Start, node: Node) -> None:
+    sources, *received = receive(node, 'video_frames', *EDGES)
     publisher = start('img_publisher', source='pattern:160x120@20', publish_rate=0.0,
                       jpeg_quality=100)
-    filtering = start(name, **parameters)
-    for source, result in wait_for_pairs(node, sources, results):
-        expected = cv2.Canny(cv2.cvtColor(source, cv2.COLOR_BGR2GRAY), 50, 150)
-        if 'transport' in parameters:  # JPEG changes the pixels
-            assert result.shape == expected.shape
-        else:
-            assert np.array_equal(result, expected)
-    filtering.interrupt()
-    assert filtering.finish() == 0
+    filters = [start(name, '--ros-args', '-r', f'filtered_frames:={topic}', '--', **parameters)
+               for topic, (name, parameters) in EDGES.items()]
+    for topic, results in zip(EDGES, received, strict=True):
+        for source, result in wait_for_pairs(node, sources, results):
+            expected = cv2.Canny(cv2.cvtColor(source, cv2.COLOR_BGR2GRAY), 50, 150)
+            if topic == 'compressed':  # JPEG changes the pixels
+                assert result.shape == expected.shape
+            else:
+                assert np.array_equal(result, expected)
+    for filtering in filters:
+        filtering.interrupt()
+        assert filtering.finish() == 0
     assert publisher.is_running()
+
+
+def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
+    script = tmp_path / 'examples' / 'demo.py'  # a copy, because it writes to the project
+    script.parent.mkdir()
+    shutil.copy(EXAMPLES / script.name, script)
+    (tmp_path / 'test').symlink_to(EXAMPLES.parent / 'test')
+    demo = start(str(script))
+    demo.wait_for('Receiving video frame 1:')
+    demo.interrupt()
+    assert demo.finish() == 130
+    assert 'Traceback' not in demo.output
+    assert {line.split(': ')[1].split()[0] for line in demo.output.splitlines()[-2:]} == {
+        'Published', 'Received'}
+    assert 'Published 90' not in demo.output  # the nodes were ended
 
 
 def test_slow_detector(start: Start, node: Node) -> None:
@@ -113,6 +140,32 @@ def test_two_cameras(start: Start, node: Node) -> None:
         assert np.array_equal(pair[:, :64], left)
     cameras.interrupt()
     assert cameras.finish() == 0
+
+
+def test_rectified_images(start: Start, node: Node, tmp_path: Path) -> None:
+    (tmp_path / 'front.yaml').write_text(CALIBRATION)
+    sources, results = receive(node, 'video_frames', 'rectified')
+    start('img_publisher', source='pattern:640x480@20', publish_rate=0.0,
+          camera_info_url=f'file://{tmp_path}/front.yaml')
+    rectifier = start('rectify.py')
+    values = yaml.safe_load(CALIBRATION)
+    matrix, projection, distortion = (np.array(values[name]['data']) for name in (
+        'camera_matrix', 'projection_matrix', 'distortion_coefficients'))
+    for source, result in wait_for_pairs(node, sources, results, count=2):
+        assert np.array_equal(result, cv2.undistort(
+            source, matrix.reshape(3, 3), distortion, None, projection.reshape(3, 4)[:, :3]))
+        assert not np.array_equal(result, source)
+    rectifier.interrupt()
+    assert rectifier.finish() == 0
+
+
+def test_images_without_a_calibration(start: Start, node: Node) -> None:
+    receive(node, 'rectified')
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    rectifier = start('rectify.py')
+    rectifier.wait_for('the camera has no calibration')
+    rectifier.interrupt()
+    assert rectifier.finish() == 0
 
 
 def test_brightness_of_every_frame(start: Start, tmp_path: Path) -> None:
@@ -152,23 +205,83 @@ sys.exit(main(Failing))
 """
 
 
-@pytest.mark.parametrize('threaded', [False, True])
-@pytest.mark.parametrize(('failure', 'status', 'last_line'), [
-    ("raise RuntimeError('of the user')", 1, 'RuntimeError: of the user'),
-    ('sys.exit(3)', 3, 'closed')], ids=['exception', 'exit'])
-@pytest.mark.process
-def test_callback_that_fails_ends_the_node(
-        start: Start, tmp_path: Path, threaded: bool, failure: str, status: int,
-        last_line: str) -> None:
-    program = FAILING_NODE.format(threaded=threaded, failure=failure)
+def test_callbacks_that_fail_end_the_node(start: Start, tmp_path: Path) -> None:
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
-    finished = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                              timeout=DEADLINE, check=False, cwd=tmp_path)
-    assert finished.returncode == status
-    printed = finished.stdout.split()
-    assert (printed.count('frame'), printed.count('closed')) == (1, 1)
-    assert finished.stderr.count('Traceback') == (status == 1)
-    assert last_line in (finished.stdout + finished.stderr).splitlines()
+    for failure, status, last_line in (
+            ("raise RuntimeError('of the user')", 1, 'RuntimeError: of the user'),
+            ('sys.exit(3)', 3, 'closed')):
+        for threaded in (False, True):
+            finished = subprocess.run(
+                [sys.executable, '-c', FAILING_NODE.format(threaded=threaded, failure=failure)],
+                capture_output=True, text=True, timeout=DEADLINE, check=False, cwd=tmp_path)
+            assert finished.returncode == status, (failure, threaded, finished.stderr)
+            printed = finished.stdout.split()
+            assert (printed.count('frame'), printed.count('closed')) == (1, 1)
+            assert finished.stderr.count('Traceback') == (status == 1)
+            assert last_line in (finished.stdout + finished.stderr).splitlines()
+
+
+SLOW_NODE = """
+import sys, time
+from opencv_tools.frames import FrameNode, main
+
+class Slow(FrameNode):
+    def __init__(self):
+        super().__init__('slow')
+        self.receive_frames('video_frames', self.on_frame, every={every})
+        self.create_timer(0.01, lambda: print('tick', flush=True))
+
+    def on_frame(self, frame):
+        print('frame', flush=True)
+        time.sleep(0.1)
+
+sys.exit(main(Slow))
+"""
+
+
+def send_until(process: NodeProcess, camera: Camera, node: Node,
+               condition: Callable[[], bool]) -> None:
+    """Publish until a condition holds, which may take 100 frames of a process."""
+    before = process.output.count('frame\n')
+
+    def holds() -> bool:
+        camera.send('bgr8')
+        count = process.output.count('frame\n') - before
+        assert count < 100
+        return condition()
+
+    spin_until(node, holds)
+
+
+@pytest.mark.parametrize('every', [False, True])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_callback_slower_than_a_camera_that_shares(
+        start: Start, camera: Node, tmp_path: Path, every: bool, number: int) -> None:
+    (tmp_path / 'slow.py').write_text(SLOW_NODE.format(every=every))
+    ours = Camera(camera)
+    slow = start(str(tmp_path / 'slow.py'))
+    send_until(slow, ours, camera, lambda: 'frame\n' in slow.output)
+    send_until(slow, ours, camera, lambda: not camera.count_subscribers(TOPIC))
+    ticks = slow.output.count('tick')
+    send_until(slow, ours, camera, lambda: slow.output.count('tick') >= ticks + 5)
+    slow.interrupt(number)
+    send_until(slow, ours, camera, lambda: not slow.is_running())
+    assert slow.finish() == 0
+
+
+def test_filter_slower_than_a_camera_that_shares(
+        start: Start, camera: Node, tmp_path: Path) -> None:
+    (tmp_path / 'mine.py').write_text(
+        'import time\ndef slow(image):\n    print("frame", flush=True)\n    time.sleep(0.1)\n'
+        '    return image\n')
+    ours = Camera(camera)
+    receive(camera, '/filtered_frames')
+    slow = start('img_filter', function='mine:slow')
+    send_until(slow, ours, camera, lambda: 'frame\n' in slow.output)
+    send_until(slow, ours, camera, lambda: not camera.count_subscribers(TOPIC))
+    slow.interrupt()
+    send_until(slow, ours, camera, lambda: not slow.is_running())
+    assert slow.finish() == 0
 
 
 MODULE = """
@@ -188,28 +301,81 @@ def both(image, factor=1):
 """
 
 
-@pytest.mark.parametrize(('function', 'text'), [
-    ('broken', 'frame not filtered: ValueError: a line and another'),
-    ('text', 'frame not filtered: CvBridgeError: the function returned str, not an array')])
-def test_function_that_fails(start: Start, node: Node, tmp_path: Path, function: str,
-                             text: str) -> None:
+def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(MODULE)
-    receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
-    filtering = start('img_filter', function=f'mine:{function}')
-    filtering.wait_for(text)
+    filtering = start('img_filter', function='mine:broken')
+    filtering.wait_for('Filtering video frame 2')
     filtering.interrupt()
-    assert filtering.finish() == 1
-    assert 'failed' in filtering.output
+    assert filtering.finish() == 0
+    output = filtering.output
+    assert output.count('and /filtered_frames has none') == 1
+    assert re.search(r'Filtering video frame \d+: not filtered .*, \d+ skipped\n', output)
+    summary = re.search(
+        r'Received (\d+) frames at .* 0 failed, \d+ skipped, (\d+) not filtered without', output)
+    assert summary and summary[1] == summary[2]
 
 
-def test_function_of_the_working_folder(start: Start, node: Node, tmp_path: Path) -> None:
+def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
+    (results,) = receive(node, 'filtered_frames')
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    start('img_filter', function='cv2:flip', arguments='1', every=True, max_rate=4.0)
+    spin_until(node, lambda: len(results) >= 8)
+    # The first frame may be a period late, and the last one a quarter of it early.
+    assert max(results) - min(results) > (len(results) - 2.3) * 10**9 / 4
+
+
+def test_functions_of_the_working_folder(start: Start, node: Node, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(MODULE)
     (results,) = receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
     start('img_filter', function='mine:both', arguments='factor=7')
+    failing = {text: start('img_filter', function=f'mine:{function}') for function, text in (
+        ('broken', 'frame not filtered: ValueError: a line and another'),
+        ('text', 'frame not filtered: CvBridgeError: the function returned str, not an array'))}
     spin_until(node, lambda: len(results) >= 2)
     assert all((image == 7).all() and image.shape == (48, 64, 3) for image in results.values())
+    for text, filtering in failing.items():
+        filtering.wait_for(text)
+        filtering.interrupt()
+        assert filtering.finish() == 1
+        assert 'failed' in filtering.output
+
+
+RUN_FILTER = """
+import sys
+from opencv_tools.frames import run_filter
+
+def halve(image):
+    print('image', image[0, 0], flush=True)
+    return image // 2 if image[0, 0] % 2 == 0 else None
+
+sys.exit(run_filter(halve, 'video_frames', 'halves', encoding='mono8'))
+"""
+
+
+def test_filter_of_a_function(start: Start, node: Node, tmp_path: Path) -> None:
+    (tmp_path / 'mine.py').write_text(RUN_FILTER)
+    publisher = create_publisher(node)
+    filtering = start(str(tmp_path / 'mine.py'))
+    spin_until(node, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(stamped(np.full((4, 4), 98, np.uint8), 'mono8', 98))
+    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    for _ in range(2):  # the executor has served the frame before the second answer
+        call_service(node, GetParameters, '/img_filter/get_parameters', GetParameters.Request())
+    (halves,) = receive(node, 'halves')
+    values = itertools.cycle(range(90))
+
+    def has_halves() -> bool:
+        value = next(values)
+        publisher.publish(stamped(np.full((4, 4), value, np.uint8), 'mono8', value))
+        return len(halves) >= 2
+
+    spin_until(node, has_halves)
+    filtering.interrupt()
+    assert filtering.finish() == 0
+    assert 'image 98' not in filtering.output
+    assert all(stamp % 2 == 0 and (image == stamp // 2).all() for stamp, image in halves.items())
 
 
 @pytest.mark.parametrize(('parameters', 'text'), [

@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from conftest import call_service, NodeProcess, set_parameters, spin_until
+from conftest import call_service, DEADLINE, NodeProcess, set_parameters, spin_until
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
-from opencv_tools.ros.publisher.calibration_file import read_camera_info
+from opencv_tools.nodes.publisher.calibration_file import read_camera_info
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
@@ -189,7 +189,7 @@ def test_diagnostics(start: Start, node: Node) -> None:
     values = {value.key: value.value for value in status.values}
     assert (status.name, status.level) == ('image_publisher: source', b'\0')
     assert float(values['rate'].removesuffix(' Hz')) > 0
-    assert float(values['age'].removesuffix(' ms at most')) >= 0
+    assert 0 <= float(values['age'].removesuffix(' ms at most')) < 1000 * DEADLINE
     assert values['format'] == 'bgr8 64x48 at 20 Hz'
     assert (values['dropped'], values['missed'], values['reconnects']) == ('0', '0', '0')
 

@@ -22,6 +22,7 @@ import os
 from pathlib import Path
 import re
 import signal
+import time
 
 from bag_judges import decode, read_by_all, Stored
 from conftest import (
@@ -43,6 +44,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2.metadata import parse_qos
 from sending import create_publisher, send, stamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sharing import Camera
 from std_srvs.srv import Trigger
 
 Start = Callable[..., NodeProcess]
@@ -165,6 +167,44 @@ def test_huge_camera_info_is_refused(
     subscriber.interrupt()
     assert subscriber.finish() == 0, subscriber.output
     assert len(read_by_all(tmp_path / 'out' / BAG)) == 1
+
+
+def test_publish_time_and_number_of_each_transport(
+        start: Start, camera: Node, tmp_path: Path) -> None:
+    ours = Camera(camera)
+    sent: list[tuple[int, int]] = []
+    recorders = [start('img_subscriber', output_dir=tmp_path / transport, file_name=BAG,
+                       transport=transport) for transport in ('raw', 'shm')]
+
+    def send_until(condition: Callable[[], bool]) -> None:
+        def step() -> bool:
+            before = time.time_ns()
+            ours.send()
+            sent.append((before, time.time_ns()))
+            return condition()
+
+        spin_until(camera, step)
+
+    spin_until(camera, lambda: ours.subscribers > 0)
+    send_until(lambda: all('Receiving video frame' in one.output for one in recorders))
+    until = len(sent) + 20
+    send_until(lambda: len(sent) > until)
+    for recorder in recorders:
+        recorder.interrupt()
+    numbers = []
+    for recorder, transport in zip(recorders, ('raw', 'shm')):
+        assert recorder.finish() == 0, recorder.output
+        with (tmp_path / transport / BAG).open('rb') as file:
+            messages = [one for *_, one in SeekingReader(file).iter_messages()]
+        stamps = [found.header.stamp.sec for found in decode(tmp_path / transport / BAG)]
+        for stamp, one in zip(stamps, messages, strict=True):
+            before, after = sent[stamp - 1]
+            assert before <= one.publish_time <= min(after, one.log_time), transport
+        numbers.append({stamp: one.sequence for stamp, one in zip(stamps, messages)})
+    common = numbers[0].keys() & numbers[1].keys()
+    assert len(common) > 5
+    assert {stamp: numbers[0][stamp] for stamp in common} == {
+        stamp: numbers[1][stamp] for stamp in common}
 
 
 def test_frame_saved_on_request(

@@ -26,7 +26,7 @@ import sys
 from conftest import DEADLINE, NodeProcess, read_manifest, spin_until
 import cv2
 import numpy as np
-from opencv_tools.ros.shared_frames.memory import MAX_DEPTH
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
 from sharing import (
@@ -181,7 +181,7 @@ def test_nothing_is_written_for_killed_readers(
 
     def send_until_unread() -> bool:
         camera.send()
-        return not camera._frames._shared._writer.readers
+        return not camera.frames._shared._writer.readers
 
     spin_until(node, send_until_unread)
 
@@ -251,8 +251,8 @@ def test_losses_of_a_stopped_reader(
 TORN = """
 import random, sys, time, zlib
 import numpy as np
-from opencv_tools.ros.shared_frames.header import FrameHeader
-from opencv_tools.ros.shared_frames.memory import FrameMemory
+from opencv_tools.transport.shared_frames.header import FrameHeader
+from opencv_tools.transport.shared_frames.memory import FrameMemory
 COUNT, seed, service = 10000, int(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else ''
 choose = random.Random(seed)
 if service:
@@ -284,7 +284,7 @@ else:
         size, first = choose.randrange(1, 30000), choose.randrange(2**19)
         slot = writer.lend(size)
         slot.data[:] = random_bytes[first:first + size]
-        slot.publish(FrameHeader(height=zlib.crc32(slot.data)), '', 'mono8')
+        slot.publish(FrameHeader(height=zlib.crc32(slot.data), number=number + 1), '', 'mono8')
     sys.stdin.readline()
 """
 
@@ -360,7 +360,7 @@ def test_broken_iceoryx2(viewer: Viewer, remote_camera: Callable[..., RemoteCame
     sharing = remote_camera('sharing')
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=':')
     recorder = start('img_subscriber', '--ros-args', '--log-level', 'image_subscriber:=debug')
-    reason = 'frames are not shared: iceoryx2'
+    reason = 'is not received by shared memory: iceoryx2'
 
     def step() -> bool:
         sharing.send()
@@ -404,8 +404,8 @@ def test_recorder_of_shared_frames(
 
 
 @pytest.mark.parametrize(('plain', 'environment', 'text'), [
-    (False, {'OPENCV_TOOLS_TRANSPORT': 'default'}, 'it has no frames yet, reads a file, or is not '
-     'of opencv_tools with iceoryx2; set transport:=auto'),
+    (False, {'OPENCV_TOOLS_TRANSPORT': 'default'}, 'it has no frames yet, plays a video, a bag, '
+     'images or a pattern, or is not of opencv_tools with iceoryx2; set transport:=auto'),
     (True, {}, 'is not of opencv_tools with iceoryx2; set transport:=auto')])
 def test_explanation_of_frames_that_are_not_shared(
         remote_camera: Callable[..., RemoteCamera], start: Callable[..., NodeProcess],
@@ -427,7 +427,8 @@ def test_explanation_without_iceoryx2(
     monkeypatch.setenv('OPENCV_TOOLS_TRANSPORT', 'default')
     recorder = start('img_subscriber', transport='shm', timeout=1.0)
     assert recorder.finish() == 1
-    assert 'run pip install iceoryx2, or set transport:=auto' in recorder.output
+    assert "install it with 'pip install iceoryx2' (see Install in the README), or set " in (
+        recorder.output)
 
 
 @pytest.mark.parametrize('place', ['container', 'user'] if os.getuid() == 0 else ['container'])

@@ -32,6 +32,9 @@ from conftest import (
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
 import pytest
+from rclpy.duration import Duration
+from rclpy.node import Node
+from sending import create_publisher, send, stamped
 
 Start = Callable[..., NodeProcess]
 IGNORING_SIGHUP = ('sh', '-c', 'trap "" HUP && exec "$0" "$@"')
@@ -96,6 +99,32 @@ def test_queued_frames_are_written_at_exit(start: Start, tmp_path: Path) -> None
     assert received > 1
     assert (written, failed) == (received, 0)
     assert len(read_pictures(tmp_path / 'out')) == written
+
+
+@pytest.mark.parametrize(('name', 'queue_size'), [
+    ('{seq:03d}.png', 10), ('{seq:03d}.png', 100), ('all.mkv', 10), ('all.mcap', 10)])
+def test_second_interrupt_of_a_blocking_recorder(
+        start: Start, node: Node, tmp_path: Path, name: str, queue_size: int) -> None:
+    folder = tmp_path / 'out'
+    recorder = start('img_subscriber', output_dir=folder, file_name=f'"{name}"', writers=1,
+                     on_overflow='block', queue_size=queue_size, png_compression=9)
+    noise = np.random.default_rng(1).integers(0, 256, (720, 1280, 3), np.uint8)
+    publisher = create_publisher(node)
+    send(node, publisher, *(stamped(noise, 'bgr8', number) for number in range(60)))
+    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    recorder.wait_for('Receiving video frame')
+    recorder.interrupt()
+    time.sleep(1.1)  # an earlier signal is that of ros2 launch
+    if recorder.is_running():
+        recorder.interrupt()
+    status = recorder.finish()
+    numbers = {name: int(number) for number, name in re.findall(
+        r'(\d+) (frames at|written|dropped|failed|lost|not processed)', recorder.output)}
+    unprocessed = numbers.pop('not processed', 0)
+    assert status == (unprocessed > 0), recorder.output
+    assert numbers == {'frames at': 60 - unprocessed, 'written': 60 - unprocessed, 'dropped': 0,
+                       'failed': 0, 'lost': 0}
+    assert sum(line.get('frames', 1) for line in read_manifest(folder)) == numbers['written']
 
 
 def test_signals_after_the_last_log_line(start: Start) -> None:

@@ -20,30 +20,36 @@ from collections.abc import Callable
 import itertools
 import os
 from pathlib import Path
-import pty
 import re
-import subprocess
+from threading import Event
 import time
 
 import av
 from conftest import (
-    call_service, CLIP, DEADLINE, executable, NodeProcess, read_manifest, recorded_files,
-    spin_until,
+    call_service, CLIP, DEADLINE, NodeProcess, read_manifest, recorded_files, spin_until,
 )
 import cv2
 from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.transport.shared_frames.announcement import SUFFIX
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sending import create_publisher, NANO, send, stamped
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
+from sharing import Camera, TOPIC
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from terminal import on_terminal
 
 Start = Callable[..., NodeProcess]
 Tell = Callable[[str], None]
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 GENERIC = [f'{depth}C{channels}' for depth in ('8U', '8S', '16U', '16S', '32S', '32F', '64F')
            for channels in (1, 2, 3, 4)]
@@ -201,6 +207,7 @@ def test_selected_frames(
         _wait_until_received(recorder, tmp_path / 'out', numbers[-1])
         recorder.interrupt()
     assert recorder.finish() == 0, recorder.output
+    assert ' 0 lost in transit' in recorder.output
     lines = read_manifest(tmp_path / 'out')
     assert [cv2.imread(str(tmp_path / 'out' / line['file']))[0, 0, 0] for line in lines] == numbers
     assert line_stamp(lines[-1]) == NANO + numbers[-1] * NANO // 30
@@ -289,8 +296,8 @@ def test_recording_without_pyav(
     assert refused.output.count('\n') == 1
     assert refused.output.endswith(
         "parameter file_name is 'x.mp4': videos need PyAV, which cannot be imported (No module "
-        "named 'av'); install it with 'pip install av', on Ubuntu with "
-        "'sudo apt install python3-av'\n")
+        "named 'av'); install it with 'sudo apt install python3-av' or 'pip install av' (see "
+        'Install in the README)\n')
     assert not (tmp_path / 'none').exists()
 
 
@@ -339,31 +346,94 @@ def test_frame_saved_on_request(
     assert '3 written' in recorder.output and ' 1 failed' in recorder.output
 
 
+@pytest.mark.process
+def test_blocking_recorder_slower_than_a_camera_that_shares(
+        start: Start, camera: Node, tmp_path: Path) -> None:
+    folder = tmp_path / 'out'
+    recorder = start('img_subscriber', output_dir=folder, on_overflow='block', writers=1,
+                     queue_size=1, png_compression=9)
+    ours = Camera(camera)
+    spin_until(camera, lambda: ours.subscribers > 0)
+
+    def send_until(condition: Callable[[], bool]) -> None:
+        before = len(list(folder.glob('*.png')))
+
+        def holds() -> bool:
+            ours.send('bgr8', 1080, 1920)
+            count = len(list(folder.glob('*.png'))) - before
+            assert count < 4 * MAX_DEPTH
+            return condition()
+
+        spin_until(camera, holds)
+
+    send_until(lambda: 'Receiving video frame' in recorder.output)
+    send_until(lambda: not camera.count_subscribers(TOPIC))
+    recorder.interrupt()
+    send_until(lambda: not recorder.is_running())
+    assert recorder.finish() == 0, recorder.output
+    assert f' {len(read_manifest(folder))} written' in recorder.output
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('transport', ['auto', 'raw', 'shm'])
+def test_recorder_that_joins_a_running_publisher(
+        start: Start, camera: Node, tmp_path: Path, transport: str) -> None:
+    ours = Camera(camera)
+    first = start('img_subscriber', output_dir=tmp_path / 'first')
+    spin_until(camera, lambda: ours.subscribers > 0)
+
+    def send_until(condition: Callable[[], bool]) -> None:
+        def step() -> bool:
+            ours.send()
+            return condition()
+
+        spin_until(camera, step)
+
+    send_until(lambda: 'Receiving video frame' in first.output)
+    # More messages than a new publisher can have sent, even if it is found late. There are
+    # messages as long as a plain subscription needs them.
+    received = Event()
+    plain = camera.create_subscription(Image, TOPIC, lambda _: received.set(), 10)
+    send_until(received.is_set)
+    for _ in range(2000):
+        ours.send()
+    camera.destroy_subscription(plain)
+    send_until(lambda: not camera.count_subscribers(TOPIC))
+    second = start('img_subscriber', output_dir=tmp_path / 'second', transport=transport,
+                   max_frames=10)
+
+    send_until(lambda: not second.is_running())
+    assert second.finish() == 0, second.output
+    assert ' lost in transit since the first received frame\n' in second.output
+    first.interrupt()
+    assert first.finish() == 0, first.output
+    assert ' lost in transit\n' in first.output
+
+
+@pytest.mark.process
 def test_progress_bar_on_a_terminal(
-        start: Start, node: Node, publisher: Publisher, tmp_path: Path) -> None:
-    master, slave = pty.openpty()
-    process = subprocess.Popen(
-        [executable('img_subscriber'), '--ros-args', '-p', f'output_dir:={tmp_path / "out"}',
-         '-p', 'max_frames:=20', '-p', 'on_overflow:=block'],
-        stdin=subprocess.DEVNULL, stdout=slave, stderr=slave,
-        env={**os.environ, 'COLUMNS': '120'})
-    os.close(slave)
-    try:
+        node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    with on_terminal('img_subscriber', output_dir=tmp_path / 'out', max_frames=20,
+                     on_overflow='block') as terminal:
         image = np.zeros((4, 4), np.uint8)
         send(node, publisher, stamped(np.zeros((4, 4), np.float32), '32FC1', 1),
              *[stamped(image, 'mono8', 1)] * 19)
-        assert process.wait(DEADLINE) == 1
-    finally:
-        process.kill()
-    console = b''
-    while True:
-        try:
-            console += os.read(master, 1 << 16)
-        except OSError:  # the other end is closed
-            break
-    os.close(master)
-    text = console.decode()
+        assert terminal.finish() == 1
+    text = terminal.text
     assert re.search(r'\rReceiving video frame 1/20 \|.*4x4 32FC1, 0 dropped', text)
     assert re.search(r'Receiving video frame 20/20 \|', text)
     for line in re.split(r'[\r\n]+', text):
         assert 'INFO' not in line or 'Receiving video frame' not in line, line
+
+
+@pytest.mark.process
+def test_bad_announcement_with_a_progress_bar(
+        node: Node, publisher: Publisher, tmp_path: Path) -> None:
+    announcements = node.create_publisher(String, f'/video_frames{SUFFIX}', LATCHED)
+    announcements.publish(String(data='\x1b[2J'))
+    with on_terminal('img_subscriber', '--log-level', 'image_subscriber:=debug',
+                     output_dir=tmp_path / 'out', max_frames=3) as terminal:
+        terminal.wait_for(']: the announcement is not JSON')
+        send(node, publisher, *[stamped(np.zeros((4, 4), np.uint8), 'mono8', 1)] * 3)
+        assert terminal.finish() == 0, terminal.text
+    assert len(recorded_files(tmp_path / 'out')) == 3

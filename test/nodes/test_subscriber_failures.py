@@ -33,6 +33,7 @@ from conftest import (
 import cv2
 import numpy as np
 from opencv_tools.capture.pattern import draw_pattern
+from opencv_tools.recording.recorder import QUEUE_SIZE
 import pytest
 from rclpy.node import Node
 from sending import create_publisher, NANO, send, stamped
@@ -44,6 +45,7 @@ KILLS = 10
 AT_ONCE = 4
 # Root without the right to ignore the permissions of files.
 OBEDIENT_ROOT = ('setpriv', '--bounding-set=-dac_override,-dac_read_search')
+PROGRESS = re.compile(r'Receiving video frame (\d+): .* (\d+) dropped')
 SUMMARY = re.compile(r'Received (\d+) frames .*: (\d+) written to .*, (\d+) dropped, '
                      r'(\d+) failed, (\d+) lost in transit')
 
@@ -61,6 +63,16 @@ def wait_until(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < deadline, 'the condition did not come to hold'
         time.sleep(0.02)
+
+
+def wait_for_frames(process: NodeProcess) -> None:
+    """Wait until a recorder has tried to write one more frame than its queue takes."""
+    def taken() -> int:
+        received, dropped = PROGRESS.findall(process.output)[-1]
+        return int(received) - int(dropped)
+
+    last = taken() + QUEUE_SIZE + 1
+    process.wait_until(lambda _: taken() > last, 'more frames')
 
 
 @pytest.mark.stress
@@ -159,7 +171,7 @@ def test_full_disk_that_gets_room_again(
     full = recorded_files(inside)
     assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
                for index, picture in enumerate(read_pictures(inside)))
-    time.sleep(0.5)  # no file of these frames may remain
+    wait_for_frames(recorder)  # no file of these frames may remain
     assert recorded_files(inside) == full
     for path in full[:10]:
         path.unlink()
@@ -189,7 +201,7 @@ def test_folder_that_is_read_only_for_a_while(
     recorder.wait_for('Receiving video frame')
     folder.chmod(0o555)
     recorder.wait_for('Permission denied')
-    time.sleep(0.5)  # the line must not repeat for every frame
+    wait_for_frames(recorder)  # the line must not repeat for every frame
     folder.chmod(0o755)
     recorder.wait_for('Writing again')
     assert recorder.output.count('Permission denied') == 1

@@ -43,8 +43,8 @@ SEND = """
 import signal
 import numpy as np
 from opencv_tools.image.cdr import WireHeader, WireImage
-from opencv_tools.ros.zero_copy import publish_image
-from opencv_tools.ros.fastdds.profile import configured_fastdds
+from opencv_tools.transport.zero_copy import publish_image
+from opencv_tools.transport.fastdds.profile import configured_fastdds
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy

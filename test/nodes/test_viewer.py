@@ -16,18 +16,23 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+import json
 from pathlib import Path
 import signal
 import subprocess
 import sys
+from typing import Any
 
 from conftest import NodeProcess
 import cv2
 import numpy as np
 from opencv_tools.image_codecs import encode_image
+from opencv_tools.viewer.protocol import WIDTHS
 import pytest
 from rclpy.node import Node
+from sending import stamped
 from std_msgs.msg import String
 from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
 
@@ -61,7 +66,7 @@ def test_raw_image_is_scaled(viewer: NodeProcess, node: Node) -> None:
     async def look() -> None:
         page = await Page.connect(address_of(viewer))
         hello = await page.text('hello')
-        assert (hello['version'], hello['node'], hello['control']) == (1, '/image_viewer', False)
+        assert (hello['control'], hello['token'], hello['widths']) == (False, '', list(WIDTHS))
         await listed(page, '/front/image')
         await page.send(subscribe='/front/image', width=300)
         await camera.seen()
@@ -165,8 +170,15 @@ def test_page_that_reads_nothing_delays_no_other(viewer: NodeProcess, node: Node
             picture = await publishing(lambda: camera.publish(noise), quick.picture())
             stamps.append(picture.stamp)
         assert stamps == sorted(set(stamps))
+        deaf.socket.stream.close()  # as a page that crashes
+        topic = {'viewers': 2}
+        while topic['viewers'] > 1:
+            (topic,) = json.loads((await fetch(url, '/topics')).body)['topics']
 
     run_page(look())
+    viewer.interrupt()
+    assert viewer.finish() == 0
+    assert 'ERROR' not in viewer.output
 
 
 def test_latched_picture_reaches_every_page(viewer: NodeProcess, node: Node) -> None:
@@ -234,6 +246,84 @@ def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node)
 
     run_page(look())
     assert 'frame of /image left out' in viewer.output
+
+
+def test_reason_of_a_broken_image(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'image')
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/image')
+        await page.send(subscribe='/image')
+        await camera.seen()
+
+        def publish(encoding: str) -> None:
+            message = stamped(GRAY, 'bgr8', 0)
+            message.encoding = encoding
+            camera.publisher.publish(message)
+
+        def shows(text: str) -> Callable[[dict[str, Any]], bool]:
+            return lambda state: text in state['reason'] and state['broken'] > 3
+
+        await publishing(lambda: publish('foo8'), page.status(shows('[foo8]')))
+        await publishing(lambda: publish('bgr8'), page.status(lambda state: not state['reason']))
+        await publishing(lambda: publish('foo9'), page.status(shows('[foo9]')))
+        count = (await page.status(lambda state: True))['broken']
+        await publishing(lambda: publish('foo9'), page.status(
+            lambda state: state['broken'] > count + 30))
+
+    run_page(look())
+    assert viewer.output.count('frame of /image left out') == 2
+
+
+@pytest.fixture(scope='module')
+def large_jpeg() -> bytes:
+    """Return a picture that the buffers of a connection cannot hold."""
+    noise = np.random.default_rng(5).integers(0, 255, (2000, 2500, 3), np.uint8)
+    return encode_image(noise, '.jpg', 100).tobytes()
+
+
+def test_answer_to_a_picture_that_is_not_sent(
+        viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
+    camera = Camera(node, 'image/compressed', compressed=True)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        deaf, quick = await Page.connect(url), await Page.connect(url)
+        await listed(quick, '/image')
+        for page in (deaf, quick):
+            await page.send(subscribe='/image')
+        await camera.seen()
+        await quick.status(lambda state: True)
+        camera.publish_compressed(large_jpeg)
+        await quick.picture()
+        await deaf.send(got=1)
+        assert await deaf.close_code() in (1008, None)  # Tornado may close without a code
+        camera.publish_compressed(large_jpeg)
+        assert (await quick.picture()).stamp == 2
+
+    run_page(look())
+
+
+def test_unread_pictures_of_topics_that_a_page_has_left(
+        viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
+    camera = Camera(node, 'image/compressed', compressed=True)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        deaf, quick = await Page.connect(url), await Page.connect(url)
+        await listed(quick, '/image')
+        await quick.send(subscribe='/image')
+        await camera.seen()
+        camera.publish_compressed(large_jpeg)
+        await quick.picture()
+        for _ in range(20):
+            await deaf.send(subscribe='/image')
+            await asyncio.sleep(0.1)
+            await deaf.send(unsubscribe='/image')
+        assert await deaf.close_code() in (1008, None)
+
+    run_page(look())
 
 
 def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
@@ -416,7 +506,7 @@ def test_tornado_is_missing(domain: int) -> None:
                               timeout=60, check=False)
     assert finished.returncode == 1
     assert 'Traceback' not in finished.stderr
-    assert 'img_viewer needs Tornado: install it with sudo apt install python3-tornado' in (
+    assert "img_viewer needs Tornado; install it with 'sudo apt install python3-tornado'" in (
         finished.stderr)
 
 
@@ -441,6 +531,9 @@ def test_port_in_use(start: Start, viewer: NodeProcess) -> None:
     ({'certificate': '/nowhere.pem'}, 1, 'certificate /nowhere.pem and key /nowhere.pem cannot'),
     ({'key': '/nowhere.pem'}, 2, "key is '/nowhere.pem', but certificate is empty"),
     ({'token': 'short'}, 2, "parameter token is 'short': give 8 to 200"),
+    ({'token_file': '/nowhere/token'}, 1, "token_file '/nowhere/token' cannot be used: No such"),
+    ({'token_file': '/a', 'token': 'open-sesame'}, 2, "token_file is '/a', but token is set"),
+    ({'allowed_origins': 'robot'}, 2, 'robot is not an origin: give the beginning'),
     ({'control': 'true', 'token': "''"}, 2, 'control is true and token is'),
     ({'rate': '0.0'}, 2, 'parameter rate is 0.0: give a number from 0.1 to 240'),
     ({'port': '70000'}, 2, 'parameter port is 70000')])

@@ -16,15 +16,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
-from conftest import NodeProcess
+from conftest import DEADLINE, NodeProcess
+import numpy as np
 import pytest
-from viewing import address_of, Page, run_page
+from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
+from rcl_interfaces.srv import (
+    DescribeParameters, GetParameters, ListParameters, SetParameters)
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from viewing import address_of, Camera, Page, run_page, ShownPicture
 
 Start = Callable[..., NodeProcess]
+GRAY = np.full((48, 64, 3), 90, np.uint8)
 
 
 @pytest.fixture
@@ -73,9 +83,145 @@ def test_parameters_of_a_camera(start: Start, camera: NodeProcess) -> None:
         assert (refused['ok'], refused['value']) == (False, 90)
         assert refused['message'].startswith('parameter rotate is 45: give one of')
         for name, value in (('rotate', '90'), ('nothing', 5), (None, 5), ('rotate', None),
-                            ('', 1), ('a' * 1000, 1), (['rotate'], 1)):
+                            ('', 1), ('a' * 1000, 1), (['rotate'], 1), ('\ud800', 1),
+                            ('\0', 1)):
             refused = await set_value(name, value)
             assert (refused['ok'], bool(refused['message'])) == (False, True)
+
+    run_page(act())
+
+
+class OddCamera:
+    """A node that answers its parameter services as a test says."""
+
+    def __init__(self, node: Node) -> None:
+        self.values = [ParameterValue(type=4, string_value='a')]
+        self.values_after = self.values
+        self.results = [SetParametersResult(successful=True)]
+        self.names = ['text']
+        self.is_free = Event()
+        self.is_free.set()
+        self.camera = Camera(node, 'odd/image')
+        for service_type, name, call in (
+                (ListParameters, 'list_parameters', self._list),
+                (DescribeParameters, 'describe_parameters', self._describe),
+                (GetParameters, 'get_parameters', self._get),
+                (SetParameters, 'set_parameters', self._set)):
+            node.create_service(service_type, f'{node.get_name()}/{name}', call)
+
+    def _list(self, _: Any, answer: Any) -> Any:
+        self.is_free.wait(DEADLINE)
+        answer.result.names = self.names
+        return answer
+
+    def _describe(self, request: Any, answer: Any) -> Any:
+        answer.descriptors = [ParameterDescriptor(name=name) for name in request.names]
+        return answer
+
+    def _get(self, _: Any, answer: Any) -> Any:
+        answer.values = self.values
+        return answer
+
+    def _set(self, _: Any, answer: Any) -> Any:
+        answer.results = self.results
+        self.values = self.values_after
+        return answer
+
+
+@pytest.fixture
+def odd_camera(domain: int) -> Iterator[OddCamera]:
+    """Create a node that serves in a thread of its own."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node('odd', context=context, start_parameter_services=False)
+    camera = OddCamera(node)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = Thread(target=executor.spin)
+    thread.start()
+    yield camera
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+TEXT, UNSET = ParameterValue(type=4, string_value='b'), ParameterValue()
+
+
+@pytest.mark.parametrize(('answers', 'sentence'), [
+    ({'results': []}, '/odd has given 0 answers about one parameter'),
+    ({'results': [SetParametersResult()] * 3}, '/odd has given 3 answers about one parameter'),
+    ({'values_after': []}, '/odd has given 0 answers about one parameter'),
+    ({'values_after': [TEXT] * 2}, '/odd has given 2 answers about one parameter'),
+    ({'values_after': [UNSET]}, 'the parameter is not a number, a text or true or false'),
+    ({'values_after': [ParameterValue(type=99)]}, 'the parameter is not a number'),
+    ({'values': [UNSET]}, 'the parameter is not a number'),
+    ({'values': []}, '/odd has no parameter text')])
+def test_odd_answers_of_a_camera(
+        start: Start, odd_camera: OddCamera, answers: dict[str, Any], sentence: str) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+    for name, value in answers.items():
+        setattr(odd_camera, name, value)
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, cameras=['/odd'])
+        await page.send(set='/odd', name='text', value='b')
+        refused = await page.text('set')
+        assert (refused['ok'], refused['message'][:len(sentence)]) == (False, sentence)
+        odd_camera.values = [TEXT]
+        await page.send(parameters='/odd')
+        assert [item['value'] for item in (await page.text('parameters'))['parameters']] == ['b']
+
+    run_page(act())
+    assert viewer.is_running()
+
+
+def test_pictures_while_a_camera_does_not_answer(
+        start: Start, odd_camera: OddCamera) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+    odd_camera.is_free.clear()
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, cameras=['/odd'])
+        await page.send(subscribe='/odd/image')
+        await odd_camera.camera.seen()
+        for _ in range(25):
+            await page.send(parameters='/odd')
+        message = await page.text('error')
+        assert message == '20 requests wait for an answer: wait as well'
+        for number in range(1, 21):
+            odd_camera.camera.publish(GRAY)
+            picture = await page.read()
+            while not isinstance(picture, ShownPicture):
+                assert 'parameters' not in picture
+                picture = await page.read()
+            await page.send(got=picture.sequence)
+            assert picture.stamp == number
+        answer = await page.text('parameters')
+        assert answer['message'] == '/odd/list_parameters has not answered within 5 s'
+        odd_camera.is_free.set()
+        while not answer['ok']:
+            answer = {'ok': True} | await page.text('parameters')
+
+    try:
+        run_page(act())
+    finally:
+        odd_camera.is_free.set()
+
+
+def test_long_texts_of_a_camera(start: Start, odd_camera: OddCamera) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+    odd_camera.values = [ParameterValue(type=4, string_value='x' * 2_000_000)] * 2
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, cameras=['/odd'])
+        await page.send(parameters='/odd')
+        (item,) = (await page.text('parameters'))['parameters']
+        assert (len(item['value']), item['read_only']) == (500, True)
 
     run_page(act())
 

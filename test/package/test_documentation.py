@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-README.md and the pages of docs: their blocks run, their commands and links name what exists.
+README.md and the pages of docs: their programs run, their commands and links name what exists.
 
-A mark on the line before a block says how it is run::
+``make test-docs`` types their commands. A mark on the line before a block says how it is run::
 
     <!-- test: until TEXT -->       Ctrl-C follows TEXT in the output
+    <!-- test: file NAME -->        a reader writes the block to this file
     <!-- test: needs camera -->     only the names in its commands are checked
     <!-- test: needs ros -->        the same
     <!-- test: needs root -->       it runs in a namespace that protects the machine
@@ -28,24 +29,25 @@ A mark on the line before a block says how it is run::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import importlib.util
 import json
 import os
 from pathlib import Path
 import re
 import shutil
+import subprocess
 import sys
 
+from conftest import DEADLINE, executable
 from documentation import (
-    Block, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
-from documentation_runs import copy_project, matches, run
-from documented_commands import check_command, check_span, commands
+    Block, matches, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
+from documentation_runs import copy_project, run
+from documented_commands import check_command, check_span
 import pytest
 
-TEXTS = (*PAGES, Path('CONTRIBUTING.md'), Path('SECURITY.md'))
+TEXTS = (*PAGES, *map(Path, ('CONTRIBUTING.md', 'RELEASING.md', 'SECURITY.md')))
 BLOCKS = [block for page in PAGES for block in read_blocks(page)]
-HAS_LAUNCH = importlib.util.find_spec('launch_ros') is not None
 
 # Runs the blocks of a page, so that a traceback names the line of the page.
 DRIVER = """
@@ -56,22 +58,12 @@ for page, line, code in json.loads(sys.argv[1]):
 """
 
 
-def _runs(block: Block) -> bool:
-    """Return whether a block runs on this machine."""
-    return block.is_run and (HAS_LAUNCH or 'ros2 launch' not in block.code)
-
-
-def _scripts(language: str) -> list[object]:
-    """Return the blocks of a language that run here."""
-    return [pytest.param(block, id=block.name)
-            for block in BLOCKS if block.language == language and _runs(block)]
-
-
 def _programs() -> Iterator[object]:
     """Yield the blocks of Python that run together: those of a page that end by themselves."""
     for page in PAGES:
         blocks = [block for block in BLOCKS
-                  if block.page == page and block.language == 'python' and _runs(block)]
+                  if block.page == page and block.language == 'python'
+                  and block.is_run and not block.file]
         whole = [block for block in blocks if not block.until]
         for number, block in enumerate(blocks):
             if block.until:
@@ -94,18 +86,14 @@ def check_output(block: Block, status: int, output: str) -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('block', _scripts('bash'))
-def test_bash_block(block: Block, project: Path, start: Callable[..., object],
-                    request: pytest.FixtureRequest) -> None:
-    prefix: tuple[str, ...] = ()
-    if 'needs root' in block.marks:
-        prefix = protected(block, project, request.getfixturevalue('mount_namespace'))
-    if block.until and 'img_subscriber' in block.code and 'img_publisher' not in block.code:
-        start('img_publisher', source='pattern')
+@pytest.mark.parametrize('block', [
+    pytest.param(block, id=block.name) for block in BLOCKS if 'needs root' in block.marks])
+def test_block_that_needs_root(
+        block: Block, project: Path, mount_namespace: tuple[str, ...]) -> None:
     script = project.parent / 'script'
     script.write_text(block.code)
-    status, output = run((*prefix, 'bash', '-e', '-o', 'pipefail', str(script)), project,
-                         block.until)
+    status, output = run((*protected(block, project, mount_namespace), 'bash', '-e', str(script)),
+                         project)
     check_output(block, status, output)
     for file, value in settings(block, project).items():
         assert file.read_text().strip() == value
@@ -130,35 +118,40 @@ def protected(block: Block, project: Path, namespace: tuple[str, ...]) -> tuple[
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('block', _scripts('console'))
-def test_console_block(block: Block, project: Path) -> None:
-    expected: list[tuple[str, str]] = []
-    for line in block.code.replace('\\\n', ' ').splitlines():
-        if line.startswith('$ '):
-            expected.append((line[2:], ''))
-        else:
-            assert expected, f'{block.name}: the first line is no command'
-            expected[-1] = (expected[-1][0], f'{expected[-1][1]}{line}\n')
-    end = '=== end of the command ==='
-    script = project.parent / 'script'
-    script.write_text(''.join(f'{command}\necho "{end}"\n' for command, _ in expected))
-    status, output = run(('bash', '-e', '-o', 'pipefail', str(script)), project, block.until)
-    check_output(block, status, output)
-    printed = output.split(f'{end}\n')
-    for (command, lines), actual in zip(expected, printed):
-        assert matches(lines, actual), f'{block.name}: {command} prints\n{actual}\nnot\n{lines}'
-
-
-@pytest.mark.process
 @pytest.mark.parametrize('blocks', [*_programs()])
 def test_python_blocks(blocks: list[Block], project: Path) -> None:
     code = json.dumps([(str(block.page), block.line, block.code) for block in blocks])
     status, output = run((sys.executable, '-c', DRIVER, code), project, blocks[-1].until)
     check_output(blocks[-1], status, output)
-    comments = [comment for block in blocks
+    comments = [comment for block in blocks if not blocks[-1].until
                 for comment in re.findall(r'^ *print\(.*\)  # (.*)$', block.code, re.MULTILINE)]
     if comments:
         assert matches('\n'.join(comments), output), f'{blocks[0].name} prints\n{output}'
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('block', [
+    pytest.param(block, id=block.name) for block in BLOCKS if block.code.startswith('[Unit]')])
+def test_systemd_unit(block: Block, tmp_path: Path) -> None:
+    if shutil.which('systemd-analyze') is None:
+        pytest.skip('systemd-analyze is not on this machine; sudo apt install systemd')
+    unit = tmp_path / 'camera.service'
+    program = re.search(r'^ExecStart=\S*/(\S+)(.*)$', block.code, re.MULTILINE)
+    assert program and f'{program[1]}{program[2]}'.startswith('img_publisher --ros-args ')
+    check_command(f'{program[1]}{program[2]}')
+    unit.write_text(block.code.replace(
+        program[0], f'ExecStart={executable(program[1])}{program[2]}'))
+    finished = subprocess.run(
+        ['systemd-analyze', 'verify', '--man=no', unit], capture_output=True, text=True,
+        timeout=DEADLINE, check=False)
+    assert (finished.returncode, finished.stderr) == (0, '')
+
+
+@pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS
+                                   if block.language == 'bash'])
+def test_background_processes_end(block: Block) -> None:
+    last = [*block.commands()][-1][0]
+    assert ' &\n' not in block.code or last.startswith(('kill ', 'wait')), block.name
 
 
 @pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS])
@@ -168,8 +161,10 @@ def test_block_form(block: Block) -> None:
     assert block.language in RUN or not block.marks, f'{block.name}: a mark without a run'
     if block.language == '':
         assert not block.code.startswith('$ '), f'{block.name}: write it as console'
+    if block.language == 'console':
+        assert block.code.startswith('$ '), f'{block.name}: the first line is no command'
     if block.language in ('bash', 'console'):
-        for line in commands(block):
+        for line, _ in block.commands():
             check_command(line)
     elif block.language == 'python':
         compile(block.code, block.name, 'exec')
@@ -196,10 +191,11 @@ def test_names_in_text(page: Path) -> None:
 
 
 def test_pages_are_in_the_contents() -> None:
-    contents = next(block for block in BLOCKS if block.language == '{toctree}')
-    named = re.findall(r'^[a-z]\w*$', contents.code, re.MULTILINE)
-    pages = {path.stem for folder in ('*.md', '*.rst') for path in (ROOT / 'docs').glob(folder)}
-    assert sorted(named) == sorted(pages - {'index'})
+    named = {str(block.page.parent / name) for block in BLOCKS if block.language == '{toctree}'
+             for name in re.findall(r'^[a-z][\w/]*$', block.code, re.MULTILINE)}
+    pages = {str(path.relative_to(ROOT).with_suffix('')) for kind in ('*.md', '*.rst')
+             for path in (ROOT / 'docs').rglob(kind)}
+    assert named == pages - {'docs/index'}
 
 
 def test_parameter_page_is_up_to_date() -> None:

@@ -24,8 +24,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
-from ament_index_python.packages import (
-    get_package_prefix, get_package_share_directory, PackageNotFoundError)
+from ament_index_python.packages import get_package_share_directory
 from conftest import NodeProcess
 import pytest
 import yaml
@@ -33,17 +32,6 @@ import yaml
 
 EXECUTABLES = ['img_convert', 'img_filter', 'img_publisher', 'img_subscriber', 'img_viewer',
                'robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf']
-
-
-@pytest.fixture
-def prefix() -> Path:
-    """Return the folder into which colcon has installed the package."""
-    try:
-        return Path(get_package_prefix('opencv_tools'))
-    except PackageNotFoundError:
-        if 'COLCON' in os.environ:
-            raise
-        pytest.skip('colcon has not installed the package; make test does, and runs this')
 
 
 @pytest.fixture
@@ -151,6 +139,35 @@ def test_nodes_run_as_modules(module: str) -> None:
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'parameters [default]:' in finished.stdout
+
+
+def project_texts() -> dict[Path, str]:
+    """Return the texts of the project that are written by hand."""
+    root = Path(__file__).parents[2]
+    folders = ('.ci', '.github', 'config', 'docs', 'examples', 'launch', 'opencv_tools',
+               'requirements', 'test')
+    paths = [path for path in root.iterdir() if path.is_file()]
+    for folder in folders:
+        paths += [path for path in (root / folder).rglob('*') if path.suffix in (
+            '.html', '.js', '.md', '.py', '.rst', '.txt', '.yaml', '.yml', '')]
+    return {path.relative_to(root): path.read_text(errors='replace')
+            for path in paths if path.is_file()}
+
+
+def test_no_installation_from_pypi_under_our_name() -> None:
+    # PyPI has a project of another author under this name.
+    texts = project_texts()
+    assert len(texts) > 300
+    wrong = re.compile(r"""install [^\n]*["' ]opencv[-_.]tools\b|^opencv[-_.]tools\b *[=<>~\[]""")
+    assert {str(path): found[0] for path, text in texts.items()
+            if path.parts[0] != 'test' and (found := wrong.search(text))} == {}
+
+
+def test_one_text_for_missing_libraries() -> None:
+    texts = project_texts()
+    assert [str(path) for path, text in texts.items()
+            if path.parts[0] == 'opencv_tools' and 'pip install' in text] == [
+                'opencv_tools/remedies.py']
 
 
 def test_names_in_architecture_page() -> None:

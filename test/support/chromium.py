@@ -182,7 +182,8 @@ class Page:
     def press(self, key: str) -> None:
         """Press a key by its name, such as ``Escape`` or ``s``."""
         text = {'text': key} if len(key) == 1 else {'text': '\r'} if key == 'Enter' else {}
-        codes = {'Enter': 13, 'Escape': 27, ' ': 32, 'ArrowLeft': 37, 'ArrowRight': 39, 'Tab': 9}
+        codes = {'Enter': 13, 'Escape': 27, ' ': 32, 'ArrowLeft': 37, 'ArrowUp': 38,
+                 'ArrowRight': 39, 'ArrowDown': 40, 'Tab': 9}
         code = codes.get(key, ord(key[0].upper()))
         self.call('Input.dispatchKeyEvent', type='keyDown', key=key,
                   windowsVirtualKeyCode=code, **text)

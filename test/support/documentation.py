@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 import re
+import shutil
 
 ROOT = Path(__file__).parents[2]
 PAGES = tuple(path.relative_to(ROOT) for path in (
@@ -29,6 +30,18 @@ PAGES = tuple(path.relative_to(ROOT) for path in (
 RUN = ('bash', 'console', 'python')
 #: Languages of blocks that are shown.
 SHOWN = ('', 'cpp', 'json', 'text', 'xml', 'yaml', '{toctree}')
+
+#: Parts of the project that the commands of the pages use.
+USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
+
+# PyPI has no ros2 command, and a container often has no sudo.
+_STAND_INS = {
+    'ros2': """#!/bin/bash
+[ "$1 $2" = 'run opencv_tools' ] && exec "${@:3}"
+echo "ros2 $1 is not on PyPI: mark the block with 'needs ros'" >&2
+exit 1
+""",
+    'sudo': '#!/bin/bash\nexec "$@"\n'}
 
 _FENCE = re.compile(r'( *)(`{3,}|~{3,})([^`]*)$')
 _MARK = re.compile(r'<!-- test: (.*) -->$')
@@ -68,6 +81,12 @@ class Block:
                      if mark.startswith('until ')), '')
 
     @property
+    def file(self) -> str:
+        """Name of the file that a reader writes the block to; '' for a block that is run."""
+        return next((mark.removeprefix('file ') for mark in self.marks
+                     if mark.startswith('file ')), '')
+
+    @property
     def is_run(self) -> bool:
         """Whether this machine can run the block: no camera, no ROS, no reason against it."""
         return not any(mark.startswith(('needs camera', 'needs ros', 'not run: '))
@@ -75,8 +94,50 @@ class Block:
 
     def marks_are_known(self) -> bool:
         """Return whether every mark has a meaning."""
-        known = re.compile(r'until \S.*|needs (camera|root|ros)|not run: \S.*')
+        known = re.compile(r'until \S.*|file \S+|needs (camera|root|ros)|not run: \S.*')
         return all(known.fullmatch(mark) for mark in self.marks)
+
+    def commands(self) -> Iterator[tuple[str, str]]:
+        """Yield the commands of a block of a shell, and the lines that a console shows below."""
+        text = self.code.replace('\\\n', ' ')
+        if self.language == 'console':
+            for part in re.split(r'^\$ ', text, flags=re.MULTILINE)[1:]:
+                command, _, shown = part.partition('\n')
+                yield command, shown
+        else:
+            lines = iter(text.splitlines())
+            for line in lines:
+                if line.strip() and not line.startswith('#'):
+                    here = re.search(r'<<(\w+)$', line)
+                    document = [*_until_word(lines, here[1])] if here else []
+                    yield '\n'.join([line, *document]), ''
+
+
+def copy_used(root: Path) -> None:
+    """Copy the files of the project that the pages use to a new folder."""
+    for name in USED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, root / name)
+        else:
+            root.mkdir(exist_ok=True)
+            shutil.copy(ROOT / name, root / name)
+
+
+def add_stand_ins(folder: Path) -> None:
+    """Write scripts for the commands that this machine does not have to a folder."""
+    for name, text in _STAND_INS.items():
+        if shutil.which(name) is None:
+            (folder / name).write_text(text)
+            (folder / name).chmod(0o755)
+
+
+def matches(expected: str, output: str) -> bool:
+    """Return whether an output has the expected lines; ``...`` stands for any text or lines."""
+    pattern = ''.join(
+        r'(?:.*\n)*?' if line.strip() == '...'
+        else re.escape(line.rstrip()).replace(re.escape('...'), '.*') + r'[ \t]*\n'
+        for line in expected.splitlines())
+    return re.fullmatch(pattern, ''.join(f'{line}\n' for line in output.splitlines())) is not None
 
 
 def read_blocks(page: Path) -> list[Block]:
@@ -117,6 +178,14 @@ def _until(lines: list[str], numbers: Iterator[int], fence: str) -> Iterator[str
             return
         yield lines[number]
     raise ValueError(f'the last block with {fence} is not closed')
+
+
+def _until_word(lines: Iterator[str], word: str) -> Iterator[str]:
+    """Yield the lines of a here-document, and its last one, which is a word."""
+    for line in lines:
+        yield line
+        if line == word:
+            return
 
 
 def _without_blocks(page: Path) -> str:

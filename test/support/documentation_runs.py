@@ -20,27 +20,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
-import re
-import shutil
 import signal
 import subprocess
 import sys
 import time
 
 from conftest import DEADLINE, executable
-from documentation import ROOT
+from documentation import add_stand_ins, copy_used, ROOT
 from documented_commands import COMMANDS, PARAMETERS
-
-#: Parts of the project that the commands of the pages use.
-USED = ('Makefile', 'config', 'docs', 'examples', 'meshes', 'sdf', 'test/data', 'urdf')
-
-# PyPI has no ros2 command, and a container often has no sudo.
-_ROS2 = """#!/bin/bash
-[ "$1 $2" = 'run opencv_tools' ] && exec "${@:3}"
-echo "ros2 $1 is not on PyPI: mark the block with 'needs ros'" >&2
-exit 1
-"""
-_SUDO = '#!/bin/bash\nexec "$@"\n'
 
 
 def copy_project(folder: Path) -> Path:
@@ -51,19 +38,11 @@ def copy_project(folder: Path) -> Path:
     :returns: the root of the copy.
     """
     root = folder / 'opencv_tools'
-    root.mkdir()
-    for name in USED:
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, root / name)
-        else:
-            shutil.copy(ROOT / name, root / name)
+    copy_used(root)
     (folder / 'bin').mkdir()
     for name in (*PARAMETERS, *COMMANDS):
         (folder / 'bin' / name).symlink_to(executable(name))
-    for name, text in (('ros2', _ROS2), ('sudo', _SUDO)):
-        if shutil.which(name) is None:
-            (folder / 'bin' / name).write_text(text)
-            (folder / 'bin' / name).chmod(0o755)
+    add_stand_ins(folder / 'bin')
     (folder / 'home').mkdir()
     return root
 
@@ -136,12 +115,3 @@ def _members(session: int) -> list[int]:
             if int(number) == session and state != 'Z':
                 found.append(int(path.parent.name))
     return found
-
-
-def matches(expected: str, output: str) -> bool:
-    """Return whether an output has the expected lines; ``...`` stands for any text or lines."""
-    pattern = ''.join(
-        r'(?:.*\n)*?' if line.strip() == '...'
-        else re.escape(line.rstrip()).replace(re.escape('...'), '.*') + r'[ \t]*\n'
-        for line in expected.splitlines())
-    return re.fullmatch(pattern, ''.join(f'{line}\n' for line in output.splitlines())) is not None

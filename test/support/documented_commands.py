@@ -23,12 +23,12 @@ import itertools
 import re
 import shlex
 
-from documentation import Block, ROOT
+from documentation import ROOT
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
 from opencv_tools.convert.cli import main as img_convert
+from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.robot import cli
-from opencv_tools.ros.parameters import Parameter
 import pytest
 import yaml
 
@@ -48,15 +48,9 @@ MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', _MAKEFILE, re.MULTILINE)[0]
 
 #: Controls that most cameras have; the node has a parameter for each of the camera's own.
 CAMERA_CONTROLS = {'brightness', 'exposure_time_absolute', 'white_balance_automatic'}
+# Packages of others whose executables and launch files the pages name.
+_OTHER_PACKAGES = {'ros_gz_sim'}
 _ENDS = {'|', '||', '&', '&&', ';', '(', ')'}
-
-
-def commands(block: Block) -> list[str]:
-    """Return the commands of a block, with joined lines; of a console block those after ``$``."""
-    text = block.code.replace('\\\n', ' ')
-    if block.language == 'console':
-        return [line[2:] for line in text.splitlines() if line.startswith('$ ')]
-    return [line for line in text.splitlines() if line.strip() and not line.startswith('#')]
 
 
 def check_command(line: str) -> None:
@@ -144,6 +138,8 @@ def _check_options(command: str, arguments: list[str]) -> None:
 
 def _check_ros2(verb: str, *arguments: str) -> None:
     """Check the arguments of ``ros2 launch``, ``ros2 param`` and ``ros2 service call``."""
+    if verb in ('launch', 'run') and arguments[0] in _OTHER_PACKAGES:
+        return
     if verb == 'launch':
         package, file, *assignments = arguments
         assert package == 'opencv_tools' and file in LAUNCH_FILES, file

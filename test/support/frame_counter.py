@@ -90,15 +90,17 @@ def plain(best_effort: bool) -> Iterator[Subscribe]:
 def ours(_: bool) -> Iterator[Subscribe]:
     """Subscribe as img_subscriber does."""
     # Not at the top, so that a plain process has nothing of the package.
-    from opencv_tools.ros.fastdds.profile import configured_fastdds
-    from opencv_tools.ros.subscriber.subscription import FrameSubscription
+    from opencv_tools.logs import Log
+    from opencv_tools.topics.subscription import FrameSubscription
+    from opencv_tools.transport.fastdds.profile import configured_fastdds
 
     def _refuse(err: Exception) -> None:
         raise err
 
     with configured_fastdds(0):
         yield lambda node, take: FrameSubscription(
-            node, TOPIC, 'raw', None, node.get_logger(), lambda frame, _: take(frame), _refuse)
+            node, TOPIC, 'raw', None, Log(node.get_logger()),
+            lambda received: take(received.message), _refuse)
 
 
 def main() -> None:

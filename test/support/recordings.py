@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 from conftest import recorded_files
+from console import Console
 import cv2
 import numpy as np
 from opencv_tools.image.encodings import find_encoding
@@ -39,22 +40,6 @@ from opencv_tools.recording.selection import Limits
 
 NANO = 10**9
 NO_LIMITS = Limits()
-
-
-class Console:
-    """A log that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def info(self, message: str) -> None:
-        self.lines.append(f'info: {message}')
-
-    def warning(self, message: str) -> None:
-        self.lines.append(f'warning: {message}')
-
-    def error(self, message: str) -> None:
-        self.lines.append(f'error: {message}')
 
 
 def random_image(encoding: str) -> np.ndarray:

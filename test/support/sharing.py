@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 import json
 import os
@@ -25,20 +25,24 @@ import subprocess
 import sys
 import time
 from typing import Any
+from weakref import WeakSet
 import zlib
 
-from conftest import DEADLINE
+from child_processes import wait_until
+from conftest import DEADLINE, executor_of
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import Frame, FramePublisher
-from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.ros.fastdds.profile import configured_fastdds
-from opencv_tools.ros.subscriber.subscription import FrameSubscription
+from opencv_tools.logs import Log
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.topics.shared_source import SharedSource
+from opencv_tools.topics.subscription import FrameSubscription
+from opencv_tools.transport.fastdds.profile import configured_fastdds
 import pytest
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -68,17 +72,18 @@ def is_picture(frame: Frame) -> bool:
 class Camera:
     """A publisher of numbered frames, which shares them or is a plain publisher of rclpy."""
 
-    def __init__(self, node: Node, name: str = 'ours', is_plain: bool = False) -> None:
+    def __init__(self, node: Node, name: str = 'ours', is_plain: bool = False,
+                 topic: str = TOPIC) -> None:
         self.name = name
         self.sent = 0
         self._node = node
-        self._plain = node.create_publisher(Image, TOPIC, 10) if is_plain else None
-        self._frames = None if is_plain else FramePublisher(node, TOPIC)
+        self._plain = node.create_publisher(Image, topic, 10) if is_plain else None
+        self.frames = None if is_plain else FramePublisher(node, topic)
 
     @property
     def subscribers(self) -> int:
         """Return the number of subscriptions of the image topic."""
-        publisher = self._plain or self._frames._images
+        publisher = self._plain or self.frames._images
         return int(publisher.get_subscription_count())
 
     def send(self, encoding: str = '16UC1', height: int = 3, width: int = 5) -> None:
@@ -90,14 +95,18 @@ class Camera:
         if self._plain:
             self._plain.publish(CvBridge().cv2_to_imgmsg(pixels, encoding, header=header))
         else:
-            self._frames.publish(pixels, header, encoding=encoding)
+            self.frames.publish(pixels, header, encoding=encoding)
+
+    def end_sharing(self) -> None:
+        """Close the service without an announcement; the image topic remains."""
+        self.frames._shared.destroy()
 
     def destroy(self) -> None:
         """Remove the publisher."""
         if self._plain:
             self._node.destroy_publisher(self._plain)
         else:
-            self._frames.destroy()
+            self.frames.destroy()
 
 
 class RemoteCamera:
@@ -145,7 +154,7 @@ class RemoteCamera:
 class Viewer:
     """A subscription that checks the pixels and collects the numbers of its frames."""
 
-    def __init__(self, node: Node, transport: str = 'auto', in_thread: bool = False,
+    def __init__(self, node: Node, transport: str = 'auto', threaded: bool = False,
                  depth: int | None = None, hold: Callable[[Frame], object] = bool) -> None:
         self.node = node
         self.numbers: dict[str, list[int]] = {}
@@ -153,20 +162,36 @@ class Viewer:
         self.shared = 0  # number of newest frames that came from shared memory
         self._hold = hold
         self.subscription = FrameSubscription(
-            node, TOPIC, transport, depth, node.get_logger(), self._take, self.errors.append,
-            in_thread=in_thread)
+            node, TOPIC, transport, depth, Log(node.get_logger()), self._take, self.errors.append,
+            threaded=threaded)
 
     @property
     def is_sharing(self) -> bool:
         """Whether all frames come from shared memory."""
-        return self.subscription._subscription.is_stopped
+        return self.subscription.is_shared
 
     @property
     def count(self) -> int:
         """Return the number of received frames."""
         return sum(map(len, self.numbers.values()))
 
-    def _take(self, message: WireMessage, _: int) -> None:
+    @property
+    def publishers(self) -> int:
+        """Return the number of publishers that the image topic connects."""
+        reader = self.subscription._image._reader
+        return reader.publisher_count() if reader else 0
+
+    @property
+    def missed(self) -> int:
+        """Return the number of frames that newer ones replaced, or that did not arrive."""
+        return sum(self.subscription.account[:2])
+
+    def received(self, camera: Camera | RemoteCamera) -> int:
+        """Return the number of frames received from a camera."""
+        return len(self.numbers.get(camera.name, ()))
+
+    def _take(self, received: ReceivedMessage) -> None:
+        message = received.message
         frame = Frame(message)
         assert is_picture(frame), (frame.frame_id, frame.stamp.sec, frame.description)
         self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
@@ -176,16 +201,14 @@ class Viewer:
     def watch(self, condition: Callable[[], bool], *cameras: Camera | RemoteCamera,
               window: int = WINDOW) -> None:
         """Publish, at most a few frames ahead of the reception, until a condition holds."""
-        executor = SingleThreadedExecutor(context=self.node.context)
-        executor.add_node(self.node)
         end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end, self.numbers
-            for camera in cameras:
-                if camera.sent - len(self.numbers.get(camera.name, ())) < window:
-                    camera.send()
-            executor.spin_once(timeout_sec=0.002)
-        executor.shutdown()
+        with executor_of(self.node) as executor:
+            while not condition():
+                assert time.monotonic() < end, self.numbers
+                for camera in cameras:
+                    if camera.sent - len(self.numbers.get(camera.name, ())) < window:
+                        camera.send()
+                executor.spin_once(timeout_sec=0.002)
 
     def watch_sharing(self, *cameras: Camera | RemoteCamera) -> None:
         """Publish until frames are shared."""
@@ -194,7 +217,7 @@ class Viewer:
     def match(self, *cameras: Camera | RemoteCamera) -> None:
         """Wait until the image topic connects this viewer and only these cameras."""
         self.watch(lambda: all(camera.subscribers for camera in cameras)
-                   and self.subscription._subscription.publisher_count() == len(cameras))
+                   and self.publishers == len(cameras))
 
     def assert_complete(self, *cameras: Camera | RemoteCamera) -> None:
         """Check that every frame arrived once and in order."""
@@ -202,7 +225,7 @@ class Viewer:
             len(self.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
         for camera in cameras:
             assert self.numbers[camera.name] == [*range(1, camera.sent + 1)]
-        assert self.subscription.losses.count == 0
+        assert self.subscription.account[:2] == (0, 0)
         assert self.errors == []
 
 
@@ -220,10 +243,26 @@ def view(node: Node) -> Iterator[Callable[..., Viewer]]:
         viewer.subscription.destroy()
 
 
+@pytest.fixture
+def hold_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Iterable[SharedSource]], None]:
+    """Return a function that has the threads of some sources receive nothing more."""
+    held: WeakSet[SharedSource] = WeakSet()
+
+    def wait(source: SharedSource) -> None:
+        held.add(source)
+        time.sleep(0.01)
+
+    def _hold(sources: Iterable[SharedSource]) -> None:
+        monkeypatch.setattr(SharedSource, '_wait', wait)
+        wait_until(lambda: {*sources} <= {*held}, 'the wait of the threads')
+
+    return _hold
+
+
 @pytest.fixture(params=[False, True], ids=['executor', 'thread'])
 def viewer(request: pytest.FixtureRequest, view: Callable[..., Viewer]) -> Viewer:
     """Create a viewer that receives in the executor, and one that does so in a thread."""
-    return view(in_thread=request.param)
+    return view(threaded=request.param)
 
 
 class RemoteViewer:
@@ -348,13 +387,11 @@ def _run_viewer(transport: str, held: str) -> None:
         if len(frames) < 10 or not frame.stamp.sec % 50:
             assert all(zlib.crc32(kept.raw) == checksum for kept, checksum in frames)
         print(json.dumps([frame.frame_id, frame.stamp.sec, viewer.shared,
-                          viewer.subscription.losses.count]), flush=True)
+                          viewer.missed]), flush=True)
 
     node = Node('remote_viewer', context=_context())
     viewer = Viewer(node, transport, hold=report)
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    with suppress(ExternalShutdownException, KeyboardInterrupt):
+    with suppress(ExternalShutdownException, KeyboardInterrupt), executor_of(node) as executor:
         executor.spin()
 
 

@@ -23,8 +23,8 @@ import time
 
 from conftest import DEADLINE, recorded_files
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.image.cdr import WireMessage
 from opencv_tools.recording.recorder import Recorder
+from opencv_tools.topics.queue import ReceivedMessage
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -34,7 +34,7 @@ from sensor_msgs.msg import Image
 
 TOPIC = '/video_frames'
 IMAGE = Image(height=1, width=1, encoding='mono8', step=1, data=[1])
-MAX_STEPS = 12
+MAX_STEPS = 8
 
 Create = Callable[..., tuple[ImageSubscriber, SingleThreadedExecutor]]
 
@@ -71,7 +71,7 @@ def wait_until_matched(publisher: Publisher, subscriber: ImageSubscriber) -> Non
     """Wait until both ends have discovered each other."""
     deadline = time.monotonic() + DEADLINE
     while not (publisher.get_subscription_count()
-               and subscriber.subscription._subscription.publisher_count()):
+               and subscriber.subscription._image._reader.publisher_count()):
         assert time.monotonic() < deadline, 'the publisher was not discovered'
         time.sleep(0.01)
 
@@ -100,9 +100,9 @@ def test_steps_of_a_received_message(
 class DescribingSubscriber(ImageSubscriber):
     """A subscriber with its own callback, as followers of the tutorial write it."""
 
-    def listener_callback(self, message: WireMessage, receive_ns: int) -> None:
-        self.get_logger().info(f'own callback: {message.description}')
-        super().listener_callback(message, receive_ns)
+    def listener_callback(self, received: ReceivedMessage) -> None:
+        self.get_logger().info(f'own callback: {received.message.description}')
+        super().listener_callback(received)
 
 
 def test_overridden_callback(
@@ -136,6 +136,6 @@ def test_exact_sum_of_20000_frames(
     subscriber.close()
     received, lost = map(int, re.search(
         r'Received (\d+) frames .* (\d+) lost in transit,', capfd.readouterr().err).groups())
-    (last,) = subscriber.subscription.losses._last.values()
+    (publisher_frames,) = subscriber.subscription._queue.order._publishers.values()
     assert received > 1000
-    assert received + lost == last
+    assert received + lost == publisher_frames.last

@@ -22,8 +22,8 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image_codecs import convert_image, decode_image
+from opencv_tools.image.errors import CodecError, ImageError
+from opencv_tools.image_codecs import convert_image, decode_image, encode_image, MAX_SIDES
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 from opencv_tools.recording.naming import FrameMetadata
@@ -73,6 +73,17 @@ def test_jpeg_extensions_and_quality(codec: str) -> None:
     assert sizes == sorted(sizes)
     default = bridge.cv2_to_compressed_imgmsg(image, codec)
     assert default.data.tobytes() == cv2.imencode('.jpg', image)[1].tobytes()
+
+
+@pytest.mark.parametrize('suffix', MAX_SIDES)
+def test_image_that_is_too_long_is_refused_without_a_log(
+        suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
+    longest = np.zeros((MAX_SIDES[suffix], 1, 3), np.uint8)
+    for image in (longest, longest.swapaxes(0, 1)):
+        assert decode_image(encode_image(image, suffix)).shape == image.shape
+        with pytest.raises(CodecError, match=f'is too long for {suffix[1:]}: the limit is'):
+            encode_image(np.concatenate((image, image), axis=int(image.shape[0] == 1)), suffix)
+    assert capfd.readouterr() == ('', '')  # OpenCV logs what it refuses
 
 
 def test_16_bit_png_is_kept() -> None:
@@ -190,11 +201,12 @@ def test_conversion_equals_that_without_opencv(source: str, desired: str) -> Non
 
 @pytest.mark.parametrize('source', [
     name for name, encoding in ENCODINGS.items()
-    if encoding.dtype == 'uint8' and encoding.order not in ('nv24', 'rgba', 'bgra')])
+    if encoding.dtype == 'uint8' and encoding.order != 'nv24'])
 def test_opencv_converts_supported_pairs(monkeypatch: pytest.MonkeyPatch, source: str) -> None:
     left = ENCODINGS[source]
     image = random_image(source, 12, 14)
-    targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'mono8') if name != source]
+    targets = [ENCODINGS[name] for name in ('bgr8', 'rgb8', 'bgra8', 'rgba8', 'mono8')
+               if name != source]
     expected = [convert(image, left, target) for target in targets]
     monkeypatch.setattr('opencv_tools.image_codecs.convert',
                         lambda *_: pytest.fail('not by OpenCV'))

@@ -12,19 +12,125 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits on the rate of log lines."""
+"""Log: printable lines, which repetitions are left out, and lines about slow work."""
 
 from __future__ import annotations
 
+from threading import Barrier, Thread
 import time
 
-from opencv_tools.logs import Throttle
+from conftest import DEADLINE
+from console import Console
+from opencv_tools.logs import Log, log_if_slow, Throttle
 import pytest
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+from switching import switching_in
 
 
-def test_one_action_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter([0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 9.0, 9.5])
-    monkeypatch.setattr(time, 'monotonic', lambda: next(times))
+class Time:
+    """A clock that a test sets."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
+    time = Time()
+    monkeypatch.setattr('time.monotonic', time)
+    return time
+
+
+def test_all_levels() -> None:
+    log = Console()
+    assert log.debug('a') and log.info('b') and log.warning('c') and log.error('d')
+    assert log.lines == ['debug: a', 'info: b', 'warning: c', 'error: d']
+
+
+def test_all_levels_of_a_node(node: Node, capfd: pytest.CaptureFixture[str]) -> None:
+    node.get_logger().set_level(LoggingSeverity.DEBUG)
+    log = Log(node.get_logger())
+    assert log.debug('a') and log.info('b') and log.warning('c') and log.error('d')
+    shown = ''.join(capfd.readouterr())
+    for level, text in (('DEBUG', 'a'), ('INFO', 'b'), ('WARN', 'c'), ('ERROR', 'd')):
+        assert f'[plain]: {text}' in next(line for line in shown.split('\n') if level in line)
+
+
+@pytest.mark.parametrize(('text', 'line'), [
+    ('\x1b[2Jbad\nname', 'info: \\x1b[2Jbad\\nname'),
+    ('/' + 8192 * 'a', 'info: /' + 8192 * 'a'),
+    (10**6 * 'a', 'info: ' + 9997 * 'a' + '...'),
+])
+def test_lines_are_printable_and_bounded(text: str, line: str) -> None:
+    log = Console()
+    assert log.info(text)
+    assert log.lines == [line]
+
+
+def test_once_until_forgotten(clock: Time) -> None:
+    log = Console()
+    assert log.warning('first', once='key')
+    clock.now += 1e9
+    assert not log.error('second', once='key')
+    assert log.error('third', once='another key')
+    log.forget('key')
+    assert log.error('fourth', once='key')
+    assert log.lines == ['warning: first', 'error: third', 'error: fourth']
+
+
+def test_one_line_a_second(clock: Time) -> None:
+    log = Console()
+    written = []
+    for clock.now in (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 9.0, 9.5):
+        written.append(log.info(f'{clock.now} s', every=1.0, key='key'))
+    assert written == [True, False, False, True, False, True, True, False]
+    assert log.lines == ['info: 0.0 s', 'info: 1.0 s', 'info: 2.0 s', 'info: 9.0 s']
+
+
+def test_line_is_the_key_by_default(clock: Time) -> None:
+    log = Console()
+    assert [log.info(text, every=1.0) for text in 'aabba'] == [True, False, True, False, False]
+    clock.now += 1
+    assert log.info('a', every=1.0)
+
+
+def test_number_of_keys_is_bounded() -> None:
     throttle = Throttle()
-    assert [throttle.passes() for _ in range(8)] == [
-        True, False, False, True, False, True, True, False]
+    assert throttle.passes('used often')
+    for number in range(10_000):
+        assert throttle.passes(str(number))
+        assert not throttle.passes('used often')
+    assert len(throttle._ends) == 256
+    assert throttle.passes('0') and not throttle.passes('9999')
+
+
+def test_threads_write_a_line_once() -> None:
+    log = Console()
+    together = Barrier(8)
+
+    def meet() -> None:
+        together.wait()
+        log.error('no space', once='key')
+
+    with switching_in(Throttle.passes):
+        threads = [Thread(target=meet) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert log.lines == ['error: no space']
+
+
+def test_line_about_slow_work() -> None:
+    console = Console()
+    with log_if_slow(Log(console), 'slow', 0.0):
+        deadline = time.monotonic() + DEADLINE
+        while not console.lines:
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+    with log_if_slow(Log(console), 'fast', DEADLINE):
+        pass
+    assert console.lines == ['info: slow']

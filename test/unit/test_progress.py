@@ -28,7 +28,7 @@ def test_one_line_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
     progress = Progress(lines.append, 'Doing')
     for _ in range(50):
-        progress.tick('4x3 bgr8', 2)
+        progress.tick('4x3 bgr8', dropped=2, missed=0)
         now += 0.05
     assert progress.count == 50
     assert progress.average_rate() == pytest.approx(20.0)
@@ -36,5 +36,5 @@ def test_one_line_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [bool(re.fullmatch(r'Doing \d+: 4x3 bgr8, 20\.0 Hz, 2 dropped', line))
             for line in lines[1:]] == [True, True]
     now += 1.0
-    progress.tick('4x3 bgr8', 2, 7)
+    progress.tick('4x3 bgr8', dropped=2, missed=7)
     assert lines[-1].endswith(' 2 dropped, 7 missed')

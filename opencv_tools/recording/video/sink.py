@@ -34,6 +34,9 @@ from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
 
+# Changes of the size after which a warning is logged.
+_MANY_CHANGES = 3
+
 
 class VideoSink(FileSink[VideoWriter, VideoFrame]):
     """Write frames to videos, which always play."""
@@ -49,6 +52,8 @@ class VideoSink(FileSink[VideoWriter, VideoFrame]):
         """
         super().__init__(folder, numbering, limits, monotonic)
         self._settings = settings
+        self._size = (0, 0)
+        self._changes = 0  # of the size
 
     def prepare(self, frame: ReceivedFrame) -> VideoFrame:
         """Convert a frame for the encoder; see ``FileSink``."""
@@ -62,7 +67,20 @@ class VideoSink(FileSink[VideoWriter, VideoFrame]):
 
     def _open(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
               ) -> VideoWriter:
+        self._count_changes(prepared.stream_format[:2])
         return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
+
+    def _count_changes(self, size: tuple[int, int]) -> None:
+        """Warn once of frames that change their size again and again."""
+        (width, height), self._size = self._size, size
+        if size == (width, height) or not width:
+            return
+        self._changes += 1
+        if self._changes == _MANY_CHANGES:
+            self.counts.warning = (
+                f'the size of the frames changed {self._changes} times, now from {width}x{height} '
+                f'to {size[0]}x{size[1]}, and each change begins another video; record images, '
+                'or one publisher with one size')
 
     def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: VideoFrame,
                ) -> ManifestEntry:

@@ -38,6 +38,7 @@ from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.output_file import OutputFile
 from opencv_tools.recording.video.frame import VideoFrame
+from opencv_tools.remedies import installation
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
@@ -97,12 +98,11 @@ def check_video() -> None:
         from av.codec.codec import Codec
         Codec('libx264', 'w')
     except ImportError as err:
-        raise VideoError(f'videos need PyAV, which cannot be imported ({err}); install it with '
-                         "'pip install av', on Ubuntu with 'sudo apt install python3-av'"
-                         ) from err
+        raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
+                         f'{installation("av", "python3-av")}') from err
     except ValueError as err:
         raise VideoError('videos need libx264, which the installed PyAV does not include; '
-                         "reinstall it with 'pip install --force-reinstall av'") from err
+                         f'{installation("--force-reinstall av")}') from err
 
 
 class VideoWriter:

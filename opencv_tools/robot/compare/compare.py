@@ -24,7 +24,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 import random
+import sys
 
+from opencv_tools.image.text import printable
 from opencv_tools.robot.compare.properties import (
     axis_properties, format_pair, geometry_properties, is_continuous, material_properties,
     Properties, random_position)
@@ -123,7 +125,9 @@ def table(found: Sequence[Difference], most: int | None = None) -> str:
     if not found:
         return ''
     rows = [_HEADING, *(
-        (row.element, row.name, row.property, row.a, row.b, f'{row.size:.3g}' if row.size else '')
+        tuple(printable(cell, sys.maxsize) for cell in (
+            row.element, row.name, row.property, row.a, row.b,
+            f'{row.size:.3g}' if row.size else ''))
         for row in found[:most])]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = ['  '.join(map(str.ljust, row, widths)).rstrip() for row in rows]

@@ -120,7 +120,8 @@ def _urdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId
             panel.joints.append(point)
             panel.entries.append(Entry(
                 joint_text(joint.name, listing['joints'][joint.name]),
-                f'in {joint.parent}\n{pose_text(origin.xyz, origin.rpy, "  ")}', point))
+                f'in {joint.parent}\n{pose_text(origin.xyz, origin.rpy, "  ")}', point,
+                rank=_rank(name, kinematics)))
     return panel
 
 
@@ -136,7 +137,8 @@ def _sdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId,
         panel.frames.append(poses[frame])
         panel.arrows.append((start, point))
         panel.entries.append(Entry(
-            link_text(name, link), pose_text(pose.xyz, pose.rpy, '  '), point))
+            link_text(name, link), pose_text(pose.xyz, pose.rpy, '  '), point,
+            rank=_rank(name, kinematics)))
     for name, joint in listing['joints'].items():
         offset = joint['in_child']
         if any(abs(value) > 1e-9 for value in (*offset['xyz'], *offset['rpy'])):
@@ -145,8 +147,17 @@ def _sdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId,
             panel.offsets.append((_project(link.translation), point))
             panel.joints.append(point)
             panel.entries.append(Entry(f'joint {joint_text(name, joint)}', (
-                f'in {joint["child"]}\n{pose_text(**offset, separator="  ")}'), point))
+                f'in {joint["child"]}\n{pose_text(**offset, separator="  ")}'), point,
+                rank=_rank(joint['child'], kinematics)))
     return panel
+
+
+def _rank(link: str, kinematics: Kinematics) -> int:
+    """Return 0 for a link that its joint moves, 1 for one at the end of a chain, 2 for others."""
+    joint = kinematics.parent_joint.get(link)
+    if joint and joint.type != 'fixed':
+        return 0
+    return 2 if kinematics.child_joints[link] else 1
 
 
 class _View:
@@ -164,7 +175,8 @@ class _View:
         if len(rights) > _MAX_ENTRIES:
             self._heads[1].set_text(f'{panel.subtitle}; numbers of {_MAX_ENTRIES} of '
                                     f'{len(rights)}, the listing has all')
-            rights = rights[:_MAX_ENTRIES]
+            ranks = sorted(range(len(rights)), key=lambda index: rights[index].rank)
+            rights = [rights[index] for index in sorted(ranks[:_MAX_ENTRIES])]
         many = len(panel.frames) > _FEW_LINKS
         if many:
             rights.sort(key=lambda entry: entry.point[0])

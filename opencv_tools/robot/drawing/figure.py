@@ -22,6 +22,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.remedies import installation
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.output import write_all
 
@@ -41,8 +42,8 @@ def matplotlib_module(name: str = '', package: str = 'matplotlib') -> Any:
     try:
         return import_module(f'{package}.{name}' if name else package)
     except ImportError as err:
-        raise DescriptionError('pictures need matplotlib; install it with `pip install '
-                               'matplotlib` or `sudo apt install python3-matplotlib`') from err
+        raise DescriptionError('pictures need matplotlib; '
+                               f'{installation("matplotlib", "python3-matplotlib")}') from err
 
 
 def save(path: str, draw: Callable[[], Any]) -> None:

@@ -120,12 +120,17 @@ def _alignment(angle: float) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """A bold title and grey numbers for a point of the drawing."""
+    """
+    A bold title and grey numbers for a point of the drawing.
+
+    :param rank: entries with a lower rank remain if there is no room for all.
+    """
 
     title: str
     numbers: str
     point: Point
     on_left: bool = False
+    rank: int = 0
 
 
 class Column:

@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+import sys
 from typing import Any
 
+from opencv_tools.image.text import printable
 from opencv_tools.robot.frames.listing import depth_first, Listing, parent_joints, transform_of
 
 _INDENT = 2
@@ -39,7 +41,8 @@ def text(listing: Listing) -> str:
 
     :param listing: a result of `listing.frames`.
     """
-    rows = [(heading(listing), 'in', 'xyz in metres', 'rpy in radians'), *_rows(listing)]
+    rows = [tuple(printable(cell, sys.maxsize) for cell in row) for row in (
+        (heading(listing), 'in', 'xyz in metres', 'rpy in radians'), *_rows(listing))]
     widths = [max(len(row[column]) for row in rows) for column in range(3)]
     return '\n'.join('  '.join([f'{cell:{width}}' for cell, width in zip(row, widths)]
                                + [row[3]]).rstrip() for row in rows)

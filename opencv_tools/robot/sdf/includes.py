@@ -21,6 +21,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import re
+from urllib.parse import unquote
 
 from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version, version_of
 from opencv_tools.robot.xml.document import (
@@ -37,6 +39,8 @@ MAX_DEPTH = 50
 MAX_ELEMENTS = 300_000
 _CONFIG = 'model.config'
 _MODEL = 'model.sdf'
+# A model on Gazebo's server, with or without its version.
+_FUEL = re.compile(r'https?://([^/]+)/[^/]+/([^/]+)/models/([^/]+)(?:/([0-9]+|tip))?/?')
 _NAMED_SCHEMES = ('model', 'package')
 
 
@@ -171,6 +175,8 @@ class ModelLoader:
         if not path:
             raise DescriptionError(f'<uri> {uri!r} does not name a file', include)
         if scheme in ('http', 'https'):
+            if downloaded := _downloaded(uri):
+                return downloaded
             raise DescriptionError(f'<uri> {uri!r} is not on this computer; download the model '
                                    'and add its folder with --path', include)
         if separator and scheme not in (*_NAMED_SCHEMES, 'file'):
@@ -180,6 +186,20 @@ class ModelLoader:
             path = path.lstrip('/')
         # Joining keeps an absolute path unchanged.
         return [base / path for base in (folder, folder.parent, *self._search)]
+
+
+def _downloaded(uri: str) -> list[Path]:
+    """Return the folders of a model that Gazebo has downloaded, newest version first."""
+    match = _FUEL.fullmatch(uri)
+    parts = [unquote(part).lower() for part in match.groups()[:3]] if match else []
+    if match is None or any('/' in part or part in ('.', '..') for part in parts):
+        return []
+    server, owner, name = parts
+    cache = Path(os.environ.get('GZ_FUEL_CACHE_PATH') or '~/.gz/fuel').expanduser()
+    model = cache / server / owner / 'models' / name
+    versions = [folder for folder in model.glob('[0-9]*') if folder.name.isdecimal()]
+    versions.sort(key=lambda folder: int(folder.name), reverse=True)
+    return [folder for folder in versions if match[4] in (None, 'tip', folder.name)]
 
 
 def first_file(root: Element) -> Path:

@@ -143,7 +143,13 @@ def _check_unique_names(link: TrackedElement, tag: str) -> None:
 
 
 def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext) -> Inertial:
-    """Read an inertial, with the defaults of SDF for missing values."""
+    """Read an inertial, with the defaults of SDF; `inertia.auto_inertial` replaces it later."""
+    if flag(element.element.get('auto'), element, 'auto'):
+        for ignored in element.take_all('pose', 'inertia'):
+            context.report.warn(ignored.tag, link.name, line_of(ignored),
+                                'is ignored: auto="true" computes it from the collisions')
+        element.find('mass')  # without its text, which stays among what is unread
+        return Inertial(Placement(pose_of(None), link), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     inertia = element.find('inertia')
     moments = {'ixx': 1.0, 'ixy': 0.0, 'ixz': 0.0, 'iyy': 1.0, 'iyz': 0.0, 'izz': 1.0}
     if inertia is not None:

@@ -21,6 +21,7 @@ from dataclasses import replace
 from graphlib import CycleError
 
 from lxml import etree
+from opencv_tools.robot.inertia import auto_inertial
 from opencv_tools.robot.kinematics import (
     check_mimic_cycles, cycle_text, Kinematics, resolve_chain)
 from opencv_tools.robot.model import (
@@ -89,6 +90,8 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
         for joint, (element, context) in zip(robot.joints, elements)))
     # Mimics are parts of axes.
     check_mimic_cycles(robot)
+    # The centres of collisions depend on the final poses, too.
+    robot = _with_auto_inertials(robot, kinematics, report)
     # Loops do not change poses or axes; only trees of the robot depend on them.
     robot = mark_loops(robot, canonical)
     # The extension is what no step has read, so it is last.
@@ -199,6 +202,13 @@ def _with_world(robot: Robot, pose_in_world: Pose) -> Robot:
         return robot
     placement = Placement(pose_in_world.transform().inverse().pose(), MODEL)
     return replace(robot, links=(*links, replace(last, placement=placement)))
+
+
+def _with_auto_inertials(robot: Robot, kinematics: Kinematics, report: Report) -> Robot:
+    """Compute the inertials that the file leaves to the density of the collisions."""
+    return replace(robot, links=tuple(
+        replace(link, inertial=auto_inertial(link, kinematics, report) or link.inertial)
+        for link in robot.links))
 
 
 def _model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:

@@ -18,14 +18,16 @@ Rules of the SDF parser for names, colours and values, applied to a written robo
 Invalid names are changed and colours are clamped. The originals are preserved as ``urdf:name`` and
 ``urdf:color`` and restored on the way back. Other invalid values are errors.
 
-The tables follow libsdformat 12 and SDF 1.9. Newer versions have the same rules.
+The tables follow libsdformat 12 and SDF 1.9. Newer versions accept what they accept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 import math
 import re
+from typing import TypeVar
 
 from opencv_tools.robot.model import Inertial, Robot, WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
@@ -35,6 +37,7 @@ from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
+_Value = TypeVar('_Value')
 # Elements whose names must not be reserved names of frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # Elements with names from `renaming.with_valid_sdf_names`, which are not changed again.
@@ -110,8 +113,15 @@ _TAGS: Mapping[str, str] = {
     'color': ' '.join(_COLORS),
     'pose': 'pose',
 }
-_KIND_OF = {tag: kind for kind, tags in _TAGS.items() for tag in tags.split()}
+# The end of a path counts more than a tag, because some tags have several meanings.
+_KIND_OF = {**{tag: kind for kind, tags in _TAGS.items() for tag in tags.split()},
+            'texture/diffuse': ''}  # name of a file
+_ANY = (-math.inf, math.inf)
 _RANGES: Mapping[str, tuple[float, float]] = {
+    'logical_camera/far': _ANY, 'logical_camera/horizontal_fov': _ANY,
+    'logical_camera/near': _ANY, 'camera/noise/stddev': _ANY, 'lidar/noise/stddev': _ANY,
+    'ray/noise/stddev': _ANY, 'bullet/friction': (0.0, math.inf),
+    'particle_emitter/rate': (0.0, math.inf),
     'bias_stddev': (0.0, math.inf), 'coefficient': (0.0, math.inf),
     'cutoff_angle': (0.0, 3.141592653), 'dynamic_bias_stddev': (0.0, math.inf),
     'far': (0.1, math.inf), 'friction2': (0.0, math.inf), 'horizontal_fov': (0.1, 6.283186),
@@ -166,17 +176,26 @@ def find_flaw(element: Element) -> str:
     text = (element.text or '').strip()
     if not text or len(element):
         return ''
-    kind = _KIND_OF.get(tag, '')
+    kind = _by_end(_KIND_OF, element) or ''
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
     if kind and not _KINDS[kind][0](text):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    if tag in _RANGES:
-        low, high = _RANGES[tag]
-        value = _read_number(text)
-        if value is not None and (value < low or value > high):
-            return f'{text!r} is outside of {low:g} to {high:g}'
+    low, high = _by_end(_RANGES, element) or _ANY
+    value = _read_number(text) if (low, high) != _ANY else None
+    if value is not None and (value < low or value > high):
+        return f'{text!r} is outside of {low:g} to {high:g}'
     return ''
+
+
+def _by_end(table: Mapping[str, _Value], element: Element) -> _Value | None:
+    """Return the value of the longest end of an element's path; None if the table has none."""
+    end = str(element.tag)
+    found = table.get(end)
+    for outer in islice(element.iterancestors(), 2):
+        end = f'{outer.tag!s}/{end}'
+        found = table.get(end, found)
+    return found
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:

@@ -57,6 +57,7 @@ PBR = Version(1, 6)
 FRAMES = Version(1, 7)  # <frame attached_to>, <pose relative_to>, <xyz expressed_in>
 CAPSULE = Version(1, 8)
 MIMIC = Version(1, 11)
+AUTO_INERTIA = Version(1, 11)
 
 # Attribute with the original of a clamped colour.
 ORIGINAL_COLOR = f'{{{URDF_NAMESPACE}}}color'

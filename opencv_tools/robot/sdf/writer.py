@@ -21,14 +21,15 @@ import math
 
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
+from opencv_tools.robot.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, Shape, WORLD)
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import (
-    CAPSULE, CONTINUOUS, FRAMES, JOINT_AXES, MATERIAL_COLORS, MIMIC, number_element, PBR,
-    pose_element, poses_in, text_element, Version, written_version)
+    AUTO_INERTIA, CAPSULE, CONTINUOUS, FRAMES, JOINT_AXES, MATERIAL_COLORS, MIMIC, number_element,
+    PBR, pose_element, poses_in, text_element, Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -129,13 +130,7 @@ def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
     joint = kinematics.parent_joint.get(link.name) if context.relative else None
     base = FrameId('link', joint.parent) if joint and joint.parent != WORLD else MODEL
     pose_element(element, kinematics.between(base, frame), base.name)
-    if link.inertial is not None:
-        inertial = etree.SubElement(element, 'inertial')
-        pose_element(inertial, kinematics.within(frame, link.inertial.placement))
-        number_element(inertial, 'mass', link.inertial.mass)
-        moments = etree.SubElement(inertial, 'inertia')
-        for tag, value in zip(INERTIA, link.inertial.inertia):
-            number_element(moments, tag, value)
+    link = _write_inertial(element, link, context)
     for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
         for shape in shapes:
             child = etree.SubElement(element, tag, name=shape.name)
@@ -144,6 +139,29 @@ def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
             _write_material(child, shape, context)
             context.write_extension(child, shape)
     context.write_extension(element, link)
+
+
+def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link:
+    """Write an inertial, and return the link; without ``auto`` if the written numbers count."""
+    frame, kinematics, inertial = FrameId('link', link.name), context.kinematics, link.inertial
+    if inertial is None:
+        return link
+    auto = auto_inertial(link, kinematics, Report())
+    if auto:
+        is_same = is_same_inertial(auto, inertial, frame, kinematics)
+        if is_same and context.version >= AUTO_INERTIA:
+            return link  # it is a part of the extension
+        reason = f'not supported by SDF {context.version}' if is_same else (
+            'its numbers are not those of the collisions and their density')
+        context.report.warn('inertial', link.name, link.line, f'auto="true" is omitted: {reason}')
+        link = without_auto(link)
+    element = etree.SubElement(parent, 'inertial')
+    pose_element(element, kinematics.within(frame, inertial.placement))
+    number_element(element, 'mass', inertial.mass)
+    moments = etree.SubElement(element, 'inertia')
+    for tag, value in zip(INERTIA, inertial.inertia):
+        number_element(moments, tag, value)
+    return link
 
 
 def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> None:

@@ -16,30 +16,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
 from lxml import etree
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
+from opencv_tools.robot.trees import PRESERVING_TAGS
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import numbers_text
+from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # Rounding error of a pose that was transformed there and back.
 _ROUNDING = 1e-12
+# Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
+_WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
+_SDF_COLLISION = f'{{{SDF_NAMESPACE}}}collision'
 
 
-def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report
-                ) -> tuple[dict[FrameId, list[Element]], list[Element]]:
+@dataclass(frozen=True)
+class Extracted:
     """
-    Extract the elements of SDF from the ``<gazebo>`` blocks.
+    The SDF of the ``<gazebo>`` blocks.
 
-    :returns: the elements by their owner, and the blocks with what remains in them.
+    :param moved: elements that SDF has in the model, link or joint, by that.
+    :param values: values of settings, by the tag in `settings.Setting.owner` and its name.
+    :param remaining: the blocks with what remains in them.
     """
-    extracted: dict[FrameId, list[Element]] = {}
-    remaining = []
+
+    moved: dict[FrameId, list[Element]] = field(default_factory=dict)
+    values: dict[tuple[str, str], Element] = field(default_factory=dict)
+    remaining: list[Element] = field(default_factory=list)
+
+
+def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extracted:
+    """Extract the elements of SDF and the settings from the ``<gazebo>`` blocks."""
+    extracted = Extracted()
     for block in root.take_all('gazebo'):
         name = block.get('reference')
         owners = [MODEL] if name is None else [
@@ -50,20 +68,58 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report
                         'or joint of the robot; the element is preserved unchanged')
         copy = detached(block.element)
         copy.text = None
-        for element in list(copy):
-            owner = next((owner for owner in owners if element.tag in GAZEBO[owner.kind]), None)
-            flaw = fragment_flaw(element) if owner else ''
-            if flaw:
+        for element in list(copy.iterchildren(etree.Element)):
+            flaw = _extract(element, owners, root.get('name', ''), tree, extracted, report)
+            if flaw is None:
+                copy.remove(element)
+            elif flaw:
                 report.warn(local_name(element), name or '', line_of(element),
                             f'{flaw}; the element is preserved unchanged')
-            elif owner is not None:
-                copy.remove(element)
-                extracted.setdefault(owner, []).append(detached(element))
-                report.preserve(str(element.tag), owner.name or root.get('name', ''),
-                                line_of(element), f'moved from <gazebo> into the {owner.kind}')
         if len(copy) or set(copy.attrib) - {'reference'} or not owners:
-            remaining.append(copy)
-    return extracted, remaining
+            extracted.remaining.append(copy)
+    return extracted
+
+
+def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: LinkTree,
+             extracted: Extracted, report: Report) -> str | None:
+    """
+    Extract an element.
+
+    :param robot: name of the robot, for the report.
+    :returns: why the element stays in its block, empty if it belongs there; None if it does not.
+    """
+    tag = str(element.tag)
+    for owner in owners:
+        if tag in GAZEBO[owner.kind]:
+            flaw = fragment_flaw(element)
+            if not flaw:
+                extracted.moved.setdefault(owner, []).append(detached(element))
+                report.preserve(tag, owner.name or robot, line_of(element),
+                                f'moved from <gazebo> into the {owner.kind}')
+            return flaw or None
+        if setting := SETTING_OF.get((owner.kind, tag)):
+            if not _has_place(setting, owner.name, tree):
+                return ''  # it has no effect in Gazebo either
+            text = setting.converted(element.get('value') or element.text or '')
+            flaw = setting.flaw(text)
+            if not flaw:
+                key = setting.owner, owner.name
+                values = extracted.values.setdefault(key, etree.Element(key[0]))
+                if set_value(values, setting, text):
+                    report.warn(tag, owner.name, line_of(element),
+                                f'{text!r} replaces another value of an earlier <{tag}>')
+            return flaw or None
+    is_known = owners in ([], [MODEL]) or tag in _WITHOUT_EFFECT or tag.startswith('{')
+    return '' if is_known else 'has no effect in SDF'
+
+
+def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
+    """Return whether a link or joint has the element that a setting is about."""
+    if setting.owner == 'collision':
+        link = tree.links[name].element
+        return any(link.find(tag) is not None for tag in ('collision', _SDF_COLLISION))
+    return setting.fits(tree.joints[name].element.get('type', '') if (
+        setting.owner == 'joint') else '')
 
 
 def in_link_frame(element: Element, offset: Pose | None) -> Element:

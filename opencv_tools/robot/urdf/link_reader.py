@@ -106,7 +106,7 @@ def _geometry_problem(shape: TrackedElement) -> str:
     tag = local_name(children[0])
     if tag not in _GEOMETRIES:
         return f'<{tag}> is not a geometry of URDF; write one of {_GEOMETRY_TAGS}'
-    has_no_file = tag == 'mesh' and 'filename' not in children[0].attrib
+    has_no_file = tag == 'mesh' and not children[0].get('filename', '').strip()
     return '<mesh> has no filename=' if has_no_file else ''
 
 

@@ -33,9 +33,10 @@ from opencv_tools.robot.pose import Pose, ZERO
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
-from opencv_tools.robot.urdf.gazebo import extract_sdf, in_link_frame
+from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted, in_link_frame
 from opencv_tools.robot.urdf.link_reader import inertial_from_element, origin_of, shapes_of
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable, restore_colors
+from opencv_tools.robot.urdf.settings import with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of)
@@ -55,7 +56,7 @@ class _ReadContext:
     report: Report
     tree: LinkTree
     materials: MaterialTable
-    gazebo: Mapping[FrameId, list[Element]]  # elements of SDF from <gazebo>, by their owner
+    gazebo: Extracted
     offsets: Mapping[str, Pose]  # by link: its parent joint's pose in it, if not the identity
 
     def link_frame(self, link: str) -> FrameId:
@@ -87,7 +88,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     canonical = root.get(f'{_SDF}canonical_link', '')
     if canonical and canonical not in tree.links:
         raise DescriptionError(f'canonical_link={canonical!r} is not a link of the robot', root)
-    gazebo, remaining = extract_sdf(root, tree, report)
+    gazebo = extract_sdf(root, tree, report)
     context = _ReadContext(
         report=report, tree=tree, materials=collect_materials(root, report), gazebo=gazebo,
         offsets={link: pose for link, joint in tree.parent_joint.items()
@@ -97,7 +98,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         links=tuple(_link(link, context) for link in tree.links.values()),
         joints=tuple(_joint(joint, context) for joint in tree.joints.values()),
         frames=_frames(root, tree), canonical_link=canonical,
-        extension=_extension(root, gazebo.get(MODEL, []), remaining))
+        extension=_extension(root, gazebo.moved.get(MODEL, []), gazebo.remaining))
     robot = select_root(robot, root_link, report)
     check_mimic_cycles(robot)
     return robot
@@ -109,14 +110,16 @@ def _link(element: TrackedElement, context: _ReadContext) -> Link:
     inertial = element.find('inertial')
     visuals, collisions = (shapes_of(element, tag, link_frame, context.materials, context.report)
                            for tag in ('visual', 'collision'))
-    gazebo = [in_link_frame(child, offset)
-              for child in context.gazebo.get(FrameId('link', name), [])]
+    gazebo, values = context.gazebo, context.gazebo.values
+    moved = [in_link_frame(child, offset) for child in gazebo.moved.get(FrameId('link', name), [])]
+    collisions = tuple(replace(shape, extension=with_values(
+        shape.extension, values.get(('collision', name)))) for shape in collisions)
     return Link(
         name=name, placement=_link_placement(element, context),
         inertial=None if inertial is None else inertial_from_element(
             inertial, link_frame, context.report, name),
-        visuals=visuals, collisions=collisions, extension=_extension(element, gazebo),
-        line=line_of(element))
+        visuals=visuals, collisions=collisions, line=line_of(element),
+        extension=with_values(_extension(element, moved), values.get(('link', name))))
 
 
 def _link_placement(element: TrackedElement, context: _ReadContext) -> Placement:
@@ -148,7 +151,9 @@ def _joint(element: TrackedElement, context: _ReadContext) -> Joint:
         placement = Placement(pose, FrameId('link', child))
     sdf_type = element.get(f'{_SDF}type', '')
     axes = () if sdf_type else _axes(element, joint_type, context)
-    extension = _extension(element, context.gazebo.get(FrameId('joint', name), []))
+    extension = with_values(
+        _extension(element, context.gazebo.moved.get(FrameId('joint', name), [])),
+        context.gazebo.values.get(('joint', name)))
     if sdf_type:
         joint_type = sdf_type
         axes, extension = _sdf_axes(element, sdf_type, extension)

@@ -34,6 +34,7 @@ from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_ele
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST, pose_of, POSED
 from opencv_tools.robot.urdf.gazebo import set_pose
 from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
+from opencv_tools.robot.urdf.settings import take_settings
 from opencv_tools.robot.xml.document import Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -67,6 +68,7 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     :param robot: robot with one root link.
     :returns: the element ``<robot>``.
     """
+    robot, settings = take_settings(robot, report)
     kinematics = Kinematics(robot)
     frames = {MODEL_FRAME: MODEL}
     for frame_id, owner in robot.frame_owners():
@@ -83,7 +85,7 @@ def write_urdf(robot: Robot, report: Report) -> Element:
         _joint_element(root, joint, context)
     for frame in robot.frames:
         _frame_element(root, frame, context)
-    _gazebo_elements(root, robot, context)
+    _gazebo_elements(root, robot, settings, context)
     merge_unread(root, robot.extension.urdf)
     embed_foreign(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report,
                   robot.name, 0)
@@ -194,7 +196,8 @@ def _without(unread: Element | None, tags: frozenset[str]) -> Element | None:
     return copy if len(copy) or copy.attrib else None
 
 
-def _gazebo_elements(root: Element, robot: Robot, context: _WriteContext) -> None:
+def _gazebo_elements(root: Element, robot: Robot, settings: Mapping[FrameId, list[Element]],
+                     context: _WriteContext) -> None:
     """Write elements of SDF into ``<gazebo>`` blocks, from which Gazebo reads them."""
     owners: list[tuple[FrameId, Robot | Link | Joint]] = [
         (MODEL, robot), *((FrameId('link', link.name), link) for link in robot.links),
@@ -202,11 +205,13 @@ def _gazebo_elements(root: Element, robot: Robot, context: _WriteContext) -> Non
     for frame, owner in owners:
         tags, unread = context.gazebo_tags(frame), owner.extension.sdf
         children = [] if unread is None else [child for child in unread if child.tag in tags]
-        if children:
+        values = settings.get(frame, [])
+        if children or values:
             block = etree.SubElement(root, 'gazebo', {} if frame == MODEL else {
                 'reference': owner.name})
             block.extend(_in_joint_frame(child, frame, context) for child in children)
-        for child in children:
+            block.extend(values)
+        for child in (*children, *values):
             context.report.preserve(str(child.tag), owner.name, line_of(child),
                                     'not supported by URDF; preserved in <gazebo>')
 

@@ -16,7 +16,8 @@
 Expansion of xacro files with the package xacro.
 
 The expansion evaluates the Python expressions of a file. ``$(find package)`` becomes a
-``package://`` URI, because the path of a folder is valid on one machine only.
+``package://`` URI in meshes, textures and ``<uri>``, because the path of a folder is valid on one
+machine only. Plugins do not read such URIs, so it becomes a path in other texts.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from xml.dom import minidom
 
 from lxml import etree
 from opencv_tools.regular_files import describe_kind
+from opencv_tools.remedies import installation
 from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
@@ -42,11 +44,13 @@ from opencv_tools.robot.xml.document import (
 from opencv_tools.robot.xml.report import Report, SourceLine
 
 _NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
-_MARKER_URI = re.compile(f'(?i:file:(?://localhost)?)/*{PACKAGE_MARKER.pattern}')
+_MARKER_URI = re.compile(f'(?:(?i:file:(?://localhost)?)/*)?{PACKAGE_MARKER.pattern}')
 # Macros that call each other. The recursion limit of Python is not much higher.
 _MAX_DEPTH = 120
 _MAX_CALLS = 5000
 _PACKAGE = re.compile(r'[\w.-]+')
+# Elements with a URI, as their attribute or text.
+_URI_HOLDERS = ('mesh', 'texture', 'uri')
 
 
 def is_xacro(root: Element) -> bool:
@@ -55,13 +59,15 @@ def is_xacro(root: Element) -> bool:
                for _, namespace in etree.iterwalk(root, events=('start-ns',)))
 
 
-def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report) -> bytes:
+def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
+           find: str = 'path') -> bytes:
     """
     Expand a xacro file.
 
     :param path: path of the file, to which includes are relative; ``-`` for standard input.
     :param data: content of the file.
     :param arguments: values of ``xacro:arg``, by name.
+    :param find: ``path`` or ``package``, for ``$(find package)`` in texts other than URIs.
     :returns: XML without xacro.
     :raises DescriptionError: the file cannot be expanded.
     """
@@ -69,14 +75,15 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report)
     try:
         patched = _PatchedXacro(report)
     except ImportError as err:
-        raise DescriptionError('is a xacro file, but the package xacro is not installed; run apt '
-                               'install ros-jazzy-xacro or pip install xacro', source=source
+        raise DescriptionError('is a xacro file, but the package xacro is not installed; '
+                               f'{installation("xacro", "ros-jazzy-xacro")}', source=source
                                ) from err
     values = _Arguments(arguments)
     output = StringIO()  # of the file and of xacro
     with patched, redirect_stdout(output), redirect_stderr(output):
         try:
-            expanded = _with_uris(patched.expand(path, data, values), source, report)
+            document = patched.expand(path, data, values)
+            _replace_markers(document, find, report)
         except Exception as err:
             raise to_description_error(err, source) from err
     for line in output.getvalue().splitlines():
@@ -88,7 +95,7 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report)
         if name not in values.requested:
             report.warn('xacro:arg', name, 0, 'is not an argument of this file, which has '
                         f'{known or "none"}; it is ignored')
-    return expanded
+    return to_text(document, source).encode()
 
 
 class _Arguments(dict[str, str]):
@@ -234,22 +241,35 @@ def _candidate_folders(package: str) -> Iterator[Path]:
         yield from sorted(folder.glob(f'*/{package}'))
 
 
-def _with_uris(document: minidom.Document, source: str, report: Report) -> bytes:
-    """Return the text of a document with package URIs instead of markers."""
-    text = _MARKER_URI.sub(r'package://\1', to_text(document, source))
-    if PACKAGE_MARKER.search(text):
-        _report_paths(document, report)
-    return PACKAGE_MARKER.sub(r'package://\1', text).encode()
-
-
-def _report_paths(document: minidom.Document, report: Report) -> None:
-    """Report paths of packages that become URIs where a URI may not be expected."""
+def _replace_markers(document: minidom.Document, find: str, report: Report) -> None:
+    """Replace the markers: by URIs in meshes, textures and ``<uri>``, else as ``find`` says."""
     for element in document.getElementsByTagName('*'):
-        texts = [child.data for child in element.childNodes if child.nodeType == child.TEXT_NODE]
-        if element.tagName not in ('mesh', 'texture'):
-            texts += [value for _, value in element.attributes.items()]
-        for marker in PACKAGE_MARKER.finditer(_MARKER_URI.sub('', ' '.join(texts))):
-            source, line = location_of(element)
-            report.warn(element.tagName, element.getAttribute('name'), SourceLine(line, source),
-                        f'$(find {marker[1]}) is written as package://{marker[1]}, because its '
-                        'path is only valid on this machine')
+        for child in element.childNodes:
+            if isinstance(child, minidom.Text):
+                child.data = _replaced(child.data, element, find, report)
+        for name, value in list(element.attributes.items()):
+            if PACKAGE_MARKER.search(value):
+                element.setAttribute(name, _replaced(value, element, find, report))
+
+
+def _replaced(text: str, element: minidom.Element, find: str, report: Report) -> str:
+    """Return a text of an element without markers, and report what is not a URI in URDF or SDF."""
+    if element.tagName in _URI_HOLDERS:
+        return _MARKER_URI.sub(r'package://\1', text)
+
+    def place(marker: re.Match[str]) -> str:
+        package, written, reason = marker[1], f'package://{marker[1]}', 'as --find package says'
+        if find == 'path':
+            try:
+                folder = _package_folder(package)
+                written = PACKAGE_MARKER.sub(lambda _: folder, marker[0])
+                reason = 'which is valid on this machine only; --find package writes a URI'
+            except XacroProblem:
+                reason = ('because the package is not found; source its workspace, or add it to '
+                          'AMENT_PREFIX_PATH')
+        source, line = location_of(element)
+        report.warn(element.tagName, element.getAttribute('name'), SourceLine(line, source),
+                    f'$(find {package}) is written as {written}, {reason}')
+        return written
+
+    return _MARKER_URI.sub(place, text)

@@ -89,7 +89,7 @@ LIMITS = Limits()
 
 
 def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
-                 limits: Limits = LIMITS) -> bytes:
+                 limits: Limits = LIMITS, find: str = 'path') -> bytes:
     """
     Expand a xacro file as `expand` does, in a separate process.
 
@@ -98,7 +98,7 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     """
     source = display_name(path)
     request = json.dumps({'path': path, 'arguments': dict(arguments), 'source': report.source,
-                          'limits': asdict(limits)})
+                          'find': find, 'limits': asdict(limits)})
     try:
         process = subprocess.run(
             [sys.executable or 'python3', '-c', _START, *map(str, sys.path)],
@@ -153,7 +153,8 @@ def main() -> None:
     expanded, error = b'', ''
     try:
         Limits(**request['limits']).impose()
-        expanded = expand(request['path'], sys.stdin.buffer.read(), request['arguments'], report)
+        expanded = expand(request['path'], sys.stdin.buffer.read(), request['arguments'], report,
+                          request['find'])
         if len(expanded) > MAX_BYTES:
             raise XacroProblem(TOO_LARGE)
     except DescriptionError as err:

@@ -47,6 +47,7 @@ ElementT = TypeVar('ElementT', Element, TrackedElement)
 MAX_BYTES = 100_000_000
 # Largest number of tags, attributes and comments. It bounds memory and time.
 _MAX_MARKUP = 1_000_000
+_MAX_ATTRIBUTES = 1000  # of an element, which lxml finds one after the other
 # Files that the shell has opened, for example for <(command).
 _OPEN_FILE = re.compile(r'/dev/stdin|/(?:dev|proc/self)/fd/\d+')
 _URI = re.compile(r'([A-Za-z][A-Za-z0-9+.-]+):/+(.*)', re.DOTALL)
@@ -217,6 +218,9 @@ def _parse(data: bytes, source: str) -> Element:
     dtd = root.getroottree().docinfo.internalDTD
     if dtd is not None and any(True for _ in dtd.iterentities()):
         raise _entity_error(source)
+    if root.xpath(f'boolean(//*[@*[{_MAX_ATTRIBUTES + 1}]])'):
+        raise DescriptionError(f'has an element with more than {_MAX_ATTRIBUTES} attributes, the '
+                               'limit for a robot description', source=source)
     return root
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import errno
 import os
@@ -45,6 +45,24 @@ def _not_written(path: str) -> Iterator[None]:
         raise NotWrittenError(path, err) from err
 
 
+def check_different(outputs: Mapping[str, str | None]) -> None:
+    """
+    Check that the outputs of a command are different files, because one would replace the other.
+
+    :param outputs: options and their paths. The path None or ``-`` is standard output.
+    :raises DescriptionError: two options name the same file.
+    """
+    options: dict[Path, str] = {}
+    for option, path in outputs.items():
+        target = _target(path)
+        if path is None or target is None or _is_stream(target):
+            continue
+        other = options.setdefault(target, option)
+        if other != option:
+            raise DescriptionError(f'is the file of {other} and of {option}: '
+                                   'give each a file of its own', source=path)
+
+
 def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     """
     Write several files atomically, or none of them.
@@ -56,11 +74,13 @@ def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     ready: list[tuple[str, Path, Path]] = []  # path, temporary file, target
     try:
         for path, data in files:
-            target = None if path is None or path == '-' else Path(path).resolve()
+            target = _target(path)
             if path is None or target is None or _is_stream(target):
                 streams.append((path or '-', target, data))
                 continue
             with _not_written(path):
+                if target.is_symlink():
+                    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
                 if target.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
                 ready.append((path, write_beside(target, data), target))
@@ -79,6 +99,12 @@ def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     finally:
         for _, temporary, _ in ready:
             temporary.unlink(missing_ok=True)
+
+
+def _target(path: str | None) -> Path | None:
+    """Return the file that a path names after its links, None for standard output."""
+    # Path.resolve raises RuntimeError for a loop of links before Python 3.13.
+    return None if path is None or path == '-' else Path(os.path.realpath(path))
 
 
 def _is_stream(target: Path) -> bool:

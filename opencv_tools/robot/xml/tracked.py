@@ -23,8 +23,7 @@ from lxml import etree
 
 _Element = etree._Element
 
-# Marks an unread element of which other parts were read. Its value is TEXT_READ if they include
-# the text.
+# Marks an unread element that the reader found. Its value is TEXT_READ if the text was read.
 PARTLY_READ = '{urn:opencv_tools:preserved}part'
 TEXT_READ = 'text'
 
@@ -110,7 +109,8 @@ class TrackedElement:
         """
         Return a copy of the element with its unread parts only; None if everything was read.
 
-        Children of which only a part was read have the attribute ``PARTLY_READ``.
+        Children from `find` have the attribute ``PARTLY_READ``, even if nothing of them was read:
+        the reader has an object for them, so the writer writes them again.
         """
         element, names = self.element, self._names
         children = []
@@ -128,7 +128,7 @@ class TrackedElement:
                               if tracked._is_taken}
         if not (children or attributes or text):
             return None
-        if not self._is_taken and (PARTLY_READ in element.attrib or self._is_partly_read()):
+        if not self._is_taken:
             attributes[PARTLY_READ] = (
                 TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
         copy = etree.Element(element.tag, attributes, nsmap=element.nsmap)
@@ -144,10 +144,6 @@ class TrackedElement:
             tracked._is_taken = False
         tracked._is_taken |= take
         return tracked
-
-    def _is_partly_read(self) -> bool:
-        return bool(self._names) or any(
-            child._is_taken or child._is_partly_read() for child in self._children.values())
 
 
 def detached(element: _Element) -> _Element:

@@ -14,10 +14,10 @@
 
 const FIRST_RETRY_MS = 500;
 const LAST_RETRY_MS = 5000;
-const PING_MS = 5000;
-const SILENCE_MS = 12000; // longer than two pings
+const PING_MS = 1000;
+const SILENCE_MS = 12000; // a large picture on a slow link takes seconds
 const ANSWER_MS = 3000;
-const CLOCK_SAMPLES = 8;
+const CLOCK_SAMPLES = 40;
 const FIRST_PINGS = 4;
 
 /** Return the time of the page in seconds; changes of the system clock have no effect. */
@@ -74,6 +74,11 @@ export class Connection {
   /** Time of the server in seconds. */
   get now() {
     return now() + this.#clock.offset;
+  }
+
+  /** Seconds since the last message of the server. */
+  get silence() {
+    return now() - this.#heard;
   }
 
   send(message) {
@@ -146,7 +151,7 @@ export class Connection {
 
   #check(silenceMs) {
     if (!this.#socket || document.hidden) return;
-    if (now() - this.#heard > silenceMs / 1000) this.#close();
+    if (this.silence > silenceMs / 1000) this.#close();
     else this.#ping();
   }
 

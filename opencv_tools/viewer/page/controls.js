@@ -12,6 +12,7 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+const RETRY_MS = 3000; // after a camera that did not describe its parameters
 const LONGEST_SLIDER = 10000; // a longer range is a field, because a pixel would be many steps
 
 /** Return a new element with a class and text. */
@@ -246,7 +247,7 @@ export class Controls {
   /** Handle a message of the server that concerns controls. */
   receive({ nodes, parameters, set, capture, save }) {
     if (nodes) this.#nodes = nodes;
-    if (parameters) this.#panels.get(parameters.node)?.update(parameters);
+    if (parameters) this.#described(parameters);
     if (set) {
       this.#panels.get(set.node)?.answered(set);
       if (set.ok) this.#send({ parameters: set.node }); // others may depend on this one
@@ -254,5 +255,20 @@ export class Controls {
     }
     const done = capture ?? save;
     if (done) this.#notify(done.message || (done.ok ? 'Done' : 'Not done'));
+  }
+
+  /** Show the parameters of a camera; one that does not answer is asked again. */
+  #described(parameters) {
+    const panel = this.#panels.get(parameters.node);
+    if (parameters.ok !== false) {
+      panel?.update(parameters);
+      return;
+    }
+    this.#notify(parameters.message);
+    setTimeout(() => {
+      if (panel && this.#panels.get(parameters.node) === panel) {
+        this.#send({ parameters: parameters.node });
+      }
+    }, RETRY_MS);
   }
 }

@@ -45,7 +45,8 @@ function fit(count, width, height, caption, ratio, least) {
  */
 export function arrange(count, ratio, one) {
   const cameras = document.getElementById('cameras');
-  const below = document.querySelector('footer').offsetHeight + GAP;
+  const below = document.querySelector('footer').offsetHeight
+    + document.getElementById('more').offsetHeight + GAP;
   const height = innerHeight - document.getElementById('content').offsetTop - GAP - below;
   const caption = one ? one.element.offsetHeight - one.link.offsetHeight : CAPTION;
   const { columns, tile } = fit(one ? 1 : count, cameras.clientWidth, height, caption, ratio,

@@ -14,6 +14,8 @@
 
 const UNITS = [[86400, 'd'], [3600, 'h'], [60, 'min'], [1, 's']];
 
+const END = 16; // characters of a long name that are always shown
+
 /** Return a number as text with at most one decimal. */
 export function number(value) {
   return Number.isFinite(value) ? String(Math.round(value * 10) / 10) : '';
@@ -36,4 +38,16 @@ export function age(seconds) {
   const [length, unit] = UNITS.find(([least]) => Math.abs(seconds) >= least);
   const count = seconds / length;
   return `${length === 1 && Math.abs(count) < 10 ? count.toFixed(1) : Math.round(count)} ${unit}`;
+}
+
+/** Show a name, which is cut in its middle if it is too long: the ends of topics differ. */
+export function showName(element, name) {
+  if (element.title === name) return;
+  element.title = name;
+  const cut = name.length > 2 * END ? name.length - END : name.length;
+  element.replaceChildren(...[name.slice(0, cut), name.slice(cut)].map((text) => {
+    const span = document.createElement('span');
+    span.textContent = text;
+    return span;
+  }));
 }

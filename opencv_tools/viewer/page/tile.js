@@ -12,12 +12,12 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { age, number, size, rate } from './text.js';
+import { age, number, size, rate, showName } from './text.js';
 
-const WIDTHS = [160, 240, 320, 480, 640, 960, 1280, 1920]; // steps of the server
 const HEAD_BYTES = 24;
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
 const AGES = 30;
+const ENLARGED = 2; // a picture that is larger than this shows its pixels as squares
 
 /** Picture of one topic with its facts. */
 export class Tile {
@@ -28,7 +28,8 @@ export class Tile {
   inView = false;
   refusal = '';
   #asked = '';
-  #drawn = { sequence: -1, from: 0, at: 0 };
+  #askedAt = 0;
+  #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '' };
   #ages = [];
   #age = NaN;
   #part = (name) => this.element.querySelector(name);
@@ -36,8 +37,7 @@ export class Tile {
   constructor(name) {
     this.name = name;
     this.element.dataset.topic = name;
-    this.#part('.name').textContent = name;
-    this.#part('.name').title = name;
+    showName(this.#part('.name'), name);
     this.canvas = this.#part('canvas');
     this.canvas.setAttribute('aria-label', `Picture of ${name}`);
     this.link = this.#part('.frame');
@@ -45,10 +45,9 @@ export class Tile {
     this.context = this.canvas.getContext('2d', { alpha: false });
   }
 
-  /** Pixels of the screen that the picture can have, as a step of the server; 0 for all. */
+  /** Width that the picture can have, in pixels of the screen. */
   get width() {
-    const pixels = this.link.clientWidth * devicePixelRatio;
-    return WIDTHS.find((step) => step >= pixels) ?? 0;
+    return this.link.clientWidth * devicePixelRatio;
   }
 
   /** Forget what was asked, because the connection is a new one or the topic appeared. */
@@ -63,14 +62,15 @@ export class Tile {
    *
    * @param connection to ask.
    * @param wanted whether somebody looks.
-   * @param fixed width, quality and rate of the address bar.
+   * @param options width, quality and rate.
    */
-  ask(connection, wanted, fixed) {
+  ask(connection, wanted, options) {
     if (!connection.isOpen || this.refusal) return;
-    const request = { subscribe: this.name, width: this.width, ...fixed };
+    const request = { subscribe: this.name, ...options };
     if (this.range) request.range = this.range;
     const asked = wanted ? JSON.stringify(request) : '';
     if (asked === this.#asked) return;
+    if (!this.#asked) this.#askedAt = connection.now;
     connection.send(wanted ? request : { unsubscribe: this.name });
     this.#asked = asked;
   }
@@ -88,7 +88,10 @@ export class Tile {
         if (this.canvas.width !== picture.width) this.canvas.width = picture.width;
         if (this.canvas.height !== picture.height) this.canvas.height = picture.height;
         this.context.drawImage(picture, 0, 0);
-        this.#drawn = { sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now };
+        this.#drawn = {
+          sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now,
+          period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(),
+        };
         this.#ages.push(this.#drawn.at - this.#drawn.from);
         this.#ages.splice(0, this.#ages.length - AGES);
         this.canvas.hidden = false;
@@ -101,6 +104,20 @@ export class Tile {
     connection.send({ got: sequence });
   }
 
+  /** Return whether no picture has come for three periods, 1 to 2 s; longer for a slow camera. */
+  #isLate(now, since) {
+    const { period } = this.#drawn;
+    return now - since > Math.max(1, 1.5 * period, Math.min(2, 3 * period));
+  }
+
+  /** Return whether the picture is old: pictures are missing, or nothing comes from the server. */
+  #isFrozen(now, mood) {
+    if (this.canvas.hidden || mood === 'paused') return false;
+    if (mood !== 'live') return true;
+    return Boolean(this.#asked && this.#drawn.period)
+      && this.#isLate(now, Math.max(this.#drawn.at, this.#askedAt));
+  }
+
   /** Return the age of the picture in seconds: when it was drawn, or now if the next is late. */
   #currentAge(now) {
     if (this.#ages.length) {
@@ -108,24 +125,29 @@ export class Tile {
       this.#age = this.#ages[this.#ages.length >> 1];
       this.#ages = [];
     }
-    const period = 1 / (this.status?.sent?.rate || 1);
-    return now - this.#drawn.at < Math.max(1, 3 * period) ? this.#age : now - this.#drawn.from;
+    return this.#isLate(now, this.#drawn.at) ? now - this.#drawn.from : this.#age;
   }
 
   /**
    * Show the facts.
    *
    * @param connection for its clock.
-   * @param mood 'live', 'paused' or 'lost', of the whole page.
+   * @param mood 'live', 'paused', 'stalled' or 'lost', of the whole page.
    */
   show(connection, mood) {
     const status = this.status ?? {};
-    const reason = this.refusal || status.reason || '';
+    const isFrozen = this.#isFrozen(connection.now, mood);
+    const reason = this.refusal || status.reason
+      || (isFrozen ? `No new picture since ${this.#drawn.time}` : '');
     const hasPicture = !this.canvas.hidden;
-    this.element.classList.toggle('quiet', Boolean(reason) || mood === 'lost');
+    this.element.classList.toggle('quiet', Boolean(reason));
     this.#part('.reason').hidden = !reason;
     this.#part('.reason').textContent = reason;
-    this.#part('.wait').hidden = hasPicture;
+    this.link.title = reason;
+    this.#part('.wait').hidden = hasPicture || Boolean(reason);
+    const scale = Math.min(this.link.clientWidth / status.width,
+      this.link.clientHeight / status.height) * devicePixelRatio;
+    this.canvas.classList.toggle('enlarged', scale > ENLARGED);
     const { sent } = status;
     const facts = [
       ['Size', size(status)],

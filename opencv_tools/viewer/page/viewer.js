@@ -12,17 +12,20 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { copyText } from './clipboard.js';
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
 import { arrange } from './grid.js';
 import { listenToKeys } from './keys.js';
 import { RangeForm, readLimits } from './range.js';
 import { savePicture } from './save.js';
+import { showName } from './text.js';
 import { Tile } from './tile.js';
 
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
 const SETTLE_MS = 200;
+const STALLED_SECONDS = 2; // two pings without an answer
 
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
@@ -34,6 +37,8 @@ const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
 let selected = address.searchParams.get('topic') ?? '';
 let host = '';
+let token = '';
+let widths = [];
 let mood = 'lost';
 let isPaused = false;
 let noticeTimer = 0;
@@ -45,20 +50,21 @@ if ('width' in fixed || 'quality' in fixed) fixed.fixed = true;
 
 const connection = new Connection({
   connected(hello) {
-    host = hello.host;
+    ({ host, token, widths } = hello);
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
     controls.enable(hello.control);
     notify('');
-    showAll();
+    layOut();
   },
   disconnected(sentence) {
     mood = 'lost';
     if (sentence) notify(sentence, false);
-    showAll();
+    show();
   },
   received(message) {
     if (message.topics) listTopics(message.topics);
+    if (message.more !== undefined) countMore(message.more);
     for (const status of message.status ?? []) {
       const tile = tiles.get(status.name);
       if (tile) {
@@ -66,7 +72,7 @@ const connection = new Connection({
         numbers.set(status.id, tile);
       }
     }
-    if (message.status) showAll();
+    if (message.status) show();
     if (message.error) complain(message);
     controls.receive(message);
   },
@@ -106,7 +112,7 @@ function complain({ error, topic }) {
   const tile = tiles.get(topic);
   if (tile) tile.refusal = error;
   else notify(error);
-  showAll();
+  show();
 }
 
 function addTile(name) {
@@ -135,6 +141,7 @@ function listTopics(topics) {
     }
   }
   numbers.clear();
+  for (const tile of tiles.values()) tile.topic = null;
   for (const topic of topics) {
     const tile = tiles.get(topic.name) ?? addTile(topic.name);
     if (tile.refusal) tile.reset();
@@ -146,13 +153,22 @@ function listTopics(topics) {
     const present = cameras.children[place];
     if (present !== element) cameras.insertBefore(element, present);
   });
-  showAll();
+  layOut();
+}
+
+/** Show how many topics are not in the list. */
+function countMore(count) {
+  part('more').hidden = !count;
+  part('more').textContent = `${count} more image topics are not listed. Choose with the parameter `
+    + 'topics, or write ?topic=NAME into the address.';
+  layOut();
 }
 
 /** Ask for the pictures that somebody sees. */
 function ask() {
   for (const tile of tiles.values()) {
-    tile.ask(connection, tile.inView && !isPaused && !document.hidden, fixed);
+    const width = widths.find((step) => step >= tile.width) ?? 0;
+    tile.ask(connection, tile.inView && !isPaused && !document.hidden, { width, ...fixed });
   }
 }
 
@@ -168,8 +184,8 @@ function select(name, isNew = true) {
     history.pushState(null, '', url);
   }
   if (!name && document.fullscreenElement) document.exitFullscreen();
-  if (name && !tiles.has(name)) listTopics([...tiles.values()].map((tile) => tile.topic));
-  showAll();
+  // A tile without a topic is there only while it is selected.
+  listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
   if (!name) tiles.get(last)?.link.focus();
 }
@@ -180,29 +196,42 @@ function step(distance) {
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
 
-/** Show the state of the page; the facts of each tile follow. */
-function showAll() {
-  const state = mood === 'live' && isPaused ? 'paused' : mood;
-  const words = { live: 'Live', paused: 'Paused', lost: host ? 'Reconnecting' : 'Connecting' };
-  part('state').dataset.state = state;
-  if (part('state').textContent !== words[state]) part('state').textContent = words[state];
+/** Show one topic or all, as somebody has chosen. */
+function layOut() {
   document.body.dataset.view = selected ? 'one' : 'all';
   const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
-  part('title').textContent = title;
-  part('title').title = title;
+  showName(part('title'), title);
   document.title = selected && host ? `${selected} – ${host}` : title;
   part('pause').setAttribute('aria-pressed', String(isPaused));
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
-  part('empty').hidden = tiles.size > 0 || mood !== 'live';
-  const ratios = [];
   for (const [name, tile] of tiles) {
     const url = new URL(location);
     url.searchParams.set('topic', name);
     tile.element.hidden = Boolean(selected) && name !== selected;
     if (selected) tile.link.removeAttribute('href');
     else tile.link.href = url;
-    tile.show(connection, state);
+  }
+  show();
+}
+
+/** Return the state of the page. */
+function state() {
+  if (mood === 'live' && connection.silence > STALLED_SECONDS) return 'stalled';
+  return mood === 'live' && isPaused ? 'paused' : mood;
+}
+
+/** Show what changes by itself: the state of the page and the facts of each tile. */
+function show() {
+  const present = state();
+  const words = { live: 'Live', paused: 'Paused', stalled: 'Stalled',
+    lost: host ? 'Reconnecting' : 'Connecting' };
+  part('state').dataset.state = present;
+  if (part('state').textContent !== words[present]) part('state').textContent = words[present];
+  part('empty').hidden = tiles.size > 0 || mood !== 'live';
+  const ratios = [];
+  for (const tile of tiles.values()) {
+    tile.show(connection, present);
     if (tile.status?.width) ratios.push(tile.status.width / tile.status.height);
   }
   ratios.sort((one, other) => one - other);
@@ -227,12 +256,12 @@ function setRange(limits) {
   if (limits) url.searchParams.set('range', limits.join());
   else url.searchParams.delete('range');
   history.replaceState(null, '', url);
-  showAll();
+  show();
 }
 
 function pause() {
   isPaused = !isPaused;
-  showAll();
+  layOut();
 }
 
 async function save(name) {
@@ -242,6 +271,14 @@ async function save(name) {
   } catch (error) {
     notify(error.message);
   }
+}
+
+/** Copy the address of the page with the token, which the address bar does not show. */
+function copyLink() {
+  const url = new URL(location);
+  if (token) url.searchParams.set('token', token);
+  const done = token ? 'Copied the link with its token' : 'Copied the link';
+  notify(copyText(url.href) ? done : `Copy this link: ${url}`);
 }
 
 function fillScreen() {
@@ -278,7 +315,7 @@ const ONE_KEYS = {
 };
 listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
 document.addEventListener('visibilitychange', ask);
-addEventListener('resize', showAll);
+addEventListener('resize', show);
 addEventListener('popstate',
   () => select(new URL(location).searchParams.get('topic') ?? '', false));
 part('back').addEventListener('click', (event) => {
@@ -290,8 +327,9 @@ part('next').addEventListener('click', () => step(1));
 part('pause').addEventListener('click', pause);
 part('save').addEventListener('click', () => save(selected));
 part('full').addEventListener('click', fillScreen);
+part('link').addEventListener('click', copyLink);
 part('full').hidden = !document.fullscreenEnabled;
-setInterval(() => document.hidden || showAll(), REFRESH_MS);
+setInterval(() => document.hidden || show(), REFRESH_MS);
 
 if (selected) addTile(selected).range = readLimits(address.searchParams.get('range'));
-showAll();
+layOut();

@@ -27,6 +27,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.finishing import finish_bag, has_footer
+from opencv_tools.bags.index import MESSAGE, MESSAGE_CODE
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.image.cdr import message_to_cdr_parts, WireHeader, WireImage
@@ -170,6 +171,21 @@ def test_damage_in_the_middle_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(BagError, match=r'^the bag a\.mcap is damaged at byte \d+; it was not'):
             finish_bag(path)
         assert path.read_bytes() == damaged
+
+
+def test_other_record_in_an_unfinished_chunk(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    writer = BagWriter(path)
+    stored = [put(writer, number) for number in range(2)]
+    content = bytearray(path.read_bytes())
+    writer.close()
+    first = len(content) - 2 * len(stored[0].data) - 2 * MESSAGE.size
+    assert content[first] == MESSAGE_CODE
+    content[first + MESSAGE.size + len(stored[0].data)] = 3  # of a schema
+    path.write_bytes(content)
+    with pytest.raises(BagError, match='is damaged at byte'):
+        finish_bag(path)
+    assert path.read_bytes() == content
 
 
 def test_full_disk_leaves_a_bag_that_can_be_finished(tmp_path: Path) -> None:

@@ -216,16 +216,32 @@ def test_index_that_contradicts_the_file_is_not_used(tmp_path: Path) -> None:
     summary = struct.unpack_from('<Q', content, len(content) - 28)[0]
     index = content.index(b'\x08', summary)  # the first chunk index
     assert content[index + 1:index + 9] == content[content.index(b'\x08', index + 9) + 1:][:8]
-    for offset, value in ((25, 1 << 62), (33, 1 << 62), (33, 1 << 20)):
+    for offset, value in ((25, 1 << 62), (33, 1 << 62), (33, 1 << 20), (25, 0), (33, 0)):
         damaged = bytearray(content)
         struct.pack_into('<Q', damaged, index + offset, value)
         (tmp_path / 'b.mcap').write_bytes(damaged)
         assert read_all(tmp_path / 'b.mcap') == (written(ENTRIES), [])
-    struct.pack_into('<Q', damaged := bytearray(content), index + 25, 0)
-    (tmp_path / 'b.mcap').write_bytes(damaged)
-    messages, reports = read_all(tmp_path / 'b.mcap')
-    assert set(messages) < set(written(ENTRIES))
-    assert len(reports) == 1 and 'as a chunk' in reports[0]
+
+
+def test_damaged_chunk_without_index_is_reported_alone(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(START + chunk(zstandard.compress(message(1)), b'zstd', 1 << 40))
+    messages, reports = read_all(path)
+    assert messages == [] and len(reports) == 2
+    assert f'more than {MAX_BYTES} are not read' in reports[1]
+
+
+@pytest.mark.parametrize('data', [record(99, b''), record(5, b''), message(1, b'')], ids=[
+    'unknown', 'empty', 'messages'])
+def test_chunk_of_more_records_than_bytes(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / 'a.mcap'
+    count = 1_000_000
+    bomb = chunk(zstandard.compress(data * count), b'zstd', len(data) * count)
+    path.write_bytes(START + message(1) + bomb + message(9) + record(15, bytes(4)))
+    messages, reports = read_all(path)
+    assert len(messages) <= 2 + len(bomb)
+    assert [log_ns for _, log_ns, _ in messages][-1] == 9
+    assert len(reports) == 1 and 'it has more records than bytes' in reports[0]
 
 
 @settings(max_examples=300, deadline=None)
@@ -272,6 +288,9 @@ BOMBS = {
     'lz4': lambda: chunk(lz4.frame.compress(bytes(1 << 30)), b'lz4', 1 << 27),
     'messages': lambda: chunk(zstandard.compress(message(3, b'') * 1_000_000), b'zstd',
                               1_000_000 * len(message(3, b''))),
+    'sorted': lambda: chunk(  # as many bytes in the file as messages
+        (data := zstandard.compress(message(3, b'') * 99_000)) + bytes(99_100), b'zstd',
+        99_000 * len(message(3, b'')), length=len(data)) * 20,
     'many': lambda: chunk(zstandard.compress(data := message(3, bytes(64 << 20))), b'zstd',
                           len(data)) * 20,
     'zeros': lambda: bytes(1 << 24), 'indexes': lambda: record(7, bytes(1 << 24)) * 8,

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+import sys
 
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
@@ -40,10 +42,77 @@ def test_folder_of_rosbag2_is_recognised_by_its_metadata(tmp_path: Path) -> None
     assert is_bag(tmp_path)
 
 
-def test_files_of_a_folder(tmp_path: Path) -> None:
-    for name in ('a_0.mcap', 'a_1.mcap', '.part.mcap', 'metadata.yaml', 'a.png'):
-        (tmp_path / name).touch()
-    assert sorted(path.name for path in bag_files(tmp_path)) == ['a_0.mcap', 'a_1.mcap']
+FILES = ('a_0.mcap', 'a_1.mcap', 'a_2.db3', '.part.mcap', 'a.png')
+
+
+def write_folder(folder: Path, metadata: str | bytes) -> Path:
+    for name in FILES:
+        (folder / name).touch()
+    (folder / 'metadata.yaml').write_bytes(
+        metadata if isinstance(metadata, bytes) else metadata.encode())
+    return folder
+
+
+def naming(*names: str) -> str:
+    return ('rosbag2_bagfile_information: {topics: [a, {b: [1]}], relative_file_paths: '
+            f'[{", ".join(names)}]}}')
+
+
+@pytest.mark.parametrize(('names', 'left_out'), [
+    (('a_1.mcap', 'a_2.db3', 'a_0.mcap'), 0), (('bag/a_1.mcap', '../a_0.mcap'), 1),
+    (('a_2.db3.zstd',), 2)])
+def test_order_of_the_metadata(tmp_path: Path, names: tuple[str, ...], left_out: int) -> None:
+    found = bag_files(write_folder(tmp_path, naming(*names)))
+    assert found.are_ordered
+    assert found.paths == [tmp_path / Path(name.removesuffix('.zstd')).name for name in names]
+    if left_out:
+        assert f'metadata.yaml does not name {left_out} files of its folder' in found.warning
+    else:
+        assert not found.warning
+
+
+LIST = 'it has no relative_file_paths'
+HOSTILE = {
+    'empty': (b'', LIST), 'text': (b'hello', LIST),
+    'binary': (bytes(range(256)), 'it is not YAML: '),
+    'no list': (b'rosbag2_bagfile_information: {relative_file_paths: a_0.mcap}', LIST),
+    'no name': (naming(), 'it names no files'),
+    'of another place': (b'relative_file_paths: [a_0.mcap]', LIST),
+    'missing': (naming('a_9.mcap'), 'it names a_9.mcap which is not in the folder'),
+    'twice': (naming('a_0.mcap', 'a_0.mcap'), 'it names a_0.mcap 2 times'),
+    'path': (naming('/etc/passwd'), 'it names passwd which is not in the folder'),
+    'other kind': (naming('a.png'), 'it names a.png which is not in the folder'),
+    'hidden': (naming('.part.mcap'), 'it names .part.mcap which is not in the folder'),
+    'escapes': (naming('"a\\e[2Jb"'), r'it names a\x1b[2Jb which'),
+    'object': (b'!!python/object/apply:os.system ["touch owned"]', LIST),
+    'nested': (b'[' * (1 << 21), LIST), 'mappings': (b'{a: ' * (1 << 19), LIST),
+    'long': (b'a: 1\n' + b'# comment\n' * (1 << 18), LIST),
+    'many': (b'rosbag2_bagfile_information: {a: [' + b'1,' * (1 << 19) + b']}', LIST),
+    'directives': (b''.join(b'%%TAG !%x! x\n' % number for number in range(74_000)),
+                   'it has directives of YAML'),
+    'directive behind an event': (b'--- a\n...\r%YAML 1.1\n---\n', 'it has directives of YAML'),
+    'UTF-16': ('%YAML 1.1\n--- a'.encode('utf-16'), 'it is not YAML: '),
+    'laughs': (b'a: &a [x, x]\nb: &b {<<: [*a, *a]}\nc: &c {<<: [*b, *b]}\n', LIST),
+}
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+def test_metadata_that_cannot_be_used(
+        tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    metadata, reason = HOSTILE[name]
+    found = bag_files(write_folder(tmp_path, metadata))
+    assert not found.are_ordered
+    assert sorted(path.name for path in found.paths) == ['a_0.mcap', 'a_1.mcap', 'a_2.db3']
+    assert f'metadata.yaml is not used: {reason}' in found.warning
+    assert found.warning.endswith('; the files are read in the order of their names')
+    assert found.warning.isprintable() and not (tmp_path / 'owned').exists()
+
+
+def test_metadata_in_a_pipe(tmp_path: Path) -> None:
+    (write_folder(tmp_path, '') / 'metadata.yaml').unlink()
+    os.mkfifo(tmp_path / 'metadata.yaml')
+    assert 'is a named pipe' in bag_files(tmp_path).warning
 
 
 @pytest.mark.parametrize(('names', 'reason'), [
@@ -73,6 +142,12 @@ def test_reader_follows_from_the_extension(tmp_path: Path, suffix: str, kind: ty
 def test_missing_library_is_named_with_its_remedy(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / 'a.mcap').touch()
-    monkeypatch.setitem(__import__('sys').modules, 'mcap.records', None)
+    monkeypatch.setitem(sys.modules, 'mcap.records', None)
     with pytest.raises(BagError, match="install it with 'pip install mcap'"):
         open_bag_file(tmp_path / 'a.mcap')
+
+
+def test_folder_without_pyyaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'yaml', None)
+    found = bag_files(write_folder(tmp_path, naming('a_1.mcap')))
+    assert len(found.paths) == 3 and 'PyYAML cannot be imported' in found.warning

@@ -229,6 +229,19 @@ def test_full_disk_loses_only_the_messages_that_do_not_fit(tmp_path: Path) -> No
     assert writer.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def test_disk_that_is_full_after_a_long_message(tmp_path: Path) -> None:
+    first = BagWriter(tmp_path / 'first.mcap')
+    put(first, image(0, 900_000))
+    size = first.size
+    first.close()
+    writer = BagWriter(tmp_path / 'a.mcap')
+    with disk_of(size - 5):  # without room for the index of the message
+        stored = [put(writer, image(0, 900_000))]
+    stored.append(put(writer, image(1)))
+    writer.close()
+    assert read_by_all(tmp_path / 'a.mcap') == stored
+
+
 def test_file_that_cannot_be_begun_is_removed(tmp_path: Path) -> None:
     with disk_of(10), pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
         BagWriter(tmp_path / 'a.mcap')

@@ -53,14 +53,29 @@ def test_expected_size_closes_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
     ('none.mp4', 'No such file or directory'), ('text.mp4', 'cannot be opened as a video'),
     ('empty.mp4', 'cannot be opened as a video'), ('folder', 'no image file in'),
     ('*.png', 'No such file or directory'), ('*.txt', 'no image file in'),
+    ('loop', 'Too many levels of symbolic links'), ('loop/a.mp4', 'Too many levels of symbolic'),
+    ('loop.mcap', 'Too many levels of symbolic links'), ('broken', 'No such file or directory'),
 ])
 def test_files_that_are_not_sources_are_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / 'text.mp4').write_text('hello')
     (tmp_path / 'some.txt').write_text('hello')
     (tmp_path / 'empty.mp4').touch()
+    for link, target in (('loop', 'loop'), ('loop.mcap', 'loop.mcap'), ('broken', 'none')):
+        (tmp_path / link).symlink_to(target)
     (tmp_path / 'folder').mkdir()
     with pytest.raises(CaptureError, match=text):
         open_source(str(tmp_path / name))
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_folder_of_bags_without_metadata(tmp_path: Path, suffix: str) -> None:
+    for name in ('b', 'a'):
+        (tmp_path / f'{name}{suffix}').touch()
+    with pytest.raises(CaptureError) as caught:
+        open_source(str(tmp_path))
+    assert str(caught.value) == (
+        f'{tmp_path} has no image file, and its bags have no metadata.yaml; give one of them, or '
+        f"all as '{tmp_path}/*{suffix}'")
 
 
 @pytest.mark.parametrize(('text', 'hint'), [

@@ -32,10 +32,12 @@ from mcap.reader import make_reader
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS
-from opencv_tools.progress import open_progress
+from opencv_tools.logs import LineWriter, Log
+from opencv_tools.progress import open_progress, Progress
 from playback import frames_of
 from played_bags import (
     compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)
@@ -93,11 +95,70 @@ def test_folder_of_rosbag2_with_two_topics(
         tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
     entries = [image_entry(1), image_entry(2, topic='/depth'), image_entry(3, topic='/depth')]
     folder = write_rosbag2(tmp_path / 'bag', suffix, entries)
-    assert convert(folder, tmp_path / '{topic}_{sec}_{nanosec}.png') == 1
+    target = tmp_path / '{topic}_{sec}_{nanosec}.png'
+    assert convert(folder, target) == 2
+    assert convert(folder, target, '--topic', '/wrong') == 2
+    assert 'has no topic /wrong' in capsys.readouterr().err
+    assert convert(folder, target) == 2
     assert 'or --topic of img_convert, to one of /camera/image_raw (' in capsys.readouterr().err
-    assert convert(folder, tmp_path / '{topic}_{sec}_{nanosec}.png', '--topic', '/depth') == 0
+    assert convert(folder, target, '--topic', '/depth') == 0
     assert sorted(path.name for path in tmp_path.glob('*.png')) == [
         f'depth_1700000000_{nanosec}.png' for nanosec in ('080000000', '120000000')]
+
+
+@pytest.mark.parametrize(('encoding', 'codec', 'format_text'), [
+    ('bgr8', 'jpeg', 'bgr8; jpeg compressed bgr8'), ('rgb8', 'jpeg', 'rgb8; jpeg compressed bgr8'),
+    ('mono8', 'jpeg', 'mono8; jpeg compressed mono8'),
+    ('bayer_rggb8', 'jpeg', 'bayer_rggb8; jpeg compressed bgr8'),
+    ('rgb8', 'png', 'rgb8; png compressed bgr8'), ('rgba8', 'png', 'rgba8; png compressed bgra8'),
+    ('16UC1', 'png', '16UC1; png compressed 16UC1')])
+def test_bag_of_compressed_images(
+        tmp_path: Path, encoding: str, codec: str, format_text: str) -> None:
+    image = cv2.GaussianBlur(random_image(encoding, 16, 32), (0, 0), 5)
+    target = tmp_path / 'out' / 'b.mcap'
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(number, image, encoding) for number in range(3)])
+    assert convert(source, target, '--compressed', codec, '--lossy') == 0
+    found = frames(target)
+    assert len(found) == 3 and heads(target) == heads(source)
+    for frame, original in zip(found, frames(source), strict=True):
+        assert frame.recorded and original.recorded
+        assert frame.recorded.topic == f'{TOPIC}/compressed'
+        assert frame.recorded.message.format == format_text
+        assert frame.recorded.message.header == original.recorded.message.header
+    expected = OutputImage(found[0], OutputSettings(encoding if encoding != 'bayer_rggb8' else ''))
+    if codec == 'png':
+        np.testing.assert_array_equal(expected.image, image)
+    elif encoding != 'bayer_rggb8':
+        assert np.abs(expected.image.astype(int) - image).max() < 32
+    line, = read_manifest(tmp_path / 'out')
+    assert (line['encoding'], line['stored_encoding']) == (encoding, format_text)
+    assert line['size'] == [32, 16]
+
+
+def test_compressed_images_stay_as_they_are(tmp_path: Path) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, JPEG_BYTES)])
+    assert convert(source, tmp_path / 'b.mcap', '--compressed', 'png') == 0
+    assert read_all(tmp_path / 'b.mcap') == read_all(source)
+
+
+def test_loss_of_compression_has_to_be_allowed(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(1)])
+    assert convert(source, tmp_path / 'b.mcap', '--compressed', 'jpeg') == 2
+    assert 'give --lossy' in capsys.readouterr().err
+    assert convert(source, tmp_path / 'b.mcap', '--compressed', 'png') == 0
+    assert convert(CLIP, tmp_path / 'c.mcap', '--compressed', 'jpeg', '--stop', '2') == 0
+    topics = {frame.recorded.topic for frame in frames(tmp_path / 'c.mcap') if frame.recorded}
+    assert topics == {'/video_frames/compressed'}
+
+
+def test_codec_that_cannot_store_the_frames(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(1, random_image('16UC1', 4, 6), '16UC1')])
+    assert convert(source, tmp_path / 'b.mcap', '--compressed', 'jpeg', '--lossy') == 1
+    assert 'a 16UC1 frame cannot be compressed as jpeg' in capsys.readouterr().err
 
 
 def test_jpegs_of_a_bag_become_files_byte_for_byte(tmp_path: Path) -> None:
@@ -163,6 +224,36 @@ def test_number_of_frames_in_the_progress(
     assert totals == [total, 3]
 
 
+@pytest.mark.parametrize('encoding', ['bgr8', 'mono8'])
+def test_description_of_a_frame(
+        tmp_path: Path, encoding: str, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(1, random_image(encoding, 4, 6), encoding)])
+    assert convert(source, tmp_path / 'a.png') == 0
+    assert f'Converting frame 1: 6x4 {encoding}, 0 failed' in capsys.readouterr().err
+    jpeg = write_mcap(tmp_path / 'b.mcap', [compressed_entry(1, JPEG_BYTES)])
+    assert convert(jpeg, tmp_path / 'a.jpg') == 0
+    assert f'frame 1: {len(JPEG_BYTES)} compressed bytes,' in capsys.readouterr().err
+
+
+def test_progress_that_is_closed_after_an_error(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[bool] = []
+    totals: list[int] = []
+
+    def open_counted(writer: LineWriter, phrase: str, total: int) -> tuple[Log, Progress]:
+        log, progress = open_progress(writer, phrase, total)
+        monkeypatch.setattr(progress, 'close', lambda: closed.append(True))
+        totals.append(total)
+        return log, progress
+
+    monkeypatch.setattr('opencv_tools.convert.convert.open_progress', open_counted)
+    source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(2)))
+    assert convert(source, tmp_path / 'a.png', '--start', 9) == 2
+    assert convert(source, tmp_path / 'a.png') == 0
+    assert (closed, totals) == ([True, True], [0, 2])
+
+
 def test_source_without_frames(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write_mcap(tmp_path / 'a.mcap', [image_entry(1)._replace(data=b'')])
@@ -219,6 +310,9 @@ def test_lossless_compressed_images_need_permission(tmp_path: Path) -> None:
     (('', 'a.png'), 'give a camera, a file'), (('pattern:1', 'a.png'), 'write a pattern as'),
     (('pattern', 'a.png'), 'pattern has no end: give --stop'),
     (('a.mp4', 'a'), "the extension '' is unknown"), (('a.mp4', 'out/'), 'is unknown'),
+    (('a.mp4', 'a.db3'), r'bags are written as \.mcap, not as \.db3'),
+    (('a.mp4', 'a.png', '--compressed', 'jpeg'), '--compressed is for bags'),
+    (('a.mp4', 'out/{topic}/{seq}.png'), r'a folder cannot have the field \{topic\}; use it in'),
     (('a.mp4', '{bad}.png'), r'the field \{bad\} is unknown'),
     (('a.mp4', 'a.png', '--topic', '/a'), '--topic is /a, but the source a.mp4 is not a bag'),
     (('a.mp4', 'a.png', '--start', '5', '--stop', '5'), 'which is not before --stop 5')])
@@ -228,11 +322,18 @@ def test_invalid_arguments(
     assert re.fullmatch(f'img_convert: error: .*{reason}.*\n', capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('words', [('--every', '0'), ('--every', '-1'), ('--start', 'x'), ()])
-def test_options_that_are_no_numbers(words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(('words', 'reason'), [
+    (('a.png', '--every', '0'), "'0' is not an integer of 1 or more"),
+    (('a.png', '--every', '-1'), "'-1' is not an integer of 1 or more"),
+    (('a.png', '--stop', 'x'), "'x' is not an integer of 1 or more"),
+    (('a.png', '--start', '-1'), "'-1' is not an integer of 0 or more"),
+    ((), 'the following arguments are required: TARGET')])
+def test_options_that_are_no_numbers(
+        words: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(['a.mp4', *(['a.png', *words] if words else [])])
+        main(['a.mp4', *words])
     assert ended.value.code == 2
+    assert reason in capsys.readouterr().err
 
 
 def test_failures_are_counted_and_change_the_exit_status(
@@ -269,6 +370,17 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         '0.png', '1.png', '2.png', '3.png', 'a.mcap', 'a_1.mcap', 'a_2.mcap', 'manifest.jsonl']
 
 
+@pytest.mark.parametrize(('target', 'shown'), [
+    ('a.mcap', ['a.mcap', 'a_1.mcap']), ('a.mkv', ['a.mkv', 'a_1.mkv']), ('{seq}.png', ['', '']),
+    ('a.npy', ['', ''])])
+def test_written_file_in_the_account(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], target: str, shown: list[str]) -> None:
+    for name in shown:
+        assert convert(CLIP, tmp_path / target, '--stop', 3) == 0
+        account = capsys.readouterr().err.splitlines()[-1]
+        assert f': 3 written to {tmp_path / name}, 0 failed' in account
+
+
 def test_full_disk_is_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with disk_of(100_000):
         assert convert(CLIP, tmp_path / '{seq}.npy', '--stop', 3) == 1
@@ -280,7 +392,7 @@ def test_full_disk_is_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_start_after_the_end(
         tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str) -> None:
     source = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(2)))
-    assert convert(source, tmp_path / 'a.png', '--start', start) == 1
+    assert convert(source, tmp_path / 'a.png', '--start', start) == 2
     assert f'--start is {start}, but' in capsys.readouterr().err
 
 
@@ -292,6 +404,33 @@ def test_missing_library_is_named_with_its_remedy(
     assert convert(source, tmp_path / 'a.png') == 1
     assert convert(CLIP, tmp_path / 'a.mcap') == 2
     assert capsys.readouterr().err.count("install it with 'pip install mcap'") == 2
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('name', ['clip.mkv', 'clip.mcap', '{seq}.png'])
+def test_account_of_an_interrupted_conversion(tmp_path: Path, name: str) -> None:
+    # Two signals at another moment of each conversion: each frame that was taken is written.
+    for moment in range(8):
+        folder = tmp_path / str(moment)
+        folder.mkdir()
+        with subprocess.Popen(
+                [sys.executable, '-m', 'opencv_tools.convert.cli', 'pattern:320x240',
+                 folder / name, '--stop', '100', '--lossy'],
+                stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None and not [*folder.glob('manifest.jsonl')]:
+                time.sleep(0.001)
+            for _ in range(2):
+                time.sleep(0.01 * moment)
+                process.send_signal(signal.SIGINT)
+            lines = process.communicate(timeout=DEADLINE)[1].splitlines()
+        found = re.search(r'Converted ([0-9]+) frames at .*: ([0-9]+) written to .*, 0 failed$',
+                          lines[-1])
+        assert found and found[1] == found[2], lines
+        is_interrupted = 'img_convert: error: interrupted' in lines
+        # A signal after the account changes the status only.
+        assert found[1] == '100' or (is_interrupted and process.returncode == 1), lines
+        manifest = read_manifest(folder)
+        assert sum(line.get('frames', 1) for line in manifest) == int(found[1]), lines
 
 
 @pytest.mark.process
@@ -318,6 +457,6 @@ def test_help_imports_nothing_slow() -> None:
               'except SystemExit: pass\n'
               'print(sorted({"numpy", "cv2", "rclpy", "mcap", "av", "tqdm"} & {*sys.modules}))')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60, check=True)
+                              timeout=DEADLINE, check=True)
     assert finished.stdout.startswith('usage: img_convert ')
     assert finished.stdout.splitlines()[-1] == '[]'

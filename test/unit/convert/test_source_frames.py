@@ -62,7 +62,7 @@ class Stream:
 def test_frames_of_a_stream_until_its_end(
         first: int, stop: int, every: int, expected: list[int], is_silent: bool) -> None:
     broken: list[BrokenFrameError] = []
-    found = list(numbered_frames(Stream(5, is_silent), first, stop, every, broken.append))
+    found = list(numbered_frames(Stream(5, is_silent), first, stop, every, broken.append, bool))
     assert [number for number, _ in found] == expected
     assert [frame.image[0, 0] for _, frame in found] == expected
     assert len(broken) == 1
@@ -73,7 +73,7 @@ def test_skipped_frames_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
     reads: list[Frame] = []
     read = source.read
     monkeypatch.setattr(source, 'read', lambda: reads.append(read()) or reads[-1])
-    found = list(numbered_frames(source, 3, 20, 5, pytest.fail))
+    found = list(numbered_frames(source, 3, 20, 5, pytest.fail, bool))
     assert [number for number, _ in found] == [3, 8, 13, 18]
     assert len(reads) == 4
 

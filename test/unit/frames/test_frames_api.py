@@ -47,8 +47,8 @@ def numbered(number: int) -> Image:
 
 
 def is_waiting(subscriber: FrameSubscriber, number: int) -> bool:
-    waiting = subscriber._waiting
-    return bool(waiting) and waiting[-1][0].header.nanosec == number
+    waiting = subscriber._subscription._queue._frames
+    return bool(waiting) and waiting[-1].stamp_ns == number
 
 
 class Receiver:
@@ -141,6 +141,25 @@ def test_every_frame_in_order(node: Node) -> None:
         assert camera.subscriber.skipped == 0
 
 
+def test_every_frame_at_a_maximum_rate(node: Node) -> None:
+    with receiver(node, every=True, depth=50, max_rate=10.0) as camera:
+        stamps = [10**11 + number * 10**9 // 30 for number in range(40)]
+        camera.send(*(stamped(IMAGE, 'bgr8', stamp) for stamp in stamps))
+        assert [frame.stamp_ns for frame in camera.wait(14)] == stamps[::3]
+        assert camera.subscriber.skipped == 26
+
+
+def test_newest_frames_at_a_maximum_rate(node: Node) -> None:
+    with receiver(node, max_rate=10.0) as camera:
+        stamps = [10**11 + number * 10**9 // 30 for number in range(40)]
+        first, *others = (stamped(IMAGE, 'bgr8', stamp) for stamp in stamps)
+        camera.send(first)
+        camera.wait(1)
+        camera.send(*others)
+        spin_until(node, lambda: len(camera.frames) + camera.subscriber.skipped == 40)
+        assert 1 <= len(camera.frames) <= 14
+
+
 @pytest.mark.parametrize('every', [False, True])
 def test_callback_in_a_thread(node: Node, every: bool) -> None:
     entered, may_return = Event(), Event()
@@ -231,19 +250,20 @@ def test_calibration_of_the_same_stamp(node: Node, infos_first: bool) -> None:
     infos = node.create_publisher(CameraInfo, 'camera/camera_info', 10)
     with receiver(node, camera_info=True, every=True) as camera:
         spin_until(node, lambda: infos.get_subscription_count() == 1)
+        queue = camera.subscriber._subscription._queue
 
         def send_infos() -> None:
             for number in (2, 3, 5):
                 info = CameraInfo(width=100 + number)
                 info.header.stamp.nanosec = number
                 infos.publish(info)
-            spin_until(node, lambda: camera.subscriber._infos.keys() >= {5} or camera.frames)
+            spin_until(node, lambda: queue._infos.keys() >= {5} or camera.frames)
 
         if infos_first:
             send_infos()
         camera.send(*map(numbered, range(1, 6)))
         if not infos_first:
-            spin_until(node, lambda: len(camera.subscriber._without_info) == 5)
+            spin_until(node, lambda: len(queue._unpaired) == 5)
             send_infos()
         pairs = [(frame.stamp_ns, frame.camera_info.width) for frame in camera.wait(3)]
         assert pairs == [(2, 102), (3, 103), (5, 105)]
@@ -309,6 +329,8 @@ def test_refused_arrays(node: Node) -> None:
     spin_until(node, lambda: publisher.has_subscribers)
     with pytest.raises(TypeError, match='an array is needed, not list'):
         publisher.publish([[1]])  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match='source of a frame is 5: give a Frame, a Header or None'):
+        publisher.publish(IMAGE, 5)  # type: ignore[arg-type]
     with pytest.raises(EncodingError):
         publisher.publish(IMAGE, encoding='mono8')
 
@@ -321,5 +343,5 @@ def test_node_closes_its_frames(node: Node, domain: int) -> None:
     frame_node.done.set_result(3)
     assert frame_node.close() == 3
     assert not list(frame_node.subscriptions)
-    assert 'result' not in {publisher.topic_name for publisher in frame_node.publishers}
+    assert not [one.topic_name for one in frame_node.publishers if 'result' in one.topic_name]
     frame_node.destroy_node()

@@ -31,7 +31,7 @@ from opencv_tools.image.cdr import (
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import CdrError, EncapsulationError, EncodingError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.ros.subscriber.messages import IMAGE, read_message
+from opencv_tools.topics.messages import IMAGE, read_message
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image

@@ -22,6 +22,7 @@ import cv2
 from images import ask_cv_bridge, random_image, recorded_outcomes
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.image.depth import change_depth
 from opencv_tools.image.encodings import COLOR_ENCODINGS, Encoding, ENCODINGS, find_encoding
 import pytest
 from sensor_msgs.msg import Image
@@ -224,6 +225,13 @@ def test_blocks_of_large_images_have_no_seam() -> None:
             expected = opencv_conversion(image, source, desired)
             converted = bridge.imgmsg_to_cv2(message, desired)
             assert same(converted, expected, tolerance(source, desired, cv2.__version__))
+
+
+def test_floats_without_a_number_of_the_type_and_no_warning() -> None:
+    image = np.array([[1e300, -1e300, np.nan, np.inf]])
+    np.testing.assert_array_equal(change_depth(image, 'float32'),
+                                  np.array([[np.inf, -np.inf, np.nan, np.inf]], np.float32))
+    np.testing.assert_array_equal(change_depth(image, 'int32'), np.full((1, 4), -2**31, np.int32))
 
 
 def test_every_16_bit_number_becomes_the_nearest_8_bit_number() -> None:

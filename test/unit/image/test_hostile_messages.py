@@ -45,10 +45,19 @@ def answer(message: SimpleNamespace, desired: str) -> np.ndarray | None:
         return None
 
 
-@settings(max_examples=3000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(encoding=st.sampled_from(NAMES), desired=st.sampled_from(['passthrough', *NAMES]),
-       height=SIZES, width=SIZES, step=st.one_of(SIZES, st.none()),
-       missing=st.sampled_from((0, 0, 0, 1, 2, -1)), is_bigendian=st.sampled_from((0, 1, 255)))
+random_messages = given(
+    encoding=st.sampled_from(NAMES), desired=st.sampled_from(['passthrough', *NAMES]),
+    height=SIZES, width=SIZES, step=st.one_of(SIZES, st.none()),
+    missing=st.sampled_from((0, 0, 0, 1, 2, -1)), is_bigendian=st.sampled_from((0, 1, 255)))
+
+
+def examples(count: int) -> settings:
+    return settings(max_examples=count, deadline=None,
+                    suppress_health_check=[HealthCheck.too_slow])
+
+
+@examples(1000)
+@random_messages
 @example('mono8', 'bgra16', 2**32 - 1, 0, 0, 0, 0)
 @example('nv12', 'bgr8', 2**32 - 2, 0, 0, 0, 0)
 @example('64FC1', 'passthrough', 2**32 - 1, 2**32 - 1, 2**32 - 1, 0, 1)
@@ -57,6 +66,22 @@ def answer(message: SimpleNamespace, desired: str) -> np.ndarray | None:
 def test_random_message_is_converted_correctly_or_refused(
         encoding: str, desired: str, height: int, width: int, step: int | None, missing: int,
         is_bigendian: int) -> None:
+    check_answer(encoding, desired, height, width, step, missing, is_bigendian)
+
+
+@pytest.mark.stress
+@examples(10_000)
+@random_messages
+def test_many_random_messages(
+        encoding: str, desired: str, height: int, width: int, step: int | None, missing: int,
+        is_bigendian: int) -> None:
+    check_answer(encoding, desired, height, width, step, missing, is_bigendian)
+
+
+def check_answer(
+        encoding: str, desired: str, height: int, width: int, step: int | None, missing: int,
+        is_bigendian: int) -> None:
+    """Check that a message is converted correctly or refused, with little memory."""
     try:
         found = find_encoding(encoding)
     except EncodingError:
@@ -95,7 +120,7 @@ def test_random_message_is_converted_correctly_or_refused(
         assert row.tobytes() == data[:fitting]
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(300)
 @given(st.binary(max_size=300), st.text(max_size=60),
        st.sampled_from(['passthrough', 'bgr8', 'mono16', '', 'foo']))
 @example(b'\xff\xd8\xff', 'jpeg', 'bgr8')

@@ -29,14 +29,15 @@ from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.image.text import printable, without_password
+from opencv_tools.nodes.command_line import check_ros_arguments
+from opencv_tools.nodes.parameters import describe_unknown
+from opencv_tools.nodes.publisher.parameters import PARAMETERS
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.ros.command_line import check_ros_arguments
-from opencv_tools.ros.parameters import describe_unknown, ParameterError
-from opencv_tools.ros.publisher.parameters import PARAMETERS
-from opencv_tools.ros.subscriber.topic_discovery import _describe_node, _enumerate, _NAME
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.topic_discovery import _describe_node, _enumerate, _NAME
 import pytest
 from sensor_msgs.msg import Image
 

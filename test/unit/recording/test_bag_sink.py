@@ -30,6 +30,7 @@ import time
 
 from bag_judges import decode, read_by_all, read_indexed
 from conftest import disk_of, read_manifest, recorded_files
+from console import Console
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel
@@ -49,7 +50,7 @@ from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
 from rclpy.serialization import serialize_message
-from recordings import Console, frame_of, NANO, NO_LIMITS, open_videos, random_image
+from recordings import frame_of, NANO, NO_LIMITS, open_videos, random_image
 from sensor_msgs.msg import CameraInfo
 from stepped_clock import SteppedClock
 
@@ -198,8 +199,23 @@ def test_names_of_existing_bags(tmp_path: Path) -> None:
     assert put_all(bags, range(2)) == 0
     bags.close()
     assert numbers(tmp_path / 'drive.mcap') == [0, 1]
+    assert sorted(lines(tmp_path)) == [('drive.mcap', 2), ('drive_1.mcap', 1), ('drive_2.mcap', 1)]
     with pytest.raises(RecordingError, match=r'already contains drive\.mcap'):
         open_bags(tmp_path, on_exists='error')
+
+
+def test_killed_recording_that_has_overwritten_a_bag(tmp_path: Path) -> None:
+    kept: dict[Path, bytes] = {}
+    for count in (5, 3):
+        bags = open_bags(tmp_path, on_exists='overwrite')
+        kept |= {path: path.read_bytes() for path in tmp_path.glob('manifest.jsonl')}
+        put_all(bags, range(count))
+        kept |= {path: path.read_bytes() for path in tmp_path.glob('.*')}
+        bags.close()
+    for path, content in kept.items():  # like a process that was killed before the end
+        path.write_bytes(content)
+    open_bags(tmp_path, 'other.mcap').close()
+    assert lines(tmp_path) == [('drive.mcap', 3)] and not list(tmp_path.glob('.*'))
 
 
 def test_limit_of_bytes_is_exact(tmp_path: Path) -> None:
@@ -241,7 +257,7 @@ def test_split_of_videos(tmp_path: Path) -> None:
 
 
 def test_split_of_images_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^a \.png file has one frame and cannot be split'):
+    with pytest.raises(ValueError, match=r'^a \.png file has one frame and cannot be split'):
         open_videos(tmp_path / 'out', 'x.png', limits=Limits(split_bytes=7))
     assert not (tmp_path / 'out').exists()
 
@@ -274,6 +290,16 @@ def test_ring_deletes_bags_of_earlier_recordings(tmp_path: Path) -> None:
     kept = [number for path in recorded_files(tmp_path) for number in numbers(path)]
     assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
     assert len(lines(tmp_path)) == len(recorded_files(tmp_path))
+
+
+def test_ring_whose_oldest_bag_was_removed(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'drive_{seq:03d}.mcap', limits=Limits(max_frames=20, ring=True))
+    assert put_all(bags, range(20)) == 0
+    recorded_files(tmp_path)[0].unlink()
+    assert put_all(bags, range(20, 40)) == 0
+    bags.close()
+    kept = [number for path in recorded_files(tmp_path) for number in numbers(path)]
+    assert kept == [*range(kept[0], 40)]
 
 
 def test_frame_larger_than_the_ring(tmp_path: Path) -> None:
@@ -431,8 +457,7 @@ def test_cut_bag_without_a_journal_is_finished(tmp_path: Path) -> None:
     path = cut_bag(tmp_path, 1000)
     open_bags(tmp_path).close()
     assert numbers(path) == [*range(10)]
-    last = json.loads((tmp_path / 'manifest.jsonl').read_text().splitlines()[-1])
-    assert last['bytes'] == path.stat().st_size and last['frames'] == 10
+    assert lines(tmp_path) == [('drive.mcap', 10)]
 
 
 @pytest.mark.parametrize('limit', [10, 10**6])
@@ -489,7 +514,7 @@ def test_bag_killed_in_its_header_is_removed(tmp_path: Path) -> None:
 def test_missing_library_refuses_bags_only(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'mcap.records', None)
-    text = "^bags need the library mcap, .* install it with 'pip install mcap'$"
+    text = "^bags need the library mcap, .* install it with 'pip install mcap' .see Install"
     with pytest.raises(ValueError, match=text):
         check_format('.mcap')
     with pytest.raises(RecordingError, match=text):

@@ -19,21 +19,10 @@ from __future__ import annotations
 from threading import Barrier, Thread
 import time
 
+from console import Console
 from opencv_tools.recording.failure_log import FailureLog
 import pytest
 from switching import switching_in
-
-
-class Console:
-    """A log that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def info(self, message: str) -> None:
-        self.lines.append(message)
-
-    warning = error = info
 
 
 class Time:
@@ -64,9 +53,9 @@ def test_each_reason_is_logged_once(clock: Time) -> None:
         clock.now += 1
         for _ in range(3):
             failure_log.bad_frame(f'reason {letters(number)}')
-    assert console.lines == [f'reason {letters(number)}' for number in range(300)]
+    assert console.lines == [f'error: reason {letters(number)}' for number in range(300)]
     failure_log.bad_frame('reason aa')  # the first reason is forgotten
-    assert console.lines[-1] == 'reason aa'
+    assert console.lines[-1] == 'error: reason aa'
 
 
 def test_reasons_that_differ_in_numbers_are_the_same(clock: Time) -> None:
@@ -76,7 +65,8 @@ def test_reasons_that_differ_in_numbers_are_the_same(clock: Time) -> None:
         clock.now += 1
         failure_log.bad_frame(f'{number}x{number} image with step {2 * number}')
         failure_log.write_failed(f'{number} bytes of {10 * number} were written')
-    assert console.lines == ['0x0 image with step 0', '0 bytes of 0 were written']
+    assert console.lines == [
+        'error: 0x0 image with step 0', 'error: 0 bytes of 0 were written']
 
 
 @pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
@@ -91,8 +81,19 @@ def test_rate_of_lines_is_limited_to_one_per_second(name: str, clock: Time) -> N
     clock.now += 60
     getattr(failure_log, name)('the last reason')
     last = console.lines[-1]
-    assert last.startswith('the last reason (and ')
+    assert last.startswith('error: the last reason (and ')
     assert counted + int(last.split()[-2]) + len(console.lines) == 600 + 1
+
+
+def test_skipped_reason_is_logged_when_it_recurs(clock: Time) -> None:
+    console = Console()
+    failure_log = FailureLog(console)
+    for number in range(11):
+        failure_log.bad_frame(f'reason {letters(number)}')
+    assert len(console.lines) == 10
+    clock.now += 1
+    failure_log.bad_frame('reason ak')
+    assert console.lines[10:] == ['error: reason ak (and 1 more)']
 
 
 def test_end_of_an_outage_is_logged_when_the_rate_allows(clock: Time) -> None:
@@ -102,10 +103,10 @@ def test_end_of_an_outage_is_logged_when_the_rate_allows(clock: Time) -> None:
         failure_log.write_failed('full')
         failure_log.write_succeeded()
     assert len(console.lines) == 10
-    assert sum(line.startswith('Writing again') for line in console.lines) == 5
+    assert sum(line.startswith('info: Writing again') for line in console.lines) == 5
     clock.now += 1
     failure_log.write_succeeded()
-    assert console.lines[-1].startswith('Writing again; 15 frames were not written')
+    assert console.lines[-1].startswith('info: Writing again; 15 frames were not written')
     failure_log.write_succeeded()
     assert len(console.lines) == 11
 
@@ -117,8 +118,9 @@ def test_library_error_becomes_a_sentence_with_a_remedy() -> None:
         'Generic error in an external library: \'avcodec_open2("libx264", {"crf": "23"})\' '
         'returned 542398533; last error log: [libx264] \x1b[31m')
     assert console.lines == [
-        'a frame was not written: a 65535x1 frame cannot be encoded as .mp4: Generic error in an '
-        'external library; set the extension of file_name to .png or .npy, which hold any size']
+        'error: a frame was not written: a 65535x1 frame cannot be encoded as .mp4: Generic error '
+        'in an external library; set the extension of file_name to .png or .npy, which hold any '
+        'size']
 
 
 def test_lines_are_printable_and_short() -> None:
@@ -126,7 +128,7 @@ def test_lines_are_printable_and_short() -> None:
     failure_log = FailureLog(console)
     failure_log.bad_frame('\x1b[2J' + 'a' * 10**6)
     failure_log.write_failed('\x1b[2J' + 'b' * 10**6)
-    assert all(line.isprintable() and len(line) <= 400 for line in console.lines)
+    assert all(line.isprintable() and len(line) <= len('error: ') + 400 for line in console.lines)
     assert len(console.lines) == 2
 
 
@@ -140,8 +142,10 @@ def test_outage_is_logged_at_its_start_change_and_end() -> None:
     failure_log.write_succeeded()
     failure_log.write_failed('full')
     failure_log.write_succeeded()
-    assert console.lines == ['full', 'gone', 'full', 'Writing again; 4 frames were not written',
-                             'full', 'Writing again; 1 frames were not written']
+    assert console.lines == [
+        'error: full', 'error: gone', 'error: full',
+        'info: Writing again; 4 frames were not written',
+        'error: full', 'info: Writing again; 1 frames were not written']
 
 
 @pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])
@@ -160,4 +164,4 @@ def test_threads_log_a_common_failure_once(name: str) -> None:
             thread.start()
         for thread in threads:
             thread.join()
-    assert console.lines == ['no space']
+    assert console.lines == ['error: no space']

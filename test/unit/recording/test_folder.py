@@ -31,6 +31,7 @@ import time
 from typing import Any
 
 from conftest import DEADLINE, read_manifest, recorded_files
+from console import Console
 import cv2
 import numpy as np
 from opencv_tools.recording.errors import RecordingError
@@ -43,7 +44,7 @@ from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import (
-    Console, failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
+    failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
 from special_files import KINDS
 
 
@@ -72,6 +73,17 @@ def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     assert len(read_manifest(folder)) == 2
     assert console.lines[1:] == ['info: Writing again; 2 frames were not written']
     assert (recorder.counts.written, recorder.counts.failed) == (3, 2)
+
+
+def test_end_after_the_folder_is_gone(tmp_path: Path) -> None:
+    sink = image_sink(tmp_path / 'mount' / 'out', '{seq}.png')
+    frame = gray_frame(0)
+    sink.commit(frame, sink.prepare(frame))
+    (tmp_path / 'mount').rename(tmp_path / 'away')
+    (tmp_path / 'mount').write_text('not a folder')
+    sink.close()
+    assert gray_numbers(tmp_path / 'away' / 'out') == [0]
+    assert (tmp_path / 'mount').read_text() == 'not a folder'
 
 
 def test_file_without_its_manifest_line_is_removed(

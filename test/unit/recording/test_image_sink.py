@@ -99,6 +99,14 @@ def test_ring_keeps_the_newest_files(tmp_path: Path, limits: Limits, kept: list[
     assert [line['seq'] for line in read_manifest(tmp_path)] == kept
 
 
+def test_ring_leaves_the_files_of_another_recording(tmp_path: Path) -> None:
+    record(tmp_path, 3, 'other_{seq}.png')
+    record(tmp_path, 10, limits=LIMITS[0])
+    assert [line['file'] for line in read_manifest(tmp_path)] == [
+        'other_0.png', 'other_1.png', 'other_2.png',
+        *(f'{number:03d}.png' for number in range(6, 10))]
+
+
 @pytest.mark.parametrize('ring', [False, True])
 def test_files_stay_below_max_bytes(tmp_path: Path, ring: bool) -> None:
     record(tmp_path / 'one', 1, '{seq:03d}.bmp')

@@ -16,8 +16,11 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+import re
+
 from hypothesis import given, settings, strategies as st
-from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy
+from opencv_tools.recording.naming import check_folder, FileNames, FrameMetadata, numbered_copy
 import pytest
 
 FRAME = FrameMetadata(
@@ -76,6 +79,14 @@ def test_missing_stamp_is_written_as_zeros() -> None:
 def test_invalid_templates_are_refused(template: str) -> None:
     with pytest.raises(ValueError):
         FileNames(template)
+
+
+@pytest.mark.parametrize(('path', 'field'), [
+    ('{topic}', '{topic}'), ('/a/x{seq:06d}/b', '{seq:06d}'), ('a/{sec', ''), ('a/{seconds}', ''),
+    ('a/{sec/b}', ''), ('a/{x}', ''), ('seq', ''), ('', '')])
+def test_fields_in_a_folder(path: str, field: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(field)) if field else nullcontext():
+        check_folder(path)
 
 
 @settings(deadline=None)

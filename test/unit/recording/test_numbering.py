@@ -21,6 +21,7 @@ from pathlib import Path
 import threading
 
 from conftest import DEADLINE, read_manifest, recorded_files
+from console import Console
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -28,7 +29,7 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import Console, gray_frame, gray_numbers, image_sink, record
+from recordings import gray_frame, gray_numbers, image_sink, record
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.mp4'])

@@ -65,7 +65,7 @@ def test_unreadable_manifest_is_refused(tmp_path: Path, suffix: str) -> None:
 
 
 def test_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
+    with pytest.raises(ValueError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
         open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
     assert not (tmp_path / 'out').exists()
 

@@ -19,8 +19,10 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 import threading
+import time
 
 from conftest import DEADLINE, read_manifest, recorded_files
+from console import Console
 import numpy as np
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
@@ -31,7 +33,7 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder, SinkCounts
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import Console, frame_of, gray_frame, gray_numbers, image_sink, record
+from recordings import frame_of, gray_frame, gray_numbers, image_sink, record
 from switching import switching_in
 
 
@@ -90,6 +92,29 @@ def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_sink: SlowSink) -> N
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
     assert recorder.counts.dropped == 0
+
+
+def test_queue_that_is_abandoned(tmp_path: Path, slow_sink: SlowSink) -> None:
+    outcomes: list[Path | str] = []
+    recorder = Recorder(slow_sink, Console(), writers=1)
+    for number in range(5):
+        recorder.put(gray_frame(number), outcomes.append)
+    assert slow_sink.has_begun.wait(DEADLINE)
+
+    def abandon() -> None:
+        while not recorder._queue._closed:
+            time.sleep(0.001)
+        recorder.abandon()
+        slow_sink.may_write.set()
+
+    abandoning = threading.Thread(target=abandon, daemon=True)
+    abandoning.start()
+    recorder.close()
+    abandoning.join(DEADLINE)
+    assert outcomes == [tmp_path / '000.png'] + ['the recording was interrupted'] * 4
+    assert gray_numbers(tmp_path) == [0]
+    assert recorder.abandoned == 4
+    assert vars(recorder.counts) == {'written': 1, 'dropped': 0, 'failed': 0, 'skipped': 0}
 
 
 def test_bad_frame_is_logged_once_and_numbering_continues(tmp_path: Path) -> None:

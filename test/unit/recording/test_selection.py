@@ -50,7 +50,7 @@ def test_every_nth_frame_is_selected() -> None:
 
 @pytest.mark.parametrize(('rate', 'max_rate', 'jitter_ms'), [
     (30, 10, 0), (30, 10, 5), (30, 10, 10), (30, 30, 5), (30, 100, 0), (25, 5, 8), (60, 7, 3),
-    (29.97, 15, 2), (1000, 3, 0.4)])
+    (29.97, 15, 2), (1000, 3, 0.4), (30, 5e-324, 0)])
 def test_rate_is_independent_of_jitter(rate: float, max_rate: float, jitter_ms: float) -> None:
     seconds = 60
     selection = Selection(1, max_rate, Limits())

@@ -30,6 +30,7 @@ from typing import Any
 
 import av
 from conftest import DEADLINE, disk_of, read_manifest, recorded_files
+from console import Console
 import cv2
 import numpy as np
 from opencv_tools.recording.errors import LimitReached, UnwritableError, VideoError
@@ -39,7 +40,7 @@ from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 import pytest
-from recordings import Console, NANO, open_videos
+from recordings import NANO, open_videos
 from stepped_clock import SteppedClock
 
 SMALL, WIDE = (16, 16), (16, 32)
@@ -104,8 +105,7 @@ def test_second_recording_in_the_same_folder(
         for number in range(count):
             put(videos, noise(number))
         videos.close()
-    last = {entry.name: entry for entry in Manifest(tmp_path).entries()}
-    assert [(entry.name, entry.seq, entry.frames) for entry in last.values()] == expected
+    assert [line[:3] for line in lines(tmp_path)] == expected
     assert [play(path) for path in recorded_files(tmp_path)] == [line[2] for line in expected]
 
 
@@ -216,6 +216,26 @@ def test_new_video_begins_when_a_full_disk_has_room_again(tmp_path: Path, suffix
                                (second.name, lines(tmp_path)[1][1], 50, [16, 16])]
     assert videos.counts.kept == play(first) + 50
     assert not list(tmp_path.glob('.*'))
+
+
+def test_outage_ends_with_the_first_frame_on_the_disk(tmp_path: Path) -> None:
+    clock = SteppedClock()
+    videos = open_videos(tmp_path, monotonic=clock.monotonic)
+    with disk_of(20_000):
+        assert put_all(videos, range(150), os.strerror(errno.EFBIG))
+    clock.step_to(clock.now + 3)
+    put(videos, noise(150))  # in memory
+    with pytest.raises(VideoError):
+        put(videos, noise(0, (2, 40000)))
+    with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
+        put(videos, noise(151))
+    clock.step_to(clock.now + 3)
+    assert put_all(videos, range(152, 202)) == 0
+    with pytest.raises(VideoError):
+        put(videos, noise(0, (2, 40000)))
+    put(videos, noise(202))
+    videos.close()
+    assert sorted(play(path) for path in recorded_files(tmp_path)[1:]) == [1, 1, 50]
 
 
 def test_free_space_is_checked_before_a_new_video(
@@ -384,6 +404,17 @@ def test_first_of_two_errors_is_reported(tmp_path: Path) -> None:
             put(videos, noise(number))
     videos.close()
     assert not list(tmp_path.iterdir())
+
+
+def test_warning_of_sizes_that_change_again_and_again(tmp_path: Path) -> None:
+    console = Console()
+    recorder = Recorder(open_videos(tmp_path), console, block=True)
+    for number in range(6):
+        recorder.put(noise(number, (SMALL, WIDE)[number % 2]))
+    recorder.close()
+    assert console.lines == [
+        'warning: the size of the frames changed 3 times, now from 16x16 to 32x16, and each '
+        'change begins another video; record images, or one publisher with one size']
 
 
 def test_frame_that_fails_to_encode_uses_no_number(tmp_path: Path) -> None:

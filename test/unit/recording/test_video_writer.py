@@ -188,6 +188,16 @@ def test_file_without_a_frame_is_removed(tmp_path: Path, suffix: str) -> None:
 
 
 @every_format
+def test_file_of_another_program_is_not_removed(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f'video{suffix}'
+    writer = VideoWriter(path, to_video_frame(draw(0), 'mono8', suffix), 0)
+    path.unlink()
+    path.write_text('kept')
+    writer.close()
+    assert path.read_text() == 'kept'
+
+
+@every_format
 def test_file_of_a_forgotten_writer_is_finished(tmp_path: Path, suffix: str) -> None:
     picture = to_video_frame(draw(7), 'mono8', suffix)
     writer = VideoWriter(tmp_path / f'video{suffix}', picture, 0)
@@ -363,5 +373,5 @@ def test_missing_encoder_is_reported_with_a_remedy(monkeypatch: pytest.MonkeyPat
     with pytest.raises(VideoError, match=r'libx264.*pip install'):
         check_video()
     monkeypatch.setitem(sys.modules, 'av.codec.codec', None)
-    with pytest.raises(VideoError, match=r'PyAV.*pip install av.*apt install python3-av'):
+    with pytest.raises(VideoError, match=r'PyAV.*apt install python3-av.*pip install av'):
         check_video()

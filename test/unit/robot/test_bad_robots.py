@@ -151,6 +151,9 @@ INVALID = {
     'too many attributes': Bad(
         f'<robot name="a"><link name="b"{" a=" * 1_000_000}/></robot>', (
             'robot.urdf: has more than 1000000 tags',)),
+    'an element with many attributes': Bad(
+        '<robot name="a"><link name="b" ' + ' '.join(f'x{n}="1"' for n in range(1001))
+        + '/></robot>', ('robot.urdf: has an element with more than 1000 attributes',)),
     'two roots': Bad('<robot name="a"><link name="b"/></robot>\n<robot name="c"/>', (
         'robot.urdf:2: ', 'not well-formed XML')),
     'a number of 100,000 digits': Bad(

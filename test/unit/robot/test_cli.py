@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from io import BytesIO, TextIOWrapper
 import json
 from pathlib import Path
@@ -91,6 +92,29 @@ def test_warnings_and_report(arm: str, tmp_path: Path, capsys: Text) -> None:
     assert {(note['element'], note['name'], note['line']) for note in notes['lossy']} == {
         ('joint', 'swing', 6), ('link', 'left::tip', 4)}
     assert [note['element'] for note in notes['preserved']] == ['transmission']
+
+
+@pytest.mark.parametrize(('command', 'first', 'second'), [
+    (urdf_to_sdf, '--output', '--report'), (sdf_to_urdf, '--output', '--report'),
+    (robot_frames, '--plot', '--conventions')])
+def test_two_outputs_in_one_file(
+        command: Callable[[list[str]], int], first: str, second: str, tmp_path: Path,
+        capsys: Text) -> None:
+    output, link = tmp_path / 'out.svg', tmp_path / 'link.svg'
+    output.write_text('before')
+    link.symlink_to(output)
+    robot = str(MODEL if command is sdf_to_urdf else MY_ROBOT)
+    for path in (str(output), f'{tmp_path}/./out.svg', str(link)):
+        assert command([robot, first, str(output), second, path]) == 2
+        assert capsys.readouterr() == ('', (
+            f'{command.__name__}: error: {path}: is the file of {first} and of {second}: give '
+            'each a file of its own\n'))
+        assert output.read_text() == 'before'
+
+
+def test_two_outputs_in_one_stream(arm: str, capfd: Text) -> None:
+    for path in ('/dev/null', '-'):
+        assert urdf_to_sdf([arm, '-o', path, '--report', path]) == 0
 
 
 @pytest.mark.parametrize('report', ['no/report.json', '.', '/dev/full'])
@@ -237,6 +261,15 @@ def test_atomic_output(arm: str, tmp_path: Path, capsys: Text) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['arm.urdf', 'link.sdf', 'out.sdf']
 
 
+def test_output_to_a_loop_of_links(arm: str, tmp_path: Path, capsys: Text) -> None:
+    loop = tmp_path / 'loop'
+    loop.symlink_to(loop)
+    for path in (loop, loop / 'out.sdf'):
+        assert urdf_to_sdf([arm, '-o', str(path)]) == 2
+        assert f'{path}: cannot be written: Too many levels of sym' in capsys.readouterr().err
+    assert loop.is_symlink()
+
+
 def test_conversion_in_place(arm: str) -> None:
     assert urdf_to_sdf([arm, '-o', arm]) == 0
     assert sdf_to_urdf([arm, '-o', arm]) == 0
@@ -310,6 +343,17 @@ def test_escaped_control_characters(tmp_path: Path, capsys: Text) -> None:
     for text in shown:
         assert '\x9b' not in text
         assert r'a\x9b31m' in text
+
+
+def test_names_with_line_ends(tmp_path: Path, capsys: Text) -> None:
+    for number, name in enumerate(('a&#10;link  FAKE      world', 'b')):
+        (tmp_path / f'{number}.urdf').write_text(f'<robot name="r"><link name="{name}"/></robot>')
+    first, second = (str(tmp_path / f'{number}.urdf') for number in (0, 1))
+    assert robot_frames([first]) == 0
+    assert robot_compare([first, second]) == 1
+    shown = capsys.readouterr().out
+    assert not [line for line in shown.splitlines() if line.startswith('link  FAKE')]
+    assert shown.count(r'a\nlink  FAKE') == 3  # a link, its frame, a difference
 
 
 def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:

@@ -125,9 +125,7 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
     def draw(self: Any, renderer: Any) -> None:
         if self.get_visible() and self.get_text().strip():
             found.append((self.get_text(), Text.get_window_extent(self, renderer)))
-        original(self, renderer)
 
-    original = Text.draw
     with monkeypatch.context() as patch:
         patch.setattr(Text, 'draw', draw)
         figure.canvas.draw()
@@ -309,6 +307,26 @@ def test_maximum_number_of_entries() -> None:
     assert len(entries(urdf)) == 60 and len(entries(sdf)) == 61
     assert urdf.texts[1].get_text().endswith('numbers of 60 of 69, the listing has all')
     assert sdf.texts[1].get_text().endswith('numbers of 60 of 70, the listing has all')
+
+
+def test_entries_of_a_large_robot() -> None:
+    # A hand with 80 patches of skin, whose only joint that moves comes last in the file.
+    patches = [Joint(name=f'patch_{index}', type='fixed', parent=parent, child=f'patch_{index}',
+                     placement=Placement(Pose((0.1, 0.0, 0.0)), FrameId('link', parent)))
+               for index, parent in enumerate(['palm', *(f'patch_{n}' for n in range(79))])]
+    thumb = Joint(name='thumb', type='continuous', parent='palm', child='thumb',
+                  placement=Placement(Pose((0.0, 0.1, 0.0)), FrameId('link', 'palm')))
+    joints = (*patches, thumb)
+    robot = Robot(name='hand', joints=joints, links=(
+        Link(name='palm', placement=Placement(Pose(), MODEL)),
+        *(Link(name=joint.child, placement=Placement(Pose(), FrameId('joint', joint.name)))
+          for joint in joints)))
+    for panel in panels(robot):
+        titles = entries(panel)
+        assert any('thumb' in title for title in titles)
+        assert any('patch_79' in title for title in titles)  # the end of the chain
+        assert any('patch_0' in title for title in titles)
+        assert not any('patch_70' in title for title in titles)
 
 
 def test_shipped_picture(

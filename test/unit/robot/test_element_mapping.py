@@ -37,7 +37,8 @@ from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.sdf.values import GAZEBO
 from opencv_tools.robot.urdf.reader import read_urdf
-from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.urdf.settings import SETTING_OF
+from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.passthrough import PREFIXES
 from opencv_tools.robot.xml.report import LOSSY, PRESERVED, Report
 import pytest
@@ -110,7 +111,8 @@ CONTENTS = {
         'mimic': '<mimic joint="wrist"/>',
         'dynamics': '<dynamics damping="0.5"/>',
         'origin': '<origin xyz="1 2 3"/>',
-        'gazebo': '<gazebo reference="arm"><mu1>0.5</mu1></gazebo>',
+        'gazebo': '<gazebo reference="arm"><preserveFixedJoint>1</preserveFixedJoint></gazebo>',
+        'gazebo/mu1': '<mu1>0.5</mu1>',
         'safety_controller': '<safety_controller k_velocity="1"/>',
         'gazebo/sensor': '<sensor name="eye" type="imu"/>',
         'gazebo/plugin': '<plugin name="drive" filename="libdrive.so"/>',
@@ -153,12 +155,16 @@ TEXTS = {
         '@name': 'else', '@xyz': '0.6 0 0.8', '@rpy': '0.1 0.2 0.3', '@size': '1 2 3',
         '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
         'joint/@type': 'prismatic', 'parent/@link': 'hand', 'child/@link': 'arm',
-        'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false',
+        'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false', 'fdir1': '1 0 0',
+        **dict.fromkeys((
+            'selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
+            'provideFeedback'), 'true'),
         'robot/@version': '1.1', 'gazebo/static': 'true',
     },
     'sdf': {
         '@name': 'else', 'pose': '1 2 3 0.1 0.2 0.3', '@relative_to': 'hand',
         '@degrees': 'true', '@rotation_format': 'quat_xyzw', 'size': '1 2 3', 'scale': '1 2 3',
+        '@auto': 'true',
         '@canonical_link': 'arm', '@placement_frame': 'hand', '@attached_to': 'arm',
         'joint/@type': 'prismatic', 'joint/parent': 'hand', 'joint/child': 'arm',
         'xyz': '0 0.6 0.8', '@expressed_in': 'turned', 'mimic/@joint': 'wrist',
@@ -168,7 +174,7 @@ TEXTS = {
         'material/diffuse': '0.1 0.2 0.3 0.4', 'material/ambient': '0.1 0.2 0.3 0.4',
         'material/specular': '0.1 0.2 0.3 0.4', 'material/emissive': '0.1 0.2 0.3 0.4',
         'sensor/@type': 'camera', 'light/@type': 'spot', 'particle_emitter/@type': 'box',
-        'particle_size': '1 2 3', 'direction': '0 0 1',
+        'particle_size': '1 2 3', 'direction': '0 0 1', 'fdir1': '1 0 0',
         **dict.fromkeys(('light/diffuse', 'light/specular', 'color_start', 'color_end'),
                         '0.1 0.2 0.3 1'),
         **dict.fromkeys((
@@ -265,7 +271,7 @@ def test_rows_of_elements_in_gazebo() -> None:
 def test_conversion_of_every_element(language: str, path: str) -> None:
     row = _row(language, path)
     assert row is not None
-    with_it, without = _built(language, path), _built(language, _above(language, path, row))
+    with_it, without = (_built(language, one, path) for one in (path, _above(language, path, row)))
     same = etree.tostring(with_it, method='c14n') == etree.tostring(without, method='c14n')
     there, report = _converted(language, with_it)
     _check_round_trip(language, path, row, with_it, there)
@@ -288,6 +294,26 @@ def test_conversion_of_every_element(language: str, path: str) -> None:
     assert bool(reported) == (LOSSY in row.outcomes), reported
 
 
+ELEMENTS = [(language, path) for language, path in PATHS if '/' in path and '@' not in path]
+
+
+@pytest.mark.parametrize(('language', 'path'), ELEMENTS)
+def test_single_element_of_which_nothing_is_read(language: str, path: str) -> None:
+    root = _built(language, path, path)
+    top = root if language == 'urdf' else root[0]
+    element = top.findall('/'.join(path.split('/')[1:]))[-1]
+    name = element.get('name')
+    element.clear()
+    element.attrib.update({'note': 'x', **({'name': name} if name else {})})
+    try:
+        there, _ = _converted(language, root)
+        back, _ = _converted('sdf' if language == 'urdf' else 'urdf', there)
+    except DescriptionError:  # it needs more than its presence
+        return
+    back = back if language == 'urdf' else back[0]
+    assert len(_at(back, path)) <= len(_at(top, path))
+
+
 def _above(language: str, path: str, row: Row) -> str:
     """Return the nearest enclosing path with another row."""
     while '/' in path and _row(language, path) == row:
@@ -300,13 +326,15 @@ def _by_end(table: Mapping[str, str], path: str) -> str | None:
                  if path == end or path.endswith(f'/{end}')), None)
 
 
-def _built(language: str, path: str) -> Element:
-    """Build a robot with the element of a path."""
+def _built(language: str, path: str, tested: str) -> Element:
+    """Build a robot with the element of a path, and with what the tested element needs."""
     root = etree.fromstring(SMALL_ROBOTS[language], etree.XMLParser(remove_blank_text=True))
     element = top = root if language == 'urdf' else root[0]
     steps = path.split('/')[1:]
     if 'axis2' in steps:
         top.findall('joint')[-1].set('type', 'universal')
+    if 'gazebo' in tested.split('/'):  # some of its elements belong to collisions
+        top.findall('link')[-1].append(etree.fromstring(CONTENTS['urdf']['collision']))
     if '@expressed_in' in steps:
         top.append(etree.fromstring('<frame name="turned"><pose>0 0 0 1 0 0</pose></frame>'))
     done = path.split('/')[0]
@@ -321,6 +349,8 @@ def _built(language: str, path: str) -> Element:
         text = _by_end(TEXTS[language], path)
         if text or not (len(element) or element.attrib or inside):
             element.text = text or '0.25'
+    if 'gazebo' in steps and ('joint', steps[-1]) in SETTING_OF:
+        top.findall('gazebo')[-1].set('reference', 'elbow')
     if path.endswith('gazebo/static'):  # applies to the whole robot
         del top.findall('gazebo')[-1].attrib['reference']
     _connect_nested_models(top)

@@ -21,6 +21,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from conftest import DEADLINE
 from drawn_robots import plotted, tutorial
 from opencv_tools.robot.drawing import primitives
 from opencv_tools.robot.xml.document import DescriptionError
@@ -62,7 +63,7 @@ def test_unwritable_file_error(tmp_path: Path) -> None:
 def test_error_without_matplotlib(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, 'matplotlib', None)
-    with pytest.raises(DescriptionError, match='pip install matplotlib` or `sudo apt'):
+    with pytest.raises(DescriptionError, match=r"'sudo apt .*' or 'pip install matplotlib'"):
         plotted(tutorial(), tmp_path / 'robot.png')
 
 
@@ -70,7 +71,7 @@ def test_error_without_matplotlib(
 def test_late_import_of_matplotlib_and_numpy() -> None:
     script = ('import sys, opencv_tools.robot.drawing.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=30)
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE)
 
 
 @pytest.mark.process
@@ -80,5 +81,5 @@ def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
               f'plotted(tutorial(), {str(tmp_path / "robot.svg")!r}); '
               'assert "matplotlib.pyplot" not in sys.modules; '
               'assert matplotlib.rcParams.copy() == before')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=60,
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})

@@ -103,6 +103,11 @@ def _read(path: Path) -> Robot:
     return read_robot(str(path), Report())[0]
 
 
+@functools.cache
+def _original(name: str) -> Robot:
+    return _read(FIXTURES[name])
+
+
 Ways = Callable[[str], tuple[Path, Path]]
 
 
@@ -174,7 +179,7 @@ def test_fixtures_without_warnings(name: str, capfd: Text) -> None:
 @pytest.mark.parametrize('name', CONVERTED)
 def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
     there, back = ways(name)
-    original = _read(FIXTURES[name])
+    original = _original(name)
     assert differences(original, _read(there), samples=5, tolerance=1e-12) == []
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
@@ -182,8 +187,8 @@ def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
 @pytest.mark.parametrize('name', [name for name in CONVERTED if name not in CORRECTED])
 def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
     _, back = ways(name)
-    original, restored = (Counter(_extension_entries(_read(path)))
-                          for path in (FIXTURES[name], back))
+    original, restored = (Counter(_extension_entries(robot))
+                          for robot in (_original(name), _read(back)))
     if name in COMPUTED_POSES:
         original, restored = (Counter({key: count for key, count in found.items()
                                        if key[1][-1] != 'pose'}) for found in (original, restored))
@@ -193,7 +198,7 @@ def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
 @pytest.mark.parametrize('name', [name for name in CONVERTED if not _is_sdf(name)])
 def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
-    original, restored = _read(FIXTURES[name]), _read(back)
+    original, restored = _original(name), _read(back)
     assert differences(original, restored, samples=0, tolerance=0) == []
     assert [joint.placement for joint in restored.joints] == [
         joint.placement for joint in original.joints]
@@ -204,7 +209,7 @@ def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize('name', [name for name in CONVERTED if _is_sdf(name)])
 def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
-    assert differences(_read(FIXTURES[name]), _read(back), samples=5, tolerance=1e-12) == []
+    assert differences(_original(name), _read(back), samples=5, tolerance=1e-12) == []
 
 
 @pytest.mark.parametrize('version', ['1.4', '1.5', '1.6', '1.7', '1.9', '1.12'])
@@ -213,7 +218,7 @@ def test_versions_of_sdf(version: str, tmp_path: Path) -> None:
     for name in CONVERTED:
         if not _is_sdf(name):
             _, back = _convert(name, tmp_path, ['--sdf-version', version])
-            original, restored = _read(FIXTURES[name]), _read(back)
+            original, restored = _original(name), _read(back)
             if (differences(original, restored, samples=1, tolerance=1e-12)
                     or Counter(_extension_entries(restored))
                     != Counter(_extension_entries(original))):
@@ -230,7 +235,7 @@ AXES = [(name, *fact.groups()) for name in CONVERTED for fact in re.finditer(
 @pytest.mark.parametrize(('name', 'kind', 'thing', 'numbers'), PLACES)
 def test_frames_in_comments(name: str, kind: str, thing: str, numbers: str) -> None:
     x, y, z, roll, pitch, yaw = map(float, numbers.split())
-    found = Kinematics(_read(FIXTURES[name])).pose(FrameId(kind, thing))
+    found = Kinematics(_original(name)).pose(FrameId(kind, thing))
     expected = Pose((x, y, z), (roll, pitch, yaw)).transform()
     assert found.translation == pytest.approx(expected.translation, abs=1e-12)
     assert found.rotation == pytest.approx(expected.rotation, abs=1e-12)
@@ -238,7 +243,7 @@ def test_frames_in_comments(name: str, kind: str, thing: str, numbers: str) -> N
 
 @pytest.mark.parametrize(('name', 'thing', 'numbers'), AXES)
 def test_axes_in_comments(name: str, thing: str, numbers: str) -> None:
-    joint, = (joint for joint in _read(FIXTURES[name]).joints if joint.name == thing)
+    joint, = (joint for joint in _original(name).joints if joint.name == thing)
     found = normalised(joint.axes[0].xyz)
     assert found == pytest.approx(tuple(map(float, numbers.split())), abs=1e-12)
 

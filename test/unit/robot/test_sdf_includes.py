@@ -293,6 +293,35 @@ def test_file_names_in_errors(tmp_path: Path) -> None:
         read(tmp_path, robot_with('<uri>model://arm</uri>'))
 
 
+FUEL = 'https://fuel.gazebosim.org/1.0/OpenRobotics/models/'
+
+
+@pytest.mark.parametrize(('uri', 'name'), [
+    (f'{FUEL}Oak%20Tree', 'v10'), (f'{FUEL}Oak%20Tree/tip', 'v10'), (f'{FUEL}oak tree/9/', 'v9'),
+    (f'{FUEL}Oak tree', 'v10')])
+def test_model_that_gazebo_has_downloaded(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, uri: str, name: str) -> None:
+    monkeypatch.setenv('GZ_FUEL_CACHE_PATH', str(tmp_path / 'cache'))
+    tree = tmp_path / 'cache' / 'fuel.gazebosim.org' / 'openrobotics' / 'models' / 'oak tree'
+    for version in ('9', '10', '7.bak'):
+        put(tree / version / 'model.sdf', f'<model name="v{version}"><link name="l"/></model>')
+    robot = read(tmp_path, robot_with(f'<uri>{uri}</uri>'))
+    assert f'{name}::l' in {link.name for link in robot.links}
+
+
+@pytest.mark.parametrize('uri', [
+    f'{FUEL}oak tree/8', f'{FUEL}gone', f'{FUEL}..%2f..%2fopenrobotics', f'{FUEL}%2e%2e',
+    'https://other.example/1.0/OpenRobotics/models/oak tree'])
+def test_model_that_gazebo_has_not_downloaded(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+    monkeypatch.setenv('GZ_FUEL_CACHE_PATH', str(tmp_path / 'cache'))
+    tree = tmp_path / 'cache' / 'fuel.gazebosim.org' / 'openrobotics'
+    for folder in (tree / 'models' / 'oak tree' / '9', tree / '1'):
+        put(folder / 'model.sdf', '<model name="m"><link name="l"/></model>')
+    with pytest.raises(DescriptionError, match='is not on this computer; download the model'):
+        read(tmp_path, robot_with(f'<uri>{uri}</uri>'))
+
+
 @pytest.mark.parametrize(('uri', 'message'), [
     (f'model://{"a" * 300}', 'is not found'),
     ('https://fuel.gazebosim.org/1.0/x/models/y', 'download the model and add its folder'),

@@ -20,12 +20,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from lxml import etree
+import numpy as np
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Material, Sphere
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.pose import Pose, Tensor
 from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.sdf.rules import find_flaw, is_physical
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import Element, parse, to_bytes
 from opencv_tools.robot.xml.numbers import number_text
@@ -102,6 +104,20 @@ def test_impossible_inertials_are_reported(mass: float, inertia: Tensor) -> None
         ('inertial', 'a', 7)]
 
 
+def test_possible_inertials_by_their_principal_moments() -> None:
+    random = np.random.default_rng(1)
+    placement = Placement(Pose(), FrameId('link', 'a'))
+    outcomes = []
+    for _ in range(200):
+        turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        moments = random.uniform(0.1, 1.0, 3)
+        matrix = turned @ np.diag(moments) @ turned.T
+        inertia = tuple(map(float, matrix[np.triu_indices(3)]))
+        outcomes.append(2 * max(moments) <= sum(moments))
+        assert is_physical(Inertial(placement, 1.0, inertia)) == outcomes[-1], inertia
+    assert 50 < sum(outcomes) < 150
+
+
 @pytest.mark.parametrize(('fixture', 'names'), [
     ('sdf/ok_contact_of_a_visuals_name.sdf', ['body']),
     ('urdf/warning_contact_of_a_renamed_collision.urdf', ['foot__sole', 'heel'])])
@@ -165,3 +181,21 @@ def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
     kept, before = back.xpath('gazebo/*')[0], etree.fromstring(content)
     assert [(one.tag, one.attrib, one.text) for one in kept.iter() if not len(one)] == [
         (one.tag, one.attrib, one.text) for one in before.iter() if not len(one)]
+
+
+@pytest.mark.parametrize(('text', 'flaw'), [
+    ('<texture><diffuse>a.png</diffuse></texture>', ''),
+    ('<material><diffuse>a.png</diffuse></material>', "'a.png' is not 3 or 4 numbers"),
+    ('<logical_camera><far>0.05</far></logical_camera>', ''),
+    ('<clip><far>0.05</far></clip>', "'0.05' is outside of 0.1 to inf"),
+    ('<logical_camera><near>-1</near></logical_camera>', ''),
+    ('<camera><noise><stddev>-1</stddev></noise></camera>', ''),
+    ('<lidar><noise><stddev>-1</stddev></noise></lidar>', ''),
+    ('<x><noise><stddev>-1</stddev></noise></x>', "'-1' is outside of 0 to inf"),
+    ('<camera><horizontal_fov>0.05</horizontal_fov></camera>', "'0.05' is outside of 0.1 to 6"),
+    ('<bullet><friction>-1</friction></bullet>', "'-1' is outside of 0 to inf"),
+    ('<dynamics><friction>-1</friction></dynamics>', '')])
+def test_values_of_tags_with_several_meanings(text: str, flaw: str) -> None:
+    element = etree.fromstring(text)
+    found = ''.join(map(find_flaw, element.iter()))
+    assert found.startswith(flaw) and bool(found) == bool(flaw)

@@ -83,6 +83,13 @@ def test_poses_of_lumped_shapes_links_and_frames() -> None:
     assert [(note.element, note.name) for note in report.warnings] == [('joint', 'screws')]
 
 
+def test_lumping_for_a_version_without_frames() -> None:
+    with pytest.raises(DescriptionError) as error:
+        convert_to_sdf(urdf(ARM), Report(), version='1.6', lump=True)
+    assert str(error.value) == ('arm.urdf: --fixed lump needs <frame>, which SDF 1.6 does not '
+                                'support; give --sdf-version 1.7 or newer')
+
+
 def test_sensor_pose_in_the_frame_of_a_lumped_link() -> None:
     root = convert_to_sdf(urdf(ARM), Report(), lump=True)
     pose = root.find("model/link[@name='base']/sensor/pose")
@@ -142,3 +149,22 @@ def test_lumped_robot_read_from_sdf() -> None:
     for frame in ('plate', 'screws'):
         assert after.pose(FrameId('frame', frame)).translation == pytest.approx(
             before.pose(FrameId('frame', frame)).translation)
+
+
+def test_fixed_joint_with_a_sensor_stays() -> None:
+    data = ARM.replace(b'reference="plate"', b'reference="screws"')
+    model = convert_to_sdf(urdf(data), Report(), lump=True)[0]
+    assert model.xpath('joint[@name="screws"]/sensor/@name') == ['eye']
+    assert model.xpath('frame') == []
+
+
+def test_lumped_link_has_each_setting_once() -> None:
+    data = ARM.replace(b'</robot>', b"""
+        <gazebo reference="base"><selfCollide>true</selfCollide></gazebo>
+        <gazebo reference="plate"><selfCollide>false</selfCollide>
+        <turnGravityOff>true</turnGravityOff></gazebo>
+        <gazebo reference="screws"><provideFeedback>true</provideFeedback></gazebo></robot>""")
+    model = convert_to_sdf(urdf(data), Report(), lump=True)[0]
+    assert model.xpath('link[@name="base"]/self_collide/text()') == ['true']
+    assert model.xpath('link[@name="base"]/gravity/text()') == ['false']
+    assert model.xpath('frame/physics') == []

@@ -35,19 +35,19 @@ def test_sdf_of_gazebo_blocks_belongs_to_the_model() -> None:
 
     assert tags(model.extension.sdf) == ['plugin']
     assert tags(model.links[0].extension.sdf) == ['sensor', 'gravity']
-    assert tags(model.joints[0].extension.sdf) == ['sensor']
+    assert tags(model.joints[0].extension.sdf) == ['sensor', 'physics']
     assert model.extension.urdf is not None
-    assert [tags(part) for part in model.extension.urdf] == [
-        ['odd'], ['mu1'], ['provideFeedback']]
+    assert [tags(part) for part in model.extension.urdf] == [['odd'], ['mu1']]
     blocks = written(model).findall('gazebo')
     assert [(block.get('reference'), tags(block)) for block in blocks] == [
-        (None, ['plugin']), ('a', ['sensor', 'gravity']), ('j', ['sensor']), (None, ['odd']),
-        ('a', ['mu1']), ('j', ['provideFeedback'])]
+        (None, ['plugin']), ('a', ['sensor', 'turnGravityOff']),
+        ('j', ['sensor', 'provideFeedback']), (None, ['odd']), ('a', ['mu1'])]
 
 
 @pytest.mark.parametrize('part', [
     '<plugin name="p"/>', '<plugin name=" " filename="p.so"/>',
-    '<sensor name="s" type="imu"><plugin filename="p.so"/></sensor>'])
+    '<sensor name="s" type="imu"><plugin filename="p.so"/></sensor>',
+    '<sensor name="s" type="imu"><plugin name="p" filename=" "/></sensor>'])
 def test_invalid_plugin_stays_in_its_block(part: str) -> None:
     report = Report()
     model = read(f'<link name="a"/><gazebo reference="a">{part}</gazebo>', report)

@@ -82,12 +82,34 @@ def test_package_paths_become_uris(
     assert not report.notes
 
 
-def test_package_path_outside_a_mesh_is_reported(tmp_path: Path) -> None:
+PLUGIN = '<gazebo><plugin name="p">\n<parameters>{}</parameters><uri>{}</uri></plugin></gazebo>'
+
+
+@pytest.mark.parametrize(('written', 'path', 'uri'), [
+    ('$(find p)/c.yaml', '{}/c.yaml', 'package://p/c.yaml'),
+    ('file://$(find p)/c.yaml', 'file://{}/c.yaml', 'package://p/c.yaml'),
+    ('a $(find p) b $(find p)', 'a {0} b {0}', 'a package://p b package://p')])
+@pytest.mark.parametrize('find', ['path', 'package'])
+def test_package_path_in_the_text_of_a_plugin(
+        find: str, written: str, path: str, uri: str, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / 'share' / 'p'
+    folder.mkdir(parents=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     report = Report()
-    root = expanded(tmp_path / 'a.xacro', '<gazebo><plugin name="p">\n<parameters>$(find p)/c.yaml'
-                    '</parameters></plugin></gazebo><mesh filename="$(find p)/a"/>', report=report)
-    assert root.findtext('.//parameters') == 'package://p/c.yaml'
-    assert [(note.element, note.line) for note in report.warnings] == [('parameters', 2)]
+    text = f'{HEAD}{PLUGIN.format(written, written)}</robot>'.encode()
+    root = parse(expand(str(tmp_path / 'a.xacro'), text, {}, report, find), 'a.xacro', report)
+    assert root.findtext('.//parameters') == (path.format(folder) if find == 'path' else uri)
+    assert 'package://p' in root.findtext('.//uri', '')
+    assert {(note.element, note.line) for note in report.warnings} == {('parameters', 2)}
+
+
+def test_package_path_of_a_missing_package_is_a_uri(tmp_path: Path) -> None:
+    report = Report()
+    root = expanded(tmp_path / 'a.xacro', PLUGIN.format('$(find no_pkg)/c.yaml', ''),
+                    report=report)
+    assert root.findtext('.//parameters') == 'package://no_pkg/c.yaml'
+    assert 'because the package is not found' in report.warnings[0].message
 
 
 @pytest.mark.parametrize(('variable', 'folder', 'value'), [
@@ -254,5 +276,5 @@ def test_xacro_is_restored(content: str, tmp_path: Path) -> None:
 
 def test_missing_package_xacro(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'xacro', None)
-    with pytest.raises(DescriptionError, match=r'a\.xacro: .*pip install xacro'):
+    with pytest.raises(DescriptionError, match=r'a\.xacro: .*ros-jazzy-xacro.*pip install xacro'):
         expand('a.xacro', b'<robot/>', {}, Report())

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import socket
 
-from opencv_tools.viewer.access import Access, check_token, is_loopback, is_same_origin
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.access import (
+    Access, check_origins, check_token, is_loopback, is_same_origin)
+from opencv_tools.viewer.errors import RequestError, WrongTokenError
 import pytest
 
 
@@ -51,11 +52,19 @@ def test_invalid_tokens(text: str) -> None:
         check_token(text)
 
 
+@pytest.mark.parametrize('given', [(None, None, ''), ('', '', '')])
+def test_missing_token(given: tuple[str | None, ...]) -> None:
+    with pytest.raises(RequestError, match='a token is needed') as caught:
+        Access('secret_text', ()).check_token(*given)
+    assert caught.value.status == 403
+    assert not isinstance(caught.value, WrongTokenError)
+
+
 @pytest.mark.parametrize('given', [
-    (None, None, ''), ('', '', ''), ('secret_tex', None, ''), ('secret_text2', None, ''),
+    ('secret_tex', None, ''), ('secret_text2', None, ''),
     ('SECRET_TEXT', None, ''), ('secret_text\0', None, ''), ('\ud800', None, '')])
 def test_wrong_tokens_are_refused(given: tuple[str | None, ...]) -> None:
-    with pytest.raises(RequestError, match='a token is needed') as caught:
+    with pytest.raises(WrongTokenError, match='the token is wrong') as caught:
         Access('secret_text', ()).check_token(*given)
     assert caught.value.status == 403
 
@@ -83,6 +92,39 @@ def test_foreign_hosts_are_refused(host: str) -> None:
     with pytest.raises(RequestError, match='not a name of this machine') as caught:
         Access.create('', '127.0.0.1', False, '').check_host(host)
     assert caught.value.status == 403
+
+
+@pytest.mark.parametrize('host', ['vm.lan', 'robot.tailnet.ts.net:8080', 'evil.example'])
+def test_any_host_with_a_token(host: str) -> None:
+    Access.create('secret_text', '0.0.0.0', False, '').check_host(host)
+
+
+@pytest.mark.parametrize('host', ['', 'localhost; script-src *', 'a b', '[::1'])
+def test_invalid_hosts_with_a_token(host: str) -> None:
+    with pytest.raises(RequestError, match='not a name of this machine'):
+        Access.create('secret_text', '0.0.0.0', False, '').check_host(host)
+
+
+@pytest.mark.parametrize(('origin', 'referer', 'expected'), [
+    ('http://10.0.0.5:3000', None, 'http://10.0.0.5:3000'),
+    (None, 'http://10.0.0.5:3000/page?a=b', 'http://10.0.0.5:3000'),
+    (None, 'http://10.0.0.5:3000', 'http://10.0.0.5:3000'),
+    ('https://ui.example', None, 'https://ui.example'),
+    ('http://evil.example', 'http://10.0.0.5:3000/', ''), ('http://10.0.0.5:3001', None, ''),
+    ('http://10.0.0.5:30000', None, ''), (None, 'http://10.0.0.5:3000.evil.example/', ''),
+    ('null', None, ''), ('', '', ''), (None, None, '')])
+def test_origins_that_may_show_pictures(
+        origin: str | None, referer: str | None, expected: str) -> None:
+    access = Access.create(
+        '', '0.0.0.0', False, '', 'http://10.0.0.5:3000, HTTPS://ui.example')
+    assert access.embedding_origin(origin, referer) == expected
+    assert Access.create('', '0.0.0.0', False, '').embedding_origin(origin, referer) == ''
+
+
+@pytest.mark.parametrize('text', ['*', '10.0.0.5:3000', 'http://a/', 'http://a,b', 'http://a b'])
+def test_invalid_origins(text: str) -> None:
+    with pytest.raises(ValueError, match='is not an origin: give the beginning'):
+        check_origins(text)
 
 
 @pytest.mark.parametrize(('origin', 'host', 'expected'), [

@@ -19,29 +19,25 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
+import gc
+import weakref
 
+from console import Console
 import numpy as np
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireImage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
+from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.channel import Channel
-from opencv_tools.viewer.encoding import Picture
-from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.encoding import Picture, PictureOptions
+from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.protocol import ViewOptions
 from opencv_tools.viewer.stream import Stream
 import pytest
 
 OPTIONS = ViewOptions(width=0, quality=80, rate=1000.0)
 DEADLINE = 60.0
-
-
-class Lines:
-    """A log that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.info = self.warning = self.error = self.lines.append
 
 
 class Receiver:
@@ -78,21 +74,21 @@ async def settled() -> None:
         await asyncio.sleep(0.005)
 
 
-def run(work: Callable[[Stream, Lines], Awaitable[None]]) -> None:
+def run(work: Callable[[Stream, Console], Awaitable[None]]) -> None:
     """Run a test with a stream."""
     async def begin() -> None:
-        log = Lines()
+        log = Console()
         with ThreadPoolExecutor(2) as pool:
-            await work(Stream(7, '/image', asyncio.get_running_loop(), pool, log), log)
+            await work(Stream(7, ('/image', 'auto'), asyncio.get_running_loop(), pool, log), log)
 
     asyncio.run(begin())
 
 
 def test_one_picture_is_unanswered_and_the_newest_follows() -> None:
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         page = Receiver(stream)
         for count in range(1, 7):
-            stream.feed.put(image(), 0)
+            stream.feed.put(ReceivedMessage(image(), 0))
             await page.wait(1)
             assert stream.feed.frames == count
         await settled()
@@ -107,8 +103,8 @@ def test_one_picture_is_unanswered_and_the_newest_follows() -> None:
 
 
 def test_newest_frame_is_sent_at_once_and_again_with_new_options() -> None:
-    async def work(stream: Stream, _: Lines) -> None:
-        stream.feed.put(image(), 0)
+    async def work(stream: Stream, _: Console) -> None:
+        stream.feed.put(ReceivedMessage(image(), 0))
         page = Receiver(stream)
         assert (await page.wait(1)).width == 640
         page.channel.answered(1)
@@ -122,10 +118,10 @@ def test_newest_frame_is_sent_at_once_and_again_with_new_options() -> None:
 
 
 def test_image_that_grows_is_sent_in_full_size_at_once() -> None:
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         page = Receiver(stream)
         for count, width in enumerate((64, 640, 320), 1):
-            stream.feed.put(image(width), 0)
+            stream.feed.put(ReceivedMessage(image(width), 0))
             assert (await page.wait(count)).width == width
             page.channel.answered(count)
 
@@ -133,10 +129,10 @@ def test_image_that_grows_is_sent_in_full_size_at_once() -> None:
 
 
 def test_equal_options_share_an_encoding() -> None:
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         narrow = ViewOptions(width=320, quality=80, rate=1000.0)
         pages = [Receiver(stream, options) for options in (OPTIONS, OPTIONS, narrow, narrow)]
-        stream.feed.put(image(), 0)
+        stream.feed.put(ReceivedMessage(image(), 0))
         pictures = [await page.wait(1) for page in pages]
         assert pictures[0] is pictures[1]
         assert pictures[2] is pictures[3]
@@ -145,11 +141,26 @@ def test_equal_options_share_an_encoding() -> None:
     run(work)
 
 
+def test_pictures_of_old_frames_are_forgotten() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        pictures = []
+        for width in (320, 160):
+            stream.feed.put(ReceivedMessage(image(), 0))
+            frame = stream.feed.newest
+            assert frame
+            pictures.append(weakref.ref(await stream.picture(frame, PictureOptions(width, 80))))
+        gc.collect()
+        await until(lambda: pictures[0]() is None)
+        assert pictures[1]()
+
+    run(work)
+
+
 def test_nothing_is_encoded_without_a_channel() -> None:
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         page = Receiver(stream)
         page.channel.close()
-        stream.feed.put(image(), 0)
+        stream.feed.put(ReceivedMessage(image(), 0))
         await settled()
         assert stream.encodings == 0
         assert not stream.watchers
@@ -158,15 +169,16 @@ def test_nothing_is_encoded_without_a_channel() -> None:
 
 
 def test_broken_images_are_counted_once() -> None:
-    async def work(stream: Stream, log: Lines) -> None:
+    async def work(stream: Stream, log: Console) -> None:
         pages = [Receiver(stream), Receiver(stream, ViewOptions(width=80, quality=9, rate=99.0))]
-        stream.feed.put(WireCompressedImage(header=NO_HEADER, format='jpeg', data=b'\xff\xd8'), 0)
+        stream.feed.put(ReceivedMessage(WireCompressedImage(
+            header=NO_HEADER, format='jpeg', data=b'\xff\xd8'), 0))
         await until(lambda: stream.broken == 1)
         await settled()
         assert stream.broken == 1
         assert len(log.lines) == 1
-        assert log.lines[0].startswith('frame of /image left out: ')
-        stream.feed.put(image(), 0)
+        assert log.lines[0].startswith('warning: frame of /image left out: ')
+        stream.feed.put(ReceivedMessage(image(), 0))
         for page in pages:
             await page.wait(1)
 
@@ -176,10 +188,11 @@ def test_broken_images_are_counted_once() -> None:
 def test_jpeg_of_a_page_with_fixed_quality_is_encoded_again() -> None:
     jpeg = encode_image(np.full((48, 64), 90, np.uint8), '.jpg').tobytes()
 
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         fixed = ViewOptions(width=0, quality=20, rate=1000.0, fixed=True)
         pages = Receiver(stream), Receiver(stream, fixed)
-        stream.feed.put(WireCompressedImage(header=NO_HEADER, format='jpeg', data=jpeg), 0)
+        stream.feed.put(ReceivedMessage(WireCompressedImage(
+            header=NO_HEADER, format='jpeg', data=jpeg), 0))
         assert (await pages[0].wait(1)).data == jpeg
         assert (await pages[1].wait(1)).data != jpeg
         assert pages[0].channel.status()['sent']['passed_through']
@@ -187,13 +200,31 @@ def test_jpeg_of_a_page_with_fixed_quality_is_encoded_again() -> None:
     run(work)
 
 
+def test_jpeg_is_encoded_again_when_the_link_is_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Feed, 'rate', 1000.0)  # an answer after 5 ms is late
+    jpeg = encode_image(np.full((48, 64), 90, np.uint8), '.jpg').tobytes()
+
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream)
+        kept = []
+        for count in range(1, 8):
+            stream.feed.put(ReceivedMessage(WireCompressedImage(
+                header=NO_HEADER, format='jpeg', data=jpeg), 0))
+            kept.append((await page.wait(count)).is_kept)
+            await asyncio.sleep(0.005)
+            page.channel.answered(count)
+        assert kept == [True] * 6 + [False]
+
+    run(work)
+
+
 @pytest.mark.parametrize('seconds', [0.0, 0.05])
 def test_next_frame_is_waited_for_only_so_long(seconds: float) -> None:
-    async def work(stream: Stream, _: Lines) -> None:
+    async def work(stream: Stream, _: Console) -> None:
         assert await stream.next_frame(0, seconds) is None
         waiting = asyncio.ensure_future(stream.next_frame(0, DEADLINE))
         await settled()
-        stream.feed.put(image(), 5)
+        stream.feed.put(ReceivedMessage(image(), 5))
         frame = await waiting
         assert frame
         assert (frame.number, frame.receive_ns) == (1, 5)

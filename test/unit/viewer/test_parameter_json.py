@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from opencv_tools.ros.parameters import Parameter
+from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.parameter_json import parameter_json, value_from_json
 import pytest

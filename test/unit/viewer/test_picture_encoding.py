@@ -22,7 +22,7 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireImage
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
@@ -161,3 +161,32 @@ def test_broken_images_are_refused() -> None:
         for options in (FULL, PictureOptions(160, 80)):
             with pytest.raises((CvBridgeError, ImageError)):
                 encode_picture(message, options)
+
+
+@pytest.mark.parametrize('size', [(65_501, 1), (1, 65_501)])
+def test_picture_that_is_too_long_for_jpeg(
+        size: tuple[int, int], capfd: pytest.CaptureFixture[str]) -> None:
+    image = np.zeros(size, np.uint8)
+    with pytest.raises(CodecError, match='picture is too long for JPEG'):
+        encode_picture(wire(image, 'mono8'), FULL)
+    assert capfd.readouterr() == ('', '')  # OpenCV logs what it refuses
+    longest = image[:65_500, :65_500]
+    assert pixels(encode_picture(wire(longest, 'mono8'), FULL)).shape == longest.shape
+
+
+@pytest.mark.skipif(not hasattr(cv2, 'IMWRITE_JPEG_SAMPLING_FACTOR'),
+                    reason='OpenCV before 4.7 stores the colour of four pixels as one')
+def test_colours_of_single_pixels() -> None:
+    image = np.array([[[0, 0, 255], [0, 255, 0]], [[255, 0, 0], [255, 255, 255]]], np.uint8)
+    image = np.tile(image, (8, 8, 1))
+    picture = encode_picture(wire(image, 'bgr8'), PictureOptions(0, 95))
+    shown = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(shown.astype(int) - image).max() < 40
+
+
+def test_fine_pattern_that_is_made_much_smaller() -> None:
+    image = np.zeros((700, 700), np.uint8)
+    image[:, ::7] = 210  # every seventh column, a mean of 30
+    picture = encode_picture(wire(image, 'mono8'), PictureOptions(100, 100))
+    shown = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(shown.astype(int) - 30).max() <= 2

@@ -1,0 +1,54 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Entry points of the executables.
+
+This module imports nothing that takes long, so signals are handled before the long imports begin.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import import_module
+import signal
+
+from opencv_tools.signals import end_at_signals
+
+
+def _run_node(module: str) -> int:
+    # A shell script starts background processes with SIGINT ignored. A node ends in spite of it.
+    return end_at_signals(
+        lambda: int(import_module(module).main()), status=0, ignorable=(signal.SIGHUP,))
+
+
+def _run_robot_command(name: str) -> int:
+    return end_at_signals(
+        lambda: int(getattr(import_module('opencv_tools.robot.cli'), name)()))
+
+
+def img_convert() -> int:
+    """Run ``img_convert`` and return the exit status."""
+    return end_at_signals(
+        lambda: int(import_module('opencv_tools.convert.cli').main()), status=1)
+
+
+img_filter = partial(_run_node, 'opencv_tools.image_filter')
+img_publisher = partial(_run_node, 'opencv_tools.basic_image_publisher')
+img_subscriber = partial(_run_node, 'opencv_tools.basic_image_subscriber')
+img_viewer = partial(_run_node, 'opencv_tools.image_viewer')
+robot_compare = partial(_run_robot_command, 'robot_compare')
+robot_frames = partial(_run_robot_command, 'robot_frames')
+sdf_to_urdf = partial(_run_robot_command, 'sdf_to_urdf')
+urdf_to_sdf = partial(_run_robot_command, 'urdf_to_sdf')

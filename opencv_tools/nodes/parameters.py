@@ -1,0 +1,283 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tables of ROS parameters, with descriptions, ranges and checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, KW_ONLY
+import difflib
+import math
+from typing import Any
+
+from opencv_tools.image.text import HIDDEN, printable, without_password
+from opencv_tools.topics.errors import ParameterError
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult,
+)
+import rclpy
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+
+# Names and prefixes of parameters that ROS itself reads.
+_ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+class UnknownParameterError(ParameterNotDeclaredException):
+    """A change of an undeclared parameter; rclpy replies with the message."""
+
+    def __init__(self, message: str) -> None:
+        """Store the message instead of rclpy's own."""
+        Exception.__init__(self, message)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    A parameter of a node.
+
+    :param name: name of the parameter, as in ``-p name:=value``.
+    :param default: default value; its type is the type of the parameter.
+    :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
+        and the meaning of special values.
+    :param bounds: smallest and largest valid number; None for no bounds.
+    :param step: distance between valid numbers, counted from the smallest.
+    :param choices: valid values; empty if all values are valid.
+    :param check: raises ValueError with the remedy for an invalid text.
+    :param changeable: whether the parameter can be changed while the node runs.
+    :param secret: whether other nodes cannot read the given value.
+    :param ends: whether the parameter decides when the node ends, or how much it does. The node
+        does not start with a misspelt name of such a parameter.
+    """
+
+    name: str
+    default: str | int | float
+    description: str
+    _: KW_ONLY
+    bounds: tuple[float, float] | None = None
+    step: int = 1
+    choices: tuple[str | int, ...] = ()
+    check: Callable[[Any], None] | None = None
+    changeable: bool = False
+    secret: bool = False
+    ends: bool = False
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return the descriptor for ``ros2 param describe``."""
+        descriptor = ParameterDescriptor(
+            name=self.name, description=self.description, read_only=not self.changeable,
+            additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
+        if self.bounds and isinstance(self.default, float):
+            low, high = map(float, self.bounds)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif self.bounds:
+            low, high = map(int, self.bounds)
+            descriptor.integer_range = [
+                IntegerRange(from_value=low, to_value=high, step=self.step)]
+        return descriptor
+
+    def accept(self, value: Any) -> str | int | float:
+        """
+        Convert a value of the command line to the type of the parameter.
+
+        ``source:=0`` and ``publish_rate:=10`` arrive as integers, but mean a text and a float.
+
+        :raises ParameterError: the value is invalid.
+        """
+        if isinstance(self.default, str):
+            return self._accept_text(value)
+        if isinstance(self.default, bool):
+            if value in (False, True):  # or 0 or 1
+                return bool(value)
+            raise self._error(value, f'give true or false ({self.description})')
+        if self.choices:
+            return self._accept_choice(value)
+        number = float if isinstance(self.default, float) else int
+        is_number = isinstance(value, (int, number)) and not isinstance(value, bool)
+        low, high = self.bounds or (-math.inf, math.inf)
+        if not is_number or not low <= value <= high:
+            noun = 'a number' if number is float else 'a whole number'
+            span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
+            raise self._error(value, f'give {noun}{span} ({self.description})')
+        return number(value)
+
+    def _accept_text(self, value: object) -> str:
+        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
+            raise self._error(value, f'give a text ({self.description})')
+        text: str = self._accept_choice(str(value))
+        if self.check:
+            try:
+                self.check(text)
+            except ValueError as err:
+                raise self._error(text, str(err)) from err
+        return text
+
+    def _accept_choice(self, value: Any) -> Any:
+        if self.choices and value not in self.choices:
+            raise self._error(value, f'give one of {", ".join(map(repr, self.choices))}')
+        return value
+
+    def _error(self, value: object, remedy: str) -> ParameterError:
+        """Return an error that quotes a value without passwords."""
+        return ParameterError(
+            f'parameter {self.name} is {without_password(repr(value))}: {remedy}')
+
+
+def parameter(default: str | int | float, description: str, **options: Any) -> Any:
+    """
+    Return the field of a settings class for a parameter of the same name.
+
+    :param default: default value, see ``Parameter``.
+    :param description: description, see ``Parameter``.
+    :param options: further fields of ``Parameter``.
+    """
+    options |= {'default': default, 'description': description}
+    return field(default=default, metadata=options)
+
+
+def parameter_table(settings: type) -> tuple[Parameter, ...]:
+    """Return the parameters of a settings class, whose fields ``parameter`` has created."""
+    return tuple(Parameter(found.name, **found.metadata) for found in fields(settings))
+
+
+def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
+    """
+    Declare a table of parameters and return their values.
+
+    :param node: node created with ``automatically_declare_parameters_from_overrides``, so that
+        given values can be read and checked before their descriptors apply.
+    :param table: parameters of the node.
+    :returns: values by name.
+    :raises ParameterError: a given value is invalid, or the name of a parameter that ends the
+        node is misspelt.
+    """
+    values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
+    by_name = {parameter.name: parameter for parameter in table}
+    for name in unknown_parameters(node, table):
+        similar = closest_name(name, by_name)
+        if similar and by_name[similar].ends:
+            raise ParameterError(
+                f'there is no parameter {printable(name)}: did you mean {similar}?')
+    return values
+
+
+def declare_parameter(node: Node, parameter: Parameter) -> Any:
+    """
+    Declare one parameter and return its value.
+
+    :param node: node, as for ``declare_parameters``.
+    :param parameter: parameter to declare.
+    :returns: its value.
+    :raises ParameterError: the given value is invalid.
+    """
+    value = parameter.default
+    if node.has_parameter(parameter.name):
+        value = parameter.accept(node.get_parameter(parameter.name).value)
+        node.undeclare_parameter(parameter.name)
+    shown = HIDDEN if parameter.secret and value not in ('', parameter.default) else value
+    node.declare_parameter(parameter.name, shown, parameter.descriptor(), ignore_override=True)
+    return value
+
+
+def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
+    """Return the given parameters that are not in a table, as values by name."""
+    names = {parameter.name for parameter in table}
+    given: dict[str, Any] = node.get_parameters_by_prefix('')  # rclpy's own type is wrong
+    return {name: parameter.value for name, parameter in given.items()
+            if name not in names and not name.startswith(_ROS_PARAMETERS)}
+
+
+def closest_name(name: str, names: Iterable[str]) -> str:
+    """Return the name that a misspelt name resembles, or ''."""
+    return next(iter(difflib.get_close_matches(name, names, 1)), '')
+
+
+def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
+    """Return a message about an unknown parameter, with the name that it resembles."""
+    names = [parameter.name for parameter in table]
+    close = closest_name(name, names)
+    hint = f'did you mean {close}?' if close else f'the parameters are {", ".join(names)}'
+    return f'unknown parameter {printable(name)} is not used; {hint}'
+
+
+def watch_parameters(
+    node: Node, table: Sequence[Parameter], apply: Callable[[dict[str, Any]], object],
+    more: Callable[[], Sequence[Parameter]] = tuple,
+) -> None:
+    """
+    Apply changes of parameters while the node runs; refuse invalid ones with the reason.
+
+    Values are converted as at startup, for example 5 to 5.0.
+
+    :param node: node of the parameters.
+    :param table: parameters that can be changed.
+    :param apply: called with the changed values by name.
+    :param more: returns further parameters, which other callbacks apply.
+    """
+    by_name = {parameter.name: parameter for parameter in table}
+
+    def convert(changes: list[rclpy.Parameter]) -> list[rclpy.Parameter]:
+        parameters = {**by_name, **{parameter.name: parameter for parameter in more()}}
+        for change in changes:
+            if not node.has_parameter(change.name):
+                raise UnknownParameterError(
+                    describe_unknown(change.name, tuple(parameters.values())))
+        return [_converted(change, parameters.get(change.name)) for change in changes]
+
+    def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
+        try:
+            for change in changes:
+                if change.name in by_name:
+                    by_name[change.name].accept(change.value)
+        except ParameterError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def apply_changes(changes: list[rclpy.Parameter]) -> None:
+        changed = {change.name: change.value for change in changes if change.name in by_name}
+        if changed:
+            apply(changed)
+
+    node.add_pre_set_parameters_callback(convert)
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(apply_changes)
+
+
+def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
+    """Convert a change to the type of its parameter; return an invalid change unmodified."""
+    if parameter is None:
+        return change
+    value = change.value
+    if isinstance(parameter.default, float) and type(value) is int:
+        value = float(value)  # even if out of range, which is the better reason for a refusal
+    with suppress(ParameterError):
+        value = parameter.accept(value)
+    return rclpy.Parameter(change.name, value=value)
+
+
+def describe_parameters(table: Sequence[Parameter]) -> str:
+    """Return the lines of ``--help`` for a table: name, description and default."""
+    width = max(len(parameter.name) for parameter in table)
+    lines = []
+    for parameter in table:
+        choices = f': {_listed(parameter.choices)}' if parameter.choices else ''
+        lines.append(f'  {parameter.name:{width}}  {parameter.description}{choices} '
+                     f'[{parameter.default!r}]')
+    return '\n'.join(lines)
+
+
+def _listed(choices: Sequence[str | int]) -> str:
+    return ', '.join(str(choice) for choice in choices if choice != '')

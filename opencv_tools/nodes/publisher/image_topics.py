@@ -1,0 +1,174 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics of a camera: images, compressed images and calibration."""
+
+from __future__ import annotations
+
+import time
+
+from builtin_interfaces.msg import Time
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
+from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image.orientation import turned_axes
+from opencv_tools.logs import Log
+from opencv_tools.nodes.publisher.backlog import Backlog
+from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
+from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
+from opencv_tools.topics.qos import create_frame_publisher
+from opencv_tools.transport.fastdds.profile import FastDdsSetup
+from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
+
+# A subscriber may discover a publisher slightly later than the publisher discovers it.
+_SETTLE_SECONDS = 0.2
+
+
+class ImageTopics:
+    """
+    Publish frames on the topics that have subscribers, and compute nothing for the others.
+
+    The names of the other topics are those of image_transport.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
+        subscribers: int,
+    ) -> None:
+        """
+        Create the publishers.
+
+        :param node: node of the publishers.
+        :param topic: name of the image topic.
+        :param calibration: calibration of the camera.
+        :param fastdds: result of the configuration of Fast DDS.
+        :param subscribers: number of subscribers to wait for before the first frame.
+        :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
+        """
+        self.calibration = calibration
+        self._fastdds = fastdds
+        self._log = Log(node.get_logger())
+        self._largest = 0  # bytes of the largest frame so far
+        base = node.resolve_topic_name(topic)
+        self.images = create_frame_publisher(node, Image, topic)
+        self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
+        self._infos = create_frame_publisher(
+            node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
+        self._shared = SharedFramePublisher(node, self.images)
+        #: Messages that reliable subscribers have not confirmed.
+        self.backlog = Backlog(self._publishers(), self._log)
+        #: Number of subscribers to wait for before the first frame; 0 after the wait.
+        self.awaited = subscribers
+        self._settled_at = 0.0
+
+    def may_publish(self) -> bool:
+        """Return whether the awaited subscribers have come; later they may leave again."""
+        if self.awaited:
+            now = time.monotonic()
+            publishers = self.images, self._compressed
+            if sum(publisher.get_subscription_count() for publisher in publishers) < self.awaited:
+                self._settled_at = 0.0
+            else:
+                self._settled_at = self._settled_at or now + _SETTLE_SECONDS
+                if now >= self._settled_at:
+                    self.awaited = 0
+        return not self.awaited
+
+    def has_subscribers(self) -> bool:
+        """Return whether any topic has a subscriber."""
+        return self._shared.has_subscribers or any(
+            publisher.get_subscription_count() for publisher in self._publishers())
+
+    def publish(
+        self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
+    ) -> bool:
+        """
+        Publish a frame on each topic with subscribers, raw pixels first because they are fast.
+
+        :param output: frame to publish.
+        :param stamp: stamp of the messages.
+        :param frame_id: coordinate frame of the camera.
+        :param is_live: whether the frame may be shared; a subscriber that is late loses shared
+            frames, while the publisher of a file waits for it.
+        :returns: whether any topic has a subscriber.
+        :raises ImageError: the frame cannot be decoded or converted.
+        """
+        header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
+        failure: ImageError | None = None
+        to_images = self.images.get_subscription_count() > 0
+        is_published = to_images or (is_live and self._shared.has_subscribers)
+        try:
+            # All other work is done after the pixels are on their way.
+            if is_published:
+                encoding = declared_encoding(output.image, output.encoding)
+                image = array_to_wire(output.image, encoding, header)
+                self._shared.publish(image, is_message=to_images, is_shared=is_live)
+            if to_images:
+                self._check_room(output.image.nbytes)
+                self.backlog.add(self.images)
+            if self._infos.get_subscription_count():
+                self._infos.publish(self._camera_info(
+                    output, Header(stamp=stamp, frame_id=frame_id)))
+                self.backlog.add(self._infos)
+                is_published = True
+        except ImageError as err:
+            failure = err  # the JPEG data of the camera may still be published unchanged
+        if self._compressed.get_subscription_count():
+            data, format_text = output.jpeg
+            self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
+                header=header, format=format_text, data=data.data)))
+            self.backlog.add(self._compressed)
+            is_published = True
+        if failure:
+            raise failure
+        return is_published
+
+    def close(self) -> None:
+        """Stop sharing frames."""
+        self._shared.destroy()
+
+    def _camera_info(self, output: OutputImage, header: Header) -> CameraInfo:
+        """Return the calibration of the bag that a frame comes from, else that of the camera."""
+        flip, rotate = output.settings.flip, output.settings.rotate
+        serialized = output.recorded.camera_info if output.recorded else None
+        if serialized is not None:
+            try:
+                info = deserialize_message(bytes(serialized), CameraInfo)
+                message = turn_camera_info(info, turned_axes(flip, rotate))
+            except (CameraInfoError, RuntimeError, ValueError) as err:
+                self._log.warning(
+                    f'the camera_info of the bag is not used: {err}', once='camera_info')
+            else:
+                message.header = header
+                return message
+        return self.calibration.message(header, *output.size, flip, rotate)
+
+    def _check_room(self, frame_bytes: int) -> None:
+        """Log a warning when frames become too large for the shared memory."""
+        if frame_bytes > self._largest:
+            self._largest = frame_bytes
+            size_warning = self._fastdds.size_warning(frame_bytes)
+            if size_warning:
+                self._log.warning(size_warning)
+
+    def _publishers(self) -> tuple[Publisher, ...]:
+        return self.images, self._compressed, self._infos

@@ -1,0 +1,244 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The loop that publishes the frames of a source, and its answers to events and requests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+import time
+from typing import Any, cast
+
+from opencv_tools.capture.bag import BagSource
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.grabber import Grabber
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.source import describe_opening, open_source
+from opencv_tools.capture.v4l2.camera import CameraSource
+from opencv_tools.image.errors import ConversionError, ImageError
+from opencv_tools.image.text import without_password
+from opencv_tools.logs import Log, log_if_slow
+from opencv_tools.nodes.publisher.camera_controls import CameraControls
+from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
+from opencv_tools.nodes.publisher.image_topics import ImageTopics
+from opencv_tools.nodes.publisher.parameters import PublisherSettings
+from opencv_tools.nodes.publisher.stamps import Stamper, to_time
+from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
+from opencv_tools.progress import Progress
+from opencv_tools.topics.timers import Delay
+from rclpy.clock import ROSClock
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+# Parameters that apply when the camera is opened.
+_CAMERA_PARAMETERS = frozenset(('width', 'height', 'fps', 'fourcc'))
+_RELEASE_SECONDS = 5
+# Changes within this time, such as width and height, reopen the camera only once.
+_CHANGE_SECONDS = 0.2
+
+
+class PublishLoop:
+    """
+    Publish the frames of a source, and log what happens to the source.
+
+    ``run`` has a thread of its own, in which the grabber calls ``opened``, ``lost``, ``returned``
+    and ``broken``. The executor of the node calls the other methods.
+    """
+
+    def __init__(
+        self, node: Node, settings: PublisherSettings, topics: ImageTopics,
+        controls: CameraControls,
+    ) -> None:
+        """
+        Create a loop that has not opened its source yet.
+
+        :param node: node of the publishers.
+        :param settings: values of the parameters; ``apply_changes`` replaces them.
+        :param topics: topics of the frames.
+        :param controls: controls of the camera.
+        """
+        self.settings = settings
+        self._context = node.context
+        self._log = Log(node.get_logger())
+        self._topics = topics
+        self._controls = controls
+        self._dropped = 0
+        self._opened_encoding = ''  # the encoding that the source was opened for
+        self._stamper = Stamper(cast(ROSClock, node.get_clock()))
+        self._clock = node.create_publisher(Clock, '/clock', 10) if settings.clock else None
+        self._progress = Progress(self._log.info, 'Publishing video frame')
+        self._grabber = Grabber(
+            self._open_source, settings.playback(), settings.reconnect_policy(), self, topics)
+        self._diagnostics = Diagnostics(node, self._source_status)
+        self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
+
+    @property
+    def camera(self) -> CameraSource | None:
+        """Camera that is open now."""
+        source = self._grabber.source
+        return source if isinstance(source, CameraSource) else None
+
+    def run(self) -> int:
+        """
+        Publish frames until the source ends or ``stop`` is called.
+
+        :returns: the exit status.
+        """
+        try:
+            for frame in self._grabber.frames():
+                if not self._is_live():  # a file can wait, but a camera cannot
+                    self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
+                self._publish(frame)
+                if self.settings.max_frames == self._progress.count > 0:
+                    break
+            if not self._grabber.stopped:
+                if not self._progress.count:
+                    raise CaptureError(f'{self._source_name()}: no frame could be published')
+                self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
+        except CaptureError as err:
+            self._log.error(str(err))
+            self._controls.report_unused()
+            return EXIT_FAILURE
+        except RuntimeError:
+            if self._context.ok():
+                raise  # otherwise ROS was shut down before the next frame
+        return EXIT_OK
+
+    def stop(self) -> None:
+        """End ``run`` before the next frame."""
+        self._grabber.stop()
+
+    def summary(self) -> str:
+        """Return the numbers of published and lost frames as a sentence."""
+        missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
+        return (f'Published {self._progress.count} frames at '
+                f'{self._progress.average_rate():.1f} Hz, {self._dropped} dropped{missed}')
+
+    def apply_changes(self, changes: dict[str, Any]) -> None:
+        """
+        Apply changed parameters.
+
+        :param changes: new values by name.
+        """
+        self.settings = replace(self.settings, **changes)
+        self._grabber.playback = self.settings.playback()
+        self._grabber.reconnect = self.settings.reconnect_policy()
+        if 'encoding' in changes:  # not every format of a camera converts to it
+            self._grabber.reopen()
+        elif _CAMERA_PARAMETERS & changes.keys():
+            self._reopening.request()
+
+    def set_capture(
+        self, request: SetBool.Request, response: SetBool.Response,
+    ) -> SetBool.Response:
+        """Pause capturing and close the camera, or resume."""
+        response.success = True
+        if request.data:
+            self._grabber.resume()
+            response.message = 'capturing'
+        else:
+            response.success = self._grabber.pause(_RELEASE_SECONDS)
+            response.message = ('paused' if response.success else
+                                f'{self._source_name()} is still in use')
+        self._log.info(response.message)
+        return response
+
+    def opened(self, source: Source) -> None:
+        """Log the opened source and any camera settings that could not be applied."""
+        if not self._grabber.unavailable_reason:
+            self._log.info(f'{source.name} opened: {source.description}, '
+                           f'publishing to {self._topics.images.topic_name}')
+        if isinstance(source, (BagSource, CameraSource)):
+            for warning in source.warnings:
+                self._log.warning(warning)
+        if isinstance(source, CameraSource):
+            self._controls.camera_opened()
+
+    def lost(self, reason: UnavailableError) -> None:
+        """Log that the source is unavailable."""
+        seconds = self._grabber.reconnect.reconnect_timeout
+        limit = '' if seconds == math.inf else f' for {seconds:g} s'
+        self._log.error(f'{reason}; waiting for it{limit}')
+        self._controls.report_unused()
+
+    def returned(self, source: Source, seconds: float) -> None:
+        """Log that the source is available again."""
+        self._log.info(f'{source.name} is back after {seconds:.1f} s: {source.description}')
+
+    def broken(self, reason: BrokenFrameError | ImageError) -> None:
+        """Count and log a frame that cannot be read or published."""
+        self._dropped += 1
+        # A camera may send the same broken frame repeatedly.
+        self._log.warning(f'frame dropped: {reason}', every=1.0)
+
+    def _publish(self, frame: Frame | None) -> None:
+        """Publish one frame; None means a frame without a subscriber."""
+        if frame is None:
+            self._count_unseen()
+            return
+        settings = self.settings
+        output, recorded = OutputImage(frame, settings.output()), frame.recorded
+        stamp = self._stamper.stamp(
+            frame.stamp_ns, settings.stamp, settings.stamp_offset, recorded)
+        frame_id = settings.frame_id
+        if recorded and settings.stamp == 'original':
+            frame_id = recorded.message.header.frame_id
+        if recorded and self._clock:
+            is_original = settings.stamp == 'original'
+            self._clock.publish(Clock(clock=to_time(recorded.log_ns) if is_original else stamp))
+        try:
+            if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live()):
+                self._count_unseen()
+                return
+            description = output.description
+        except ImageError as err:
+            # A camera that was opened for another encoding will be reopened.
+            if not self._is_live() or self.settings.encoding == self._opened_encoding:
+                self.broken(err if not isinstance(err, ConversionError) else ConversionError(
+                    f'{err}; an empty encoding publishes frames as they are'))
+            return
+        self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
+        self._progress.tick(
+            description, dropped=self._dropped, missed=self._grabber.missed)
+
+    def _count_unseen(self) -> None:
+        self._progress.tick(
+            'no subscribers', dropped=self._dropped, missed=self._grabber.missed)
+        self._diagnostics.count()
+
+    def _open_source(self) -> Source:
+        settings = self.settings
+        self._opened_encoding = settings.encoding
+        with log_if_slow(self._log, describe_opening(settings.source)):
+            return open_source(settings.source, settings.camera_request(self._controls.requested),
+                               settings.read_timeout, settings.bag_topic)
+
+    def _source_name(self) -> str:
+        """Return the name of the source without passwords."""
+        return without_password(self.settings.source)
+
+    def _is_live(self) -> bool:
+        source = self._grabber.source
+        return source is not None and source.live
+
+    def _source_status(self) -> SourceStatus:
+        source = self._grabber.source
+        return SourceStatus(
+            source=self._source_name(), description=source.description if source else '',
+            unavailable_reason=self._grabber.unavailable_reason, paused=self._grabber.paused,
+            missed=self._grabber.missed, dropped=self._dropped,
+            reconnects=self._grabber.reconnects, awaited=self._topics.awaited)

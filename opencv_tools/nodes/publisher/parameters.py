@@ -1,0 +1,232 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Parameters of ``img_publisher``, and the capture settings and frame size that they imply."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from opencv_tools.capture.errors import CaptureError
+from opencv_tools.capture.frame import MAX_RATE
+from opencv_tools.capture.grabber import ReconnectPolicy
+from opencv_tools.capture.output_image import OutputSettings
+from opencv_tools.capture.player import ON_END, PlaybackSettings
+from opencv_tools.capture.source import (
+    check_source, describe_opening, expected_size, is_camera, is_pattern, names_bag)
+from opencv_tools.capture.v4l2.modes import CameraRequest
+from opencv_tools.capture.v4l2.pixel_formats import check_fourcc
+from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.orientation import FLIPS, ROTATIONS
+from opencv_tools.image.text import without_password
+from opencv_tools.logs import Log, log_if_slow
+from opencv_tools.nodes.command_line import given_parameters
+from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.priority import priority_parameter
+from opencv_tools.nodes.publisher.calibration_file import check_camera_name
+from opencv_tools.nodes.publisher.stamps import STAMPS
+from opencv_tools.topics.errors import ParameterError
+from rclpy.logging import get_logger
+import yaml
+
+_UNKNOWN_SIZE = (1920, 1080)
+_COLOUR = 'bgr8'
+
+
+def _parse_reconnect(text: str) -> float:
+    """Read the seconds to wait for a disconnected camera: forever, never or a number."""
+    named = {'forever': math.inf, 'never': 0.0}
+    try:
+        seconds = named[text] if text in named else float(text)
+    except ValueError:
+        seconds = math.nan
+    if not seconds >= 0:
+        raise ValueError('set it to forever, never or a number of seconds')
+    return seconds
+
+
+def _check_camera_name(name: str) -> None:
+    if name:
+        check_camera_name(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublisherSettings:
+    """Values of the parameters of ``img_publisher``, in the order of ``--help``."""
+
+    source: str = parameter(
+        '0', 'Device number, device path, video file, bag, image file, folder or glob of images, '
+        'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source)
+    bag_topic: str = parameter(
+        '', 'Topic of the images of a bag; empty for the only one')
+    publish_rate: float = parameter(
+        10.0, 'Frame rate of the published images in Hz; 0 for the rate of the source',
+        bounds=(0, MAX_RATE), changeable=True)
+    encoding: str = parameter(
+        'bgr8', "Encoding of the published images; '' for the encoding of the source",
+        choices=(*ENCODINGS, ''), changeable=True)
+    frame_id: str = parameter(
+        'camera', 'Coordinate frame of the camera, for the message headers', changeable=True)
+    width: int = parameter(
+        0, 'Width of the camera image in pixels; 0 for the default (640)', bounds=(0, 1 << 16),
+        changeable=True)
+    height: int = parameter(
+        0, 'Height of the camera image in pixels; 0 for the default (480)', bounds=(0, 1 << 16),
+        changeable=True)
+    fps: float = parameter(
+        0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)',
+        bounds=(0, MAX_RATE), changeable=True)
+    fourcc: str = parameter(
+        '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty for the best '
+        'format at this size and rate', check=check_fourcc, changeable=True)
+    flip: str = parameter('none', 'Mirroring of the images', choices=tuple(FLIPS), changeable=True)
+    rotate: int = parameter(
+        0, 'Clockwise rotation of the images in degrees, applied after flip', choices=ROTATIONS,
+        changeable=True)
+    jpeg_quality: int = parameter(
+        95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
+        bounds=(1, 100), changeable=True)
+    stamp: str = parameter(
+        'capture', 'Event whose time is the stamp of a frame; original keeps the stamp and the '
+        'frame_id of a bag, capture shifts the stamps of a bag by one amount to now',
+        choices=STAMPS, changeable=True)
+    stamp_offset: float = parameter(
+        0.0, 'Offset added to each stamp in seconds; negative to compensate the delay of a camera',
+        bounds=(-1e6, 1e6), changeable=True)
+    clock: bool = parameter(
+        False, 'Publish the time of each frame of a bag on /clock, for nodes with use_sim_time')
+    read_timeout: float = parameter(
+        2.0, 'Seconds without a frame after which a camera or stream is reopened',
+        bounds=(0.1, 1e6), changeable=True)
+    reconnect: str = parameter(
+        'forever', 'How long to wait for a disconnected camera: forever, never, or seconds',
+        check=_parse_reconnect, ends=True, changeable=True)
+    camera_info_url: str = parameter(
+        '', 'URL of the calibration file: file:// or package://, with ${NAME} and ${ROS_HOME}; '
+        'empty for file://${ROS_HOME}/camera_info/${NAME}.yaml')
+    camera_name: str = parameter(
+        '', 'Name of the camera, for ${NAME} in camera_info_url; empty for the namespace of the '
+        'node, or camera if there is none', check=_check_camera_name)
+    on_end: str = parameter(
+        'stop', 'Action after the last frame of a file', choices=ON_END, ends=True)
+    loop: int = parameter(
+        1, 'Number of times a file is played; 0 to repeat it forever, like on_end:=loop',
+        bounds=(0, 10**9), ends=True)
+    start_frame: int = parameter(
+        0, 'Number of the first frame of a file to publish, counted from 0', bounds=(0, 10**9))
+    stop_frame: int = parameter(
+        0, 'Number of the first frame of a file not to publish, counted from 0; 0 for the end of '
+        'the file', bounds=(0, 10**9), ends=True)
+    max_frames: int = parameter(
+        0, 'Number of published frames after which the node exits; 0 for no limit',
+        bounds=(0, 10**9), ends=True)
+    wait_for_subscribers: int = parameter(
+        0, 'Number of subscribers to wait for before the first frame; 0 to start at once',
+        bounds=(0, 1000))
+    priority: int = priority_parameter()
+
+    def playback(self) -> PlaybackSettings:
+        """Return the playback settings."""
+        for_ever = self.on_end == 'loop' and self.loop == 1
+        return PlaybackSettings(
+            rate=self.publish_rate, on_end=self.on_end, plays=0 if for_ever else self.loop,
+            first=self.start_frame, stop=self.stop_frame)
+
+    def check(self) -> None:
+        """
+        Check the parameters against each other.
+
+        :raises ParameterError: ``start_frame`` is not before ``stop_frame``, or a parameter has no
+            effect with this source or with ``on_end``.
+        """
+        if 0 < self.stop_frame <= self.start_frame:
+            raise ParameterError(
+                f'parameter start_frame is {self.start_frame}, which is not before stop_frame '
+                f'{self.stop_frame}: give a smaller start_frame, or 0 as stop_frame')
+        source = f'the source {without_password(self.source)}'
+        of_bags = {'bag_topic': self.bag_topic, 'clock': self.clock,
+                   'stamp': self.stamp if self.stamp == 'original' else ''}
+        loop = {'loop': self.loop if self.loop > 1 else 0}
+        of_files = {'start_frame': self.start_frame, 'stop_frame': self.stop_frame, **loop}
+        # Values that are given if they are true, whether they have an effect, and why not.
+        rules: tuple[tuple[Mapping[str, object], bool, str], ...] = (
+            (of_bags, names_bag(self.source), f'{source} is not a bag: give a .mcap, a .db3 or a '
+             'folder with metadata.yaml'),
+            (of_files, not is_camera(self.source), f'{source} is a camera: give a file'),
+            (loop, self.stop_frame > 0 or not is_pattern(self.source),
+             f'{source} has no end: give stop_frame'),
+            (loop, self.on_end != 'loop', 'on_end is loop, which repeats the file forever: give '
+             'only one of them'))
+        for values, has_effect, reason in rules:
+            for name, value in values.items():
+                if value and not has_effect:
+                    raise ParameterError(f'parameter {name} is {value!r}, but {reason}')
+
+    def reconnect_policy(self) -> ReconnectPolicy:
+        """Return the policy for outages of a camera or stream."""
+        return ReconnectPolicy(self.read_timeout, _parse_reconnect(self.reconnect))
+
+    def output(self) -> OutputSettings:
+        """Return the settings of the published images."""
+        return OutputSettings(self.encoding, self.flip, self.rotate, self.jpeg_quality)
+
+    def camera_request(self, controls: tuple[tuple[str, int], ...] = ()) -> CameraRequest:
+        """
+        Return the request to a camera.
+
+        :param controls: names and values of camera controls.
+        """
+        return CameraRequest(
+            width=self.width, height=self.height, fps=self.fps, fourcc=self.fourcc,
+            encoding=self.encoding, controls=controls)
+
+
+#: Parameters of ``img_publisher``.
+PARAMETERS = parameter_table(PublisherSettings)
+
+
+def expected_frame_bytes(args: Sequence[str]) -> int:
+    """
+    Estimate the size of the frames that ``img_publisher`` will publish.
+
+    The profile of Fast DDS depends on the frame size, and is read before the node exists.
+    Patterns and cameras report their size. A file is opened to read its first frame. The size of
+    streams, and of arguments that the node will refuse, is assumed to be 1920x1080 in colour.
+
+    :param args: command line.
+    :returns: bytes per frame, at least 1.
+    """
+    try:
+        given = given_parameters(args, 'image_publisher')
+        values: dict[str, Any] = {
+            parameter.name: parameter.accept(given[parameter.name])
+            for parameter in PARAMETERS if parameter.name in given}
+        settings = PublisherSettings(**values)
+        log = Log(get_logger('img_publisher'))
+        with log_if_slow(log, describe_opening(settings.source)):
+            size = expected_size(
+                settings.source, settings.camera_request(), settings.bag_topic)
+        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
+    except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
+        return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
+
+
+def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
+    width, height = size
+    found = find_encoding(encoding)
+    return int(found.rows(height) * width * found.pixel_bytes)

@@ -1,0 +1,162 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages for a bag: the frames as they were received, and the camera_info beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
+from opencv_tools.bags.schemas import (
+    CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE,
+)
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.logs import Log, Throttle
+from opencv_tools.recording.bag_sink import RecordedMessage
+from opencv_tools.recording.frames import ArrivalClock, MessageFrame
+from opencv_tools.recording.naming import FrameMetadata, NANO
+from opencv_tools.topics.qos import following_qos
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.transport.zero_copy import take_serialized
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CameraInfo
+
+# Messages of camera_info that the middleware keeps while the node is busy.
+_DEPTH = 100
+# Period of the check of the publishers of camera_info.
+_CHECK_SECONDS = 1.0
+# Maximum size of a camera_info in bytes, because many may wait for the next frame.
+_MAX_BYTES = 1 << 16
+_WARNING_SECONDS = 60.0
+# Publishers of a topic whose quality of service is stored.
+_MAX_PUBLISHERS = 100
+
+
+class BagMessages:
+    """Create the messages of a bag. The topics are described with what their publishers offer."""
+
+    def __init__(
+        self, node: Node, topic: str, log: Log, on_message: Callable[[RecordedMessage], object],
+    ) -> None:
+        """
+        Create a converter and subscribe to the camera_info beside the images.
+
+        :param node: node that receives the frames.
+        :param topic: topic of the frames, after remapping.
+        :param log: log for messages that are not recorded.
+        :param on_message: called with each camera_info, as it was received.
+        """
+        self._node = node
+        self._log = log
+        self._on_message = on_message
+        self._arrivals = ArrivalClock()
+        self._channels: dict[tuple[str, str], BagChannel] = {}
+        self._throttle = Throttle()
+        self._subscribe(camera_info_topic(topic), [])
+
+    def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
+        """
+        Return a message as a frame, without a check of its content.
+
+        :param received: raw or compressed image message.
+        :param topic: topic of the message, after remapping.
+        """
+        message = received.message
+        if isinstance(message, WireCompressedImage):
+            type_name, encoding = COMPRESSED_IMAGE, message.format
+        else:
+            type_name, encoding = IMAGE, message.encoding
+        header = message.header
+        self._follow_camera_info(camera_info_topic(topic))
+        return MessageFrame(
+            metadata=FrameMetadata(
+                header.sec * NANO + header.nanosec, header.frame_id, encoding, topic),
+            receive_ns=received.receive_ns,
+            arrival_ns=self._arrivals.arrival_ns(received.receive_ns),
+            message=message, channel=self._channel(topic, type_name),
+            publish_ns=received.publish_ns, number=received.number)
+
+    def close(self) -> None:
+        """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        for _ in range(_DEPTH):
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                break
+            serialized, info = taken
+            self._pass_on(serialized, info.received_timestamp, info.source_timestamp, info.number)
+        self._node.destroy_subscription(self._subscription)
+
+    def _follow_camera_info(self, topic: str) -> None:
+        """Subscribe again if the topic has changed, or its publishers offer something else."""
+        if not self._throttle.passes('camera_info', _CHECK_SECONDS):
+            return
+        offers = self._offers(topic, CAMERA_INFO)
+        if topic != self._topic or (offers and _qos(offers) != self._qos):
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(topic, offers)
+
+    def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
+        self._topic, self._qos = topic, _qos(offers)
+        receive: Any = self._receive  # the types of rclpy lack the second argument
+        self._subscription = self._node.create_subscription(
+            CameraInfo, topic, receive, self._qos, raw=True)
+
+    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
+        self._pass_on(serialized, info['received_timestamp'], info['source_timestamp'])
+
+    def _pass_on(
+        self, serialized: Any, received_ns: int, source_ns: int, number: int = 0,
+    ) -> None:
+        if len(serialized) > _MAX_BYTES:
+            self._log.warning(
+                f'a message of {len(serialized)} bytes on {self._topic} was not recorded: a '
+                f'camera_info has at most {_MAX_BYTES}', every=_WARNING_SECONDS, key='camera_info')
+            return
+        log_ns = received_ns or time.time_ns()
+        self._on_message(RecordedMessage(
+            channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
+            publish_ns=source_ns or log_ns, number=number))
+
+    def _channel(self, topic: str, type_name: str) -> BagChannel:
+        """Return a topic as a bag describes it, with the publishers at its first message."""
+        if (topic, type_name) not in self._channels:
+            offers = self._offers(topic, type_name)
+            hashes = {str(offer.topic_type_hash) for offer in offers} - {'INVALID'}
+            self._channels[topic, type_name] = BagChannel(
+                topic=topic, type_name=type_name, qos=offered_qos_text(map(_offered_qos, offers)),
+                type_hash=min(hashes, default=''))
+        return self._channels[topic, type_name]
+
+    def _offers(self, topic: str, type_name: str) -> list[TopicEndpointInfo]:
+        return [info for info in self._node.get_publishers_info_by_topic(topic)
+                if info.topic_type == type_name][:_MAX_PUBLISHERS]
+
+
+def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:
+    return following_qos([offer.qos_profile for offer in offers], _DEPTH)
+
+
+def _offered_qos(offer: TopicEndpointInfo) -> OfferedQos:
+    qos = offer.qos_profile
+    return OfferedQos(
+        history=qos.history.value, depth=qos.depth, reliability=qos.reliability.value,
+        durability=qos.durability.value, deadline_ns=qos.deadline.nanoseconds,
+        lifespan_ns=qos.lifespan.nanoseconds, liveliness=qos.liveliness.value,
+        liveliness_lease_ns=qos.liveliness_lease_duration.nanoseconds)

@@ -1,0 +1,139 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recording of the selected or requested frames, until a limit is reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+import time
+
+from opencv_tools.logs import Log
+from opencv_tools.nodes.subscriber.parameters import RecorderSettings
+from opencv_tools.nodes.subscriber.save_service import SaveRequests
+from opencv_tools.recording.bag_sink import BagSink
+from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.naming import FileNames
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.selection import Selection
+from opencv_tools.topics.timers import create_steady_timer
+from rclpy.node import Node
+
+# Period of the checks for room in the queue.
+_POLL_SECONDS = 0.001
+
+
+class RecordingSession:
+    """Select frames by the parameters or the calls of ``~/save``, and record them."""
+
+    def __init__(
+        self, node: Node, settings: RecorderSettings, log: Log, on_end: Callable[[], object],
+    ) -> None:
+        """
+        Open the output folder.
+
+        :param node: node of the timer and of the service.
+        :param settings: values of the parameters.
+        :param log: log for failures.
+        :param on_end: called on any thread when the recording has reached a limit.
+        :raises RecordingError: the output folder cannot be used.
+        """
+        self.skipped = 0  # frames that were not selected
+        self._node = node
+        self._on_end = on_end
+        self._has_ended = False
+        self._is_abandoned = False
+        self._put_count = 0
+        self._queue_size = settings.queue_size
+        limits = settings.limits
+        self._selection = Selection(settings.every_n, settings.max_rate, limits)
+        self.folder = _absolute_path(settings.output_dir)
+        names = FileNames(settings.file_name)
+        encoder = EncoderSettings(
+            names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
+            png_compression=settings.png_compression, crf=settings.crf)
+        sink = open_sink(self.folder, names, encoder, settings.on_exists, limits, settings.sync)
+        self.recorder = Recorder(
+            sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block',
+            self._end)
+        #: Sink of a bag, which also takes other messages; None for other formats.
+        self.bag_sink = sink if isinstance(sink, BagSink) else None
+        self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
+
+    def record(self, frame: ReceivedFrame) -> None:
+        """Record a frame if it is selected or requested."""
+        selection = self._selection
+        if not selection.has_begun and selection.max_seconds:
+            create_steady_timer(self._node, selection.max_seconds, self._end)
+        if selection.is_late():
+            self.skipped += 1
+            self._end()
+            return
+        requests = self.requests.pop_all() if self.requests else []
+        if not (requests if self.requests else selection.selects(frame)):
+            self.skipped += 1
+            return
+        self._put_count += 1
+        on_done = partial(self.requests.complete, requests) if self.requests else None
+        if self.recorder.put(frame, on_done):
+            selection.count()
+        if selection.is_over:
+            self._end()
+
+    def wait_for_room(self, deadline: float) -> bool:
+        """
+        Wait until the queue has room for another frame.
+
+        :param deadline: end of the wait, in seconds of the monotonic clock.
+        :returns: False at the deadline, after ``abandon``, and after the end of the recording.
+        """
+        while time.monotonic() < deadline and not (self._has_ended or self._is_abandoned):
+            counts = self.recorder.counts
+            finished = counts.written + counts.dropped + counts.failed + counts.skipped
+            if self._put_count - finished < self._queue_size:
+                return True
+            time.sleep(_POLL_SECONDS)
+        return False
+
+    def abandon(self) -> None:
+        """Leave the frames that wait; a handler of signals may call this."""
+        self._is_abandoned = True
+        self.recorder.abandon()
+
+    def close(self) -> None:
+        """Write the queued frames, and refuse further requests."""
+        if self._is_abandoned:
+            self.recorder.abandon()
+        self.recorder.close()
+        if self.requests:
+            self.requests.close()
+
+    def _end(self) -> None:
+        self._has_ended = True
+        self._on_end()
+
+
+def _absolute_path(text: str) -> Path:
+    """Return the path of the output folder, unless it is relative to a removed folder."""
+    try:
+        return Path(text).expanduser().absolute()
+    except FileNotFoundError as err:
+        raise RecordingError(
+            f'output_dir {text} cannot be used: the working directory was removed; set output_dir '
+            'to an absolute path') from err

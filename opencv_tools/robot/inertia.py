@@ -1,0 +1,189 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inertials: sums, and those that SDF computes from the density of the collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+import math
+import operator
+
+from opencv_tools.robot.geometry import Mesh
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
+from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
+from opencv_tools.robot.sdf.values import flag, number_of
+from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.numbers import vector
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.tracked import detached
+
+_DENSITY = 1000.0  # of water in kg/m3, the default of SDF
+_ROUNDING = 1e-9  # relative, of numbers that were converted there and back
+# Volume, moments of inertia about the centre of mass for a mass of 1 kg, centre of mass along z.
+_Solid = tuple[float, Vector, float]
+
+
+def _box(x: float, y: float, z: float) -> _Solid:
+    return x * y * z, ((y * y + z * z) / 12, (x * x + z * z) / 12, (x * x + y * y) / 12), 0.0
+
+
+def _ellipsoid(x: float, y: float, z: float) -> _Solid:
+    moments = (y * y + z * z) / 5, (x * x + z * z) / 5, (x * x + y * y) / 5
+    return 4 / 3 * math.pi * x * y * z, moments, 0.0
+
+
+def _sphere(radius: float) -> _Solid:
+    return _ellipsoid(radius, radius, radius)
+
+
+def _cylinder(radius: float, length: float) -> _Solid:
+    across = (3 * radius * radius + length * length) / 12
+    return math.pi * radius * radius * length, (across, across, radius * radius / 2), 0.0
+
+
+def _capsule(radius: float, length: float) -> _Solid:
+    """Return a cylinder with two hemispheres, whose centres are 3/8 radius from its ends."""
+    cylinder, (middle, _, around), _ = _cylinder(radius, length)
+    sphere = _sphere(radius)[0]
+    volume = cylinder + sphere
+    share = sphere / volume if volume else 0.0
+    ends = 0.4 * radius * radius + length * length / 4 + 0.375 * radius * length
+    across = (1 - share) * middle + share * ends
+    return volume, (across, across, (1 - share) * around + share * 0.4 * radius * radius), 0.0
+
+
+def _cone(radius: float, length: float) -> _Solid:
+    """Return a cone whose tip points along z and whose origin is halfway up."""
+    across = 0.0375 * (4 * radius * radius + length * length)
+    volume = math.pi * radius * radius * length / 3
+    return volume, (across, across, 0.3 * radius * radius), -length / 4
+
+
+_SOLIDS: Mapping[str, Callable[..., _Solid]] = {
+    'box': lambda size: _box(*size), 'sphere': _sphere, 'cylinder': _cylinder,
+    'capsule': _capsule}
+
+
+def _solid(shape: Shape) -> _Solid | None:
+    """Return the solid of a collision; None for a mesh and for a shape without a volume."""
+    geometry, unread = shape.geometry, shape.extension.sdf
+    if geometry is not None:
+        return None if isinstance(geometry, Mesh) else (
+            _SOLIDS[type(geometry).__name__.lower()](*vars(geometry).values()))
+    ellipsoid, cone = (None if unread is None else unread.find(f'geometry/{tag}')
+                       for tag in ('ellipsoid', 'cone'))
+    if ellipsoid is not None:
+        return _ellipsoid(*vector(ellipsoid.findtext('radii', '1 1 1'), ellipsoid))
+    if cone is not None:
+        return _cone(number_of(cone, 'radius', 0.5), number_of(cone, 'length', 1.0))
+    return None
+
+
+def auto_inertial(link: Link, kinematics: Kinematics, report: Report) -> Inertial | None:
+    """
+    Return the inertial of a link that SDF computes from the density of the collisions.
+
+    :param report: receives the collisions that have no share in it.
+    :returns: mass 1 kg and moments 1 kg m2 if no collision has a volume; None if the inertial of
+        the link is not ``auto``.
+    :raises DescriptionError: the result is not finite.
+    """
+    element = _auto_element(link)
+    if element is None:
+        return None
+    density, mass = (number_of(element, tag, None) for tag in ('density', 'mass'))
+    parts = []
+    for shape in link.collisions:
+        solid = _solid(shape)
+        if solid is None:
+            report.warn('collision', shape.name, shape.line, 'has no share in <inertial '
+                        f'auto="true"> of link {link.name!r}: its volume is not computed')
+        else:
+            parts.append(_inertial_of(solid, shape, _DENSITY if density is None else density))
+    frame = FrameId('link', link.name)
+    if not parts:
+        report.warn('inertial', link.name, link.line, 'auto="true" needs a collision with a '
+                    'volume; the defaults of SDF are used')
+        return Inertial(Placement(Pose(), frame), 1.0 if mass is None else mass,
+                        (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    total = total_inertial(parts, frame, kinematics)
+    if mass is not None and total.mass:  # a given mass counts instead of the density
+        ixx, ixy, ixz, iyy, iyz, izz = (mass / total.mass * one for one in total.inertia)
+        total = replace(total, mass=mass, inertia=(ixx, ixy, ixz, iyy, iyz, izz))
+    if not all(map(math.isfinite, (total.mass, *total.inertia))):
+        raise DescriptionError(f'auto="true" of link {link.name!r} has a mass or moments that are '
+                               'not finite; give a smaller density', element)
+    return total
+
+
+def _auto_element(link: Link) -> Element | None:
+    unread = link.extension.sdf
+    element = None if unread is None else unread.find('inertial')
+    return element if element is not None and flag(element.get('auto'), element, 'auto') else None
+
+
+def _inertial_of(solid: _Solid, shape: Shape, density: float) -> Inertial:
+    volume, (xx, yy, zz), height = solid
+    if shape.extension.sdf is not None:
+        density = number_of(shape.extension.sdf, 'density', density)
+    mass, placement = density * volume, shape.placement
+    if height:
+        centre = placement.pose.transform() @ Pose((0.0, 0.0, height)).transform()
+        placement = replace(placement, pose=centre.pose())
+    return Inertial(placement, mass, (mass * xx, 0.0, 0.0, mass * yy, 0.0, mass * zz))
+
+
+def without_auto(link: Link) -> Link:
+    """Return a link whose inertial is not ``auto``, so that its numbers count."""
+    if _auto_element(link) is None or link.extension.sdf is None:
+        return link
+    sdf = detached(link.extension.sdf)
+    for element in sdf.iterchildren('inertial'):
+        element.attrib.pop('auto', None)
+    return replace(link, extension=replace(link.extension, sdf=sdf))
+
+
+def is_same_inertial(a: Inertial, b: Inertial, frame: FrameId, kinematics: Kinematics) -> bool:
+    """Return whether two inertials of one frame are equal except for rounding."""
+    poses = [kinematics.within(frame, one.placement).transform() for one in (a, b)]
+    moments = [rotated_tensor(one.inertia, pose.rotation)
+               for one, pose in zip((a, b), poses)]
+    return (math.isclose(a.mass, b.mass, rel_tol=_ROUNDING)
+            and math.dist(poses[0].translation, poses[1].translation) <= _ROUNDING
+            and math.dist(*moments) <= _ROUNDING * max(map(abs, moments[0])))
+
+
+def total_inertial(inertials: Sequence[Inertial], frame: FrameId, kinematics: Kinematics
+                   ) -> Inertial:
+    """Return the sum of inertials about their common centre, by the parallel axis theorem."""
+    if len(inertials) == 1:
+        return inertials[0]
+    poses = [kinematics.within(frame, inertial.placement).transform() for inertial in inertials]
+    mass = sum(inertial.mass for inertial in inertials)
+    weights = [inertial.mass / mass if mass else 0.0 for inertial in inertials]
+    centre_x, centre_y, centre_z = (sum(map(operator.mul, weights, values))
+                                    for values in zip(*(pose.translation for pose in poses)))
+    centre = (centre_x, centre_y, centre_z)
+    total = [0.0] * 6
+    for inertial, pose in zip(inertials, poses):
+        x, y, z = (value - middle for value, middle in zip(pose.translation, centre))
+        rotated = rotated_tensor(inertial.inertia, pose.rotation)
+        shifted = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
+        total = [before + moment + inertial.mass * shift
+                 for before, moment, shift in zip(total, rotated, shifted)]
+    ixx, ixy, ixz, iyy, iyz, izz = total
+    return Inertial(Placement(Pose(centre), frame), mass, (ixx, ixy, ixz, iyy, iyz, izz))

@@ -1,0 +1,194 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Settings of ``<gazebo reference>``, which SDF has as elements of collisions, links and joints.
+
+The table is that of libsdformat, which converts them if Gazebo itself reads URDF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from lxml import etree
+from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
+from opencv_tools.robot.model import Extension, FrameId, Joint, Link, Robot, Shape
+from opencv_tools.robot.sdf.fragments import fragment_flaw
+from opencv_tools.robot.xml.document import Element
+from opencv_tools.robot.xml.passthrough import merge_unread
+from opencv_tools.robot.xml.report import Report
+from opencv_tools.robot.xml.tracked import detached, PARTLY_READ
+
+_Holder = TypeVar('_Holder', Shape, Link, Joint)
+_OPPOSITE = {'true': 'false', '1': 'false', 'false': 'true', '0': 'true'}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """
+    A setting of a link or joint.
+
+    :param tag: tag in ``<gazebo reference>``.
+    :param owner: element of SDF that has it: ``link``, ``joint``, or ``collision`` for all
+        collisions of the link.
+    :param paths: paths in that element, all with the same value.
+    :param is_opposite: whether SDF has the opposite value.
+    """
+
+    tag: str
+    owner: str
+    paths: tuple[str, ...]
+    is_opposite: bool = False
+
+    def converted(self, text: str) -> str:
+        """Return the value in the other format."""
+        text = text.strip()
+        return _OPPOSITE.get(text.lower(), text) if self.is_opposite else text
+
+    def fits(self, joint_type: str) -> bool:
+        """Return whether a joint of this type of URDF or SDF has the setting in both formats."""
+        has_axis = joint_type in URDF_TYPES and joint_type not in WITHOUT_AXIS
+        return has_axis or not self.paths[0].startswith('axis/')
+
+    def flaw(self, text: str) -> str:
+        """Return why SDF refuses a value; empty if it does not."""
+        leaf = etree.Element(self.paths[0].rpartition('/')[2])
+        leaf.text = text
+        return fragment_flaw(leaf) if text else 'has no value'
+
+
+_FRICTION, _CONTACT, _ODE = 'surface/friction/ode', 'surface/contact/ode', 'physics/ode'
+SETTINGS = (
+    Setting('mu1', 'collision', (f'{_FRICTION}/mu',)),
+    Setting('mu2', 'collision', (f'{_FRICTION}/mu2',)),
+    Setting('fdir1', 'collision', (f'{_FRICTION}/fdir1',)),
+    Setting('kp', 'collision', (f'{_CONTACT}/kp',)),
+    Setting('kd', 'collision', (f'{_CONTACT}/kd',)),
+    Setting('minDepth', 'collision', (f'{_CONTACT}/min_depth',)),
+    Setting('maxVel', 'collision', (f'{_CONTACT}/max_vel',)),
+    Setting('maxContacts', 'collision', ('max_contacts',)),
+    Setting('laserRetro', 'collision', ('laser_retro',)),
+    Setting('selfCollide', 'link', ('self_collide',)),
+    Setting('turnGravityOff', 'link', ('gravity',), is_opposite=True),
+    Setting('dampingFactor', 'link', ('velocity_decay/linear', 'velocity_decay/angular')),
+    Setting('stopCfm', 'joint', (f'{_ODE}/limit/cfm',)),
+    Setting('stopErp', 'joint', (f'{_ODE}/limit/erp',)),
+    Setting('fudgeFactor', 'joint', (f'{_ODE}/fudge_factor',)),
+    Setting('cfmDamping', 'joint', (f'{_ODE}/cfm_damping',)),
+    Setting('implicitSpringDamper', 'joint', (f'{_ODE}/implicit_spring_damper',)),
+    Setting('provideFeedback', 'joint', (f'{_ODE}/provide_feedback', 'physics/provide_feedback')),
+    Setting('springReference', 'joint', ('axis/dynamics/spring_reference',)),
+    Setting('springStiffness', 'joint', ('axis/dynamics/spring_stiffness',)),
+)
+# By kind of the reference and by tag.
+SETTING_OF = {('joint' if setting.owner == 'joint' else 'link', setting.tag): setting
+              for setting in SETTINGS}
+
+
+def set_value(owner: Element, setting: Setting, text: str) -> bool:
+    """Write a value into the SDF of an owner, and return whether it had another value."""
+    former = owner.findtext(setting.paths[0], text)
+    for path in setting.paths:
+        element = owner
+        *outer, tag = path.split('/')
+        for step in outer:
+            child = element.find(step)
+            element = etree.SubElement(element, step, {PARTLY_READ: 'true'}) if (
+                child is None) else child
+        leaf = element.find(tag)
+        leaf = etree.SubElement(element, tag) if leaf is None else leaf
+        leaf.text = text
+    return former != text
+
+
+def with_values(extension: Extension, values: Element | None) -> Extension:
+    """Return the unread parts of an object with those of another element."""
+    if values is None:
+        return extension
+    sdf = etree.Element(values.tag) if extension.sdf is None else detached(extension.sdf)
+    merge_unread(sdf, values, marked=True)
+    return replace(extension, sdf=sdf)
+
+
+def take_settings(robot: Robot, report: Report) -> tuple[Robot, dict[FrameId, list[Element]]]:
+    """
+    Take the settings out of the SDF of a robot.
+
+    :returns: the robot without them, and the settings as they are in ``<gazebo reference>``.
+    """
+    taken: dict[FrameId, list[Element]] = {}
+    names = {link.name for link in robot.links}
+
+    def link_without(link: Link) -> Link:
+        found = taken.setdefault(FrameId('link', link.name), [])
+        collisions = _taken('collision', link.collisions, link, found, report)
+        link, = _taken('link', [link], link, found, report)
+        return replace(link, collisions=tuple(collisions))
+
+    def joint_without(joint: Joint) -> Joint:
+        # A block of the same name belongs to the link, and Gazebo has no joint that closes a loop.
+        if joint.name in names or joint.is_loop:
+            return joint
+        found = taken.setdefault(FrameId('joint', joint.name), [])
+        return _taken('joint', [joint], joint, found, report)[0]
+
+    return replace(robot, links=tuple(map(link_without, robot.links)),
+                   joints=tuple(map(joint_without, robot.joints))), taken
+
+
+def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: list[Element],
+           report: Report) -> list[_Holder]:
+    """Return the holders of settings without those that all of them have with one value."""
+    copies = [None if holder.extension.sdf is None else detached(holder.extension.sdf)
+              for holder in holders]
+    for setting in SETTINGS if any(copy is not None for copy in copies) else ():
+        if setting.owner != kind or not setting.fits(getattr(owner, 'type', '')):
+            continue
+        leaves = [_leaves(copy, setting) for copy in copies]
+        texts = {leaf.text or '' for each in leaves for leaf in each}
+        if not texts:
+            continue
+        if len(texts) > 1 or not all(leaves):
+            report.warn(setting.tag, owner.name, owner.line, 'is preserved without effect: URDF '
+                        f'has one value of <{setting.paths[0]}> for the whole {kind}')
+            continue
+        element = etree.Element(setting.tag)
+        element.text = setting.converted(texts.pop())
+        found.append(element)
+        for leaf in (leaf for each in leaves for leaf in each):
+            _remove(leaf)
+    return [holder if copy is None else replace(holder, extension=replace(
+        holder.extension, sdf=copy if len(copy) or copy.attrib or copy.text else None))
+        for holder, copy in zip(holders, copies)]
+
+
+def _leaves(owner: Element | None, setting: Setting) -> list[Element]:
+    """Return the elements that have the one value of a setting; empty if they do not."""
+    found = [] if owner is None else [owner.find(path) for path in setting.paths]
+    leaves = [leaf for leaf in found if leaf is not None and not leaf.attrib and not len(leaf)]
+    is_one = len(leaves) == len(setting.paths) and len({leaf.text for leaf in leaves}) == 1
+    return leaves if is_one else []
+
+
+def _remove(element: Element) -> None:
+    """Remove an element, and the elements around it that are then empty."""
+    parent = element.getparent()
+    if parent is None:
+        return
+    parent.remove(element)
+    if not len(parent) and not set(parent.attrib) - {PARTLY_READ}:
+        _remove(parent)

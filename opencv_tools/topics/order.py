@@ -1,0 +1,279 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Order of the frames of a topic: which ones are repeated, and how many were lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from enum import auto, Enum
+import time
+from typing import NamedTuple
+
+from opencv_tools.image.errors import CdrError
+
+# A publisher that is discovered later than this after the subscription counts as new.
+_DISCOVERY_SECONDS = 2.0
+# Publishers whose numbers are remembered.
+_MAX_PUBLISHERS = 128
+# A larger step of the numbers is an error of the frame, not a loss.
+_MAX_STEP = 2**32
+
+
+class Way(Enum):
+    """How the frames of a publisher arrive."""
+
+    TOPIC = auto()  # by the image topic
+    JOINING = auto()  # by the image topic, until a shared frame continues its messages
+    SHARED = auto()  # by shared memory; messages of the image topic are repeated frames
+    LEAVING = auto()  # by shared memory, until a message of the image topic follows
+
+
+class Position(NamedTuple):
+    """
+    Place of a frame among the frames of its publisher.
+
+    :param message: number of its message on the image topic, or of the last message before it, if
+        the frame is only shared.
+    :param number: number of the frame, from 1; 0 for a message, whose number is not known.
+    :param is_message: whether the frame is a message of the image topic.
+    """
+
+    message: int
+    number: int = 0
+    is_message: bool = True
+
+
+@dataclass(frozen=True)
+class _FirstFrame:
+    """The first frame of a publisher that arrived; earlier frames may have been lost."""
+
+    number: int
+    publish_ns: int
+    arrived: float
+
+
+class _Publisher:
+    """The frames of one publisher, in the order in which it has published them."""
+
+    def __init__(self, since: float | None) -> None:
+        self.way = Way.TOPIC
+        self.is_overdue = False  # the messages before the next shared frame are lost
+        self._since = since  # time of the subscription, if the publisher was discovered later
+        self._first: _FirstFrame | None = None
+        self._period: float | None = None  # in seconds, from the first frames
+        self._message = self._number = 0  # of the last frame
+        self._offset = 0  # frames that were only shared, until the last frame
+        self._is_numbered = False  # the number of the first frame is known
+        self._arrived = 0
+
+    @property
+    def last(self) -> int:
+        """Return the number of the last frame."""
+        return max(self._number, self._message + self._offset)
+
+    @property
+    def lost(self) -> int:
+        """Return the number of frames that were published, but neither arrived nor will arrive."""
+        if self._first is None:
+            return 0
+        begin = self._first.number - 1 if self.is_partial else 0
+        return max(0, self.last - begin - self._arrived)
+
+    @property
+    def is_partial(self) -> bool:
+        """Return whether the frames before the first one that arrived are not counted."""
+        if self._first is None or self._first.number == 1:
+            return False
+        if self._since is None or self._period is None:
+            return True
+        return self._first.arrived - (self._first.number - 1) * self._period < self._since
+
+    def learn(self, messages: int, number: int) -> None:
+        """Record that a number of messages are among the first frames."""
+        more = max(0, number - messages - self._offset)
+        if self._first and not self._is_numbered:
+            # The first frames were messages, whose numbers were not known.
+            self._is_numbered = True
+            self._first = replace(self._first, number=self._first.number + more)
+        self._offset += more
+
+    def accepts(self, position: Position, publish_ns: int, now: float) -> bool:
+        """Return whether a frame is new and arrives in the right way; if so, it is counted."""
+        is_shared = position.number > 0
+        if is_shared and self.way is Way.TOPIC:
+            return False
+        is_new = self._is_after_last(position)
+        if is_shared:
+            self.learn(position.message, position.number)
+            if self.way is Way.JOINING and not self._joins(position, is_new):
+                return False
+        elif self.way is Way.SHARED:
+            return False
+        elif self.way is Way.LEAVING:
+            self.way = Way.TOPIC
+        if is_new:
+            self._is_numbered |= is_shared
+            self._message = position.message
+            self._number = max(self._number, position.number)
+            self._arrived += 1
+            self._measure(publish_ns, now)
+        return is_new
+
+    def _measure(self, publish_ns: int, now: float) -> None:
+        """Remember the first frame, and the period until the next one."""
+        if self._first is None:
+            self._first = _FirstFrame(self.last, publish_ns, now)
+        elif self._period is None and self.last > self._first.number:
+            steps = self.last - self._first.number
+            self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
+
+    def _is_after_last(self, position: Position) -> bool:
+        steps = position.message - self._message, position.number - self._number
+        if (self._arrived and max(steps) > _MAX_STEP) or max(position) > 2**16 * _MAX_STEP:
+            raise CdrError(f'the number of the frame is {max(position)}, that of the last frame '
+                           f'{self.last}')
+        if position.is_message:
+            return steps[0] > 0
+        return steps[0] >= 0 and steps[1] > 0
+
+    def _joins(self, position: Position, is_new: bool) -> bool:
+        """Return whether no message of the image topic is missing before a shared frame."""
+        if not is_new:
+            if position.message == self._message:
+                self.way = Way.SHARED  # the next shared frame follows
+            return False
+        if (self.is_overdue or not position.is_message
+                or position.message == self._message + 1):
+            self.way = Way.SHARED
+            return True
+        return False
+
+
+class FrameOrder:
+    """
+    Recognise repeated frames and count lost ones, by the numbers that the publishers give.
+
+    The frames of a publisher that started after the subscription are counted from number 1. Those
+    of other publishers are counted from the first that arrived. Frames lost after the last one
+    that arrived are not counted.
+
+    A publisher started after the subscription if it was discovered later, and if the time since
+    the subscription is too short for all its frames at the rate of the first ones.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """
+        Create a counter.
+
+        :param clock: monotonic clock in seconds.
+        """
+        self._clock = clock
+        self._publishers: dict[bytes, _Publisher] = {}
+        self._discovered: dict[bytes, float] = {}
+        self._forgotten = 0  # lost frames of publishers that are not remembered
+        self._unnumbered = self._failed = 0  # messages without a number, before and in a gap
+        self._is_partial = False
+        #: Number of accepted frames by publisher; b'' for those without a number.
+        self.accepted: dict[bytes, int] = {}
+        self.restart()
+
+    @property
+    def count(self) -> int:
+        """Return the number of lost frames."""
+        return (self._forgotten - self._failed
+                + sum(found.lost for found in self._publishers.values()))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the frames of every publisher are counted from number 1."""
+        return not (self._is_partial or any(
+            found.is_partial for found in self._publishers.values()))
+
+    def restart(self) -> None:
+        """Record the start of a subscription to another topic."""
+        self._restarted_at = self._clock()
+
+    def discover(self, publishers: Iterable[bytes]) -> None:
+        """Record the discovery of publishers."""
+        now = self._clock()
+        for publisher in publishers:
+            self._discovered.setdefault(publisher, now)
+        while len(self._discovered) > _MAX_PUBLISHERS:
+            del self._discovered[next(iter(self._discovered))]
+
+    def way(self, publisher: bytes) -> Way:
+        """Return how the frames of a publisher arrive."""
+        found = self._publishers.get(publisher)
+        return found.way if found else Way.TOPIC
+
+    def change(self, publisher: bytes, way: Way) -> None:
+        """Change how the frames of a publisher arrive."""
+        found = self._find(publisher)
+        found.way, found.is_overdue = way, False
+
+    def stop_joining(self, publisher: bytes) -> None:
+        """Count the messages as lost that are missing before the next shared frame."""
+        self._find(publisher).is_overdue = True
+
+    def learn(self, publisher: bytes, messages: int, number: int) -> None:
+        """
+        Record that a number of messages are among the first frames of a publisher.
+
+        :param messages: number of messages on the image topic.
+        :param number: number of frames.
+        """
+        self._find(publisher).learn(messages, number)
+
+    def accepts(self, publisher: bytes, position: Position, publish_ns: int) -> bool:
+        """
+        Return whether a frame is to be passed on; if so, it counts as arrived.
+
+        :param publisher: identifier of the publisher.
+        :param position: its place; without any number the frame is always new.
+        :param publish_ns: time of publication in nanoseconds of any clock of the publisher.
+        :raises CdrError: the numbers are too far from those of the last frame.
+        """
+        if not (position.message or position.number):
+            self._is_partial = True
+            self.accepted[b''] = self.accepted.get(b'', 0) + 1
+            return True
+        found = self._find(publisher)
+        before = found.lost
+        if not found.accepts(position, publish_ns, self._clock()):
+            return False
+        failed = min(self._unnumbered, max(0, found.lost - before))
+        self._unnumbered -= failed
+        self._failed += failed
+        self.accepted[publisher] = self.accepted.get(publisher, 0) + 1
+        return True
+
+    def add_unnumbered(self) -> None:
+        """Record a message that arrived without its number, so that the next gap has it."""
+        self._unnumbered += 1
+
+    def _find(self, publisher: bytes) -> _Publisher:
+        if publisher not in self._publishers:
+            now = self._clock()
+            is_new = (self._discovered.get(publisher, now) - self._restarted_at
+                      >= _DISCOVERY_SECONDS)
+            self._publishers[publisher] = _Publisher(self._restarted_at if is_new else None)
+            if len(self._publishers) > _MAX_PUBLISHERS:
+                oldest = next(iter(self._publishers))
+                forgotten = self._publishers.pop(oldest)
+                self.accepted.pop(oldest, None)
+                self._forgotten += forgotten.lost
+                self._is_partial |= forgotten.is_partial
+        return self._publishers[publisher]

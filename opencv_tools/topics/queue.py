@@ -1,0 +1,195 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The queue between the sources of a subscription and its only consumer."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from threading import Condition
+from typing import Any
+
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.errors import CdrError
+from opencv_tools.topics.order import FrameOrder, Position, Way
+from sensor_msgs.msg import CameraInfo
+
+_NANO = 10**9
+_MAX_INFOS = 30  # calibrations that wait for their image
+_MAX_UNPAIRED = 2  # images that wait for their calibration, beside the capacity
+
+
+@dataclass
+class ReceivedMessage:
+    """
+    A received image message.
+
+    :param message: raw or compressed image.
+    :param receive_ns: time of reception in nanoseconds of the system clock.
+    :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
+    :param number: number that the publisher gave; 0 if unknown.
+    :param camera_info: calibration with the same stamp, if it was requested.
+    """
+
+    message: WireMessage
+    receive_ns: int
+    publish_ns: int = 0
+    number: int = 0
+    camera_info: CameraInfo | None = None
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp in nanoseconds."""
+        return self.message.header.sec * _NANO + self.message.header.nanosec
+
+
+#: A frame that waits: a message, or the error of one that cannot be read.
+QueuedFrame = ReceivedMessage | CdrError
+
+
+class FrameQueue:
+    """
+    Frames that wait for the consumer, oldest first, from all sources of a subscription.
+
+    A frame that finds the queue full replaces the oldest one, so that a capacity of one keeps the
+    newest frame. All methods are thread-safe.
+    """
+
+    def __init__(self, capacity: int, *, with_info: bool = False) -> None:
+        """
+        Create an empty queue.
+
+        :param capacity: maximum number of frames that wait.
+        :param with_info: whether a frame waits for the calibration with the same stamp.
+        """
+        self._capacity = capacity
+        self._with_info = with_info
+        self._order = FrameOrder()
+        self._frames: deque[QueuedFrame] = deque()
+        self._unpaired: deque[ReceivedMessage] = deque()
+        self._infos: dict[int, CameraInfo] = {}
+        self._is_closed = False
+        #: Held for each access. No code of the user runs meanwhile.
+        self.lock = Condition()
+        #: Number of frames that were not passed on, because newer ones have replaced them, their
+        #: calibration did not arrive, or the queue was closed.
+        self.skipped = 0
+        #: Number of frames that were put into the queue, and of those with their calibration.
+        self.count = self.complete = 0
+
+    @property
+    def order(self) -> FrameOrder:
+        """Numbers of the frames, to be used with ``lock`` held."""
+        return self._order
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether ``pop`` would return a frame."""
+        return bool(self._frames)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether another frame would replace one, although more than the newest are kept."""
+        return len(self._frames) >= self._capacity > 1
+
+    @property
+    def has_unpaired(self) -> bool:
+        """Whether frames wait for their calibration."""
+        return bool(self._unpaired)
+
+    def put(
+        self, frame: QueuedFrame, publisher: bytes, position: Position | None, *,
+        keeps_all: bool = False,
+    ) -> Way:
+        """
+        Add a frame, unless it is repeated.
+
+        :param frame: the frame.
+        :param publisher: identifier of its publisher.
+        :param position: its place among those of the publisher; None for a message that the
+            middleware has discarded.
+        :param keeps_all: whether to exceed the capacity instead of replacing the oldest frame.
+        :returns: how the frames of the publisher arrive from now on.
+        """
+        with self.lock:
+            try:
+                if position is None:
+                    self._order.add_unnumbered()
+                elif not self._order.accepts(publisher, position, _publish_ns(frame)):
+                    return self._order.way(publisher)
+            except CdrError as err:
+                frame = err.with_traceback(None)  # which would keep the frame in memory
+            self.count += 1
+            self._add(frame)
+            if not keeps_all:
+                self._skip_above(self._frames, self._capacity)
+            self.lock.notify()
+            return self._order.way(publisher)
+
+    def put_info(self, info: CameraInfo) -> None:
+        """Add a calibration."""
+        stamp = info.header.stamp.sec * _NANO + info.header.stamp.nanosec
+        with self.lock:
+            self._infos[stamp] = info
+            while len(self._infos) > _MAX_INFOS:
+                del self._infos[next(iter(self._infos))]
+            if any(frame.stamp_ns == stamp for frame in self._unpaired):
+                waiting = [*self._unpaired]
+                self._unpaired.clear()
+                for frame in waiting:
+                    self._add(frame)
+                self._skip_above(self._frames, self._capacity)
+                self.lock.notify()
+
+    def pop(self) -> QueuedFrame | None:
+        """Remove and return the oldest frame, or return None."""
+        with self.lock:
+            return self._frames.popleft() if self._frames else None
+
+    def wait(self) -> QueuedFrame | None:
+        """Wait for a frame, then remove and return it; return None once the queue is closed."""
+        with self.lock:
+            self.lock.wait_for(lambda: self._frames or self._is_closed)
+            return None if self._is_closed else self._frames.popleft()
+
+    def close(self) -> None:
+        """End ``wait``, and skip the frames that still wait."""
+        with self.lock:
+            self._is_closed = True
+            self._skip_above(self._unpaired, 0)
+            self._skip_above(self._frames, 0)
+            self.lock.notify_all()
+
+    def _add(self, frame: QueuedFrame) -> None:
+        """Add a frame to those that are complete, or to those that wait for their calibration."""
+        if self._with_info and isinstance(frame, ReceivedMessage):
+            frame.camera_info = self._infos.pop(frame.stamp_ns, None)
+            if frame.camera_info is None:
+                self._unpaired.append(frame)
+                self._skip_above(self._unpaired, self._capacity + _MAX_UNPAIRED)
+                return
+            # The calibrations of earlier frames would have come before.
+            self._skip_above(self._unpaired, 0)
+        self._frames.append(frame)
+        self.complete += 1
+
+    def _skip_above(self, frames: deque[Any], most: int) -> None:
+        while len(frames) > most:
+            frames.popleft()
+            self.skipped += 1
+
+
+def _publish_ns(frame: QueuedFrame) -> int:
+    return frame.publish_ns if isinstance(frame, ReceivedMessage) else 0

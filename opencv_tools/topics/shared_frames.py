@@ -1,0 +1,229 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The sources of shared frames of a topic, one for each publisher that shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Set
+
+from opencv_tools.logs import Log
+from opencv_tools.topics.message_reader import MessageReader
+from opencv_tools.topics.order import Way
+from opencv_tools.topics.queue import FrameQueue
+from opencv_tools.topics.shared_services import MAX_PUBLISHERS, SharedServices
+from opencv_tools.topics.shared_source import SharedSource
+from opencv_tools.transport.shared_frames.announcement import AnnouncementError, SUFFIX
+from opencv_tools.transport.shared_frames.header import publisher_identity
+from opencv_tools.transport.shared_frames.memory import process_memory
+from opencv_tools.transport.shared_frames.pages import SharedMemoryError
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+
+class SharedFrames:
+    """
+    Receive the frames that publishers on this machine share; used in the executor only.
+
+    Frames are shared while all publishers of the topic share theirs. The numbers in the header of
+    each frame tell at which frame the image topic ends and the shared memory begins, see `Way`.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, queue: FrameQueue, log: Log, *, depth: int, max_views: int,
+        is_required: bool, on_change: Callable[[], None], on_frame: Callable[[], None],
+    ) -> None:
+        """
+        Subscribe to the announcements.
+
+        :param node: node that receives the frames.
+        :param topic: name of the image topic after remapping.
+        :param queue: queue that gets the frames.
+        :param log: log for the reasons why frames are not shared.
+        :param depth: number of frames that may wait for the thread of a source.
+        :param max_views: number of frames that may stay in the shared memory; more are copied.
+        :param is_required: whether frames are received by shared memory only.
+        :param on_change: called in any thread when ``has_changed`` has become true.
+        :param on_frame: called in any thread after each frame that was put into the queue.
+        """
+        self._topic = topic
+        self._queue = queue
+        self._log = log
+        self._depth = depth
+        self._max_views = max_views
+        self._is_required = is_required
+        self._on_change = on_change
+        self._on_frame = on_frame
+        #: Whether ``check`` and ``update`` are to be called.
+        self.has_changed = False
+        self._services = SharedServices()
+        self._sources: dict[bytes, SharedSource] = {}
+        #: Reader of the announcements.
+        self.announcements = MessageReader(node, String, f'{topic}{SUFFIX}', QoSProfile(
+            depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+
+    def read_announcement(self, publishers: Set[bytes]) -> None:
+        """
+        Take an announcement, if there is one.
+
+        :param publishers: identifiers of the publishers of the image topic, or of those that were
+            found last.
+        """
+        taken = self.announcements.take_serialized()
+        if taken is None:
+            return
+        data, info = taken
+        try:
+            announcement = self._services.add(
+                deserialize_message(bytes(data), String).data, bytes(info.publisher))
+        except (AnnouncementError, RuntimeError) as err:  # rclpy's RMWError is private
+            self._log.debug(str(err))
+            return
+        self.has_changed = True
+        publisher = bytes.fromhex(announcement.publisher)
+        if announcement.frames and publisher in publishers:
+            with self._queue.lock:
+                self._queue.order.learn(publisher, announcement.messages, announcement.frames)
+
+    def update(self, publishers: Set[bytes]) -> bool:
+        """
+        Open the frames of all publishers, or leave them if not all share.
+
+        :param publishers: identifiers of the publishers of the image topic.
+        :returns: whether all frames come from shared memory.
+        """
+        for publisher in self._sources.keys() - publishers:
+            self._end(publisher)
+        for publisher in publishers:
+            source = self._sources.get(publisher)
+            service = self._services.of(publisher)
+            if source and service not in ('', source.service):
+                self._end(publisher)
+        are_shared = bool(publishers) and self._services.include(publishers)
+        for publisher in publishers - self._sources.keys():
+            if are_shared or (self._is_required and self._services.of(publisher)):
+                are_shared = self._open(publisher) and are_shared
+        for publisher in [*self._sources]:
+            self._direct(publisher, are_shared or self._is_required)
+        return are_shared and all(
+            self._way(publisher) is Way.SHARED for publisher in publishers)
+
+    def check(self) -> list[bytes]:
+        """
+        Leave the sources that have failed or that are not needed any more.
+
+        :returns: the publishers whose shared frames have waited too long for messages.
+        """
+        self.has_changed = False
+        for publisher, source in [*self._sources.items()]:
+            if source.error:
+                self._fail(publisher, source.service, source.error)
+            elif self._way(publisher) is Way.TOPIC:
+                self._close(publisher)
+        return [publisher for publisher, source in self._sources.items() if source.is_overdue]
+
+    def stop_joining(self, publisher: bytes) -> None:
+        """Count the messages as lost that are missing before the next shared frame."""
+        with self._queue.lock:
+            self._queue.order.stop_joining(publisher)
+        self._sources[publisher].stop_joining()
+
+    def receive_before_message(self, publisher: bytes) -> None:
+        """Put the shared frames into the queue that may precede a message of a publisher."""
+        if publisher in self._sources and self._way(publisher) is Way.LEAVING:
+            self.has_changed = True
+            self._receive(publisher)
+
+    def explain(self, publishers: Set[bytes]) -> str:
+        """Return why a publisher does not share its frames with this process, or ''."""
+        return self._services.explain(publishers)
+
+    def receive_remaining(self) -> None:
+        """Put all waiting frames into the queue, and receive no more."""
+        for publisher in [*self._sources]:
+            self._end(publisher)
+
+    def destroy(self) -> None:
+        """Unsubscribe, and wait for the end of the threads."""
+        sources = [*self._sources.values()]
+        self._sources = {}
+        for source in sources:
+            source.close()
+        for source in sources:
+            source.join()
+        self.announcements.destroy()
+
+    def _way(self, publisher: bytes) -> Way:
+        with self._queue.lock:
+            return self._queue.order.way(publisher)
+
+    def _change(self, publisher: bytes, way: Way) -> None:
+        with self._queue.lock:
+            self._queue.order.change(publisher, way)
+
+    def _open(self, publisher: bytes) -> bool:
+        """Open the frames of a publisher and return whether that was possible."""
+        service = self._services.of(publisher)
+        try:
+            reader = process_memory().open_reader(service, self._depth, self._max_views)
+        except SharedMemoryError as err:
+            self._fail(publisher, service, err)
+            return False
+        self._change(publisher, Way.JOINING)
+        self._sources[publisher] = SharedSource(
+            publisher, service, publisher_identity(publisher, self._topic), reader, self._queue,
+            self._note_change, self._on_frame)
+        return True
+
+    def _note_change(self) -> None:
+        self.has_changed = True
+        self._on_change()
+
+    def _direct(self, publisher: bytes, is_shared: bool) -> None:
+        """Have the frames of a publisher arrive by shared memory or by the image topic."""
+        way = self._way(publisher)
+        if is_shared:
+            if way is Way.LEAVING:
+                self._change(publisher, Way.SHARED)
+        elif way is Way.SHARED:
+            self._change(publisher, Way.LEAVING)
+        elif way is Way.JOINING:
+            self._close(publisher)
+
+    def _receive(self, publisher: bytes) -> None:
+        source = self._sources[publisher]
+        try:
+            source.receive()
+        except SharedMemoryError as err:
+            self._fail(publisher, source.service, err)
+
+    def _fail(self, publisher: bytes, service: str, err: Exception) -> None:
+        """Return to the image topic, because the service of a publisher has failed."""
+        self._log.info(f'A publisher of {self._topic} is not received by shared memory: {err}',
+                       once=str(err))
+        self._services.remove(publisher, service, str(err))
+        self._close(publisher)
+
+    def _end(self, publisher: bytes) -> None:
+        """Receive the rest of the frames of a publisher."""
+        self._receive(publisher)
+        self._close(publisher)
+
+    def _close(self, publisher: bytes) -> None:
+        source = self._sources.pop(publisher, None)
+        if source:  # not closed by an error meanwhile
+            source.close()
+            self._change(publisher, Way.TOPIC)

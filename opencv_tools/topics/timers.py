@@ -1,0 +1,64 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Timers on the monotonic clock, independent of simulated time and clock changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+
+class Delay:
+    """Call a function once, some time after the first of several requests."""
+
+    def __init__(self, node: Node, seconds: float, call: Callable[[], object]) -> None:
+        """
+        Create an inactive delay.
+
+        :param node: node whose executor makes the call.
+        :param seconds: time from the first request to the call, in seconds.
+        :param call: function to call.
+        """
+        self._call = call
+        self._timer = create_steady_timer(node, seconds, self._fire)
+        self._timer.cancel()
+
+    def request(self) -> None:
+        """Request a call, unless one is pending."""
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def _fire(self) -> None:
+        self._timer.cancel()
+        self._call()
+
+
+def create_steady_timer(
+    node: Node, seconds: float, call: Callable[[], object], group: CallbackGroup | None = None,
+) -> Timer:
+    """
+    Create a periodic timer on the monotonic clock.
+
+    :param node: node whose executor makes the calls.
+    :param seconds: period in seconds.
+    :param call: function to call.
+    :param group: callback group; None for the default one of the node.
+    :returns: the timer.
+    """
+    return node.create_timer(seconds, call, group, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -1,0 +1,237 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Image topics, raw and compressed, and their publishers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
+import re
+
+from opencv_tools.image.text import printable
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
+from opencv_tools.topics.qos import qos_mismatch
+from opencv_tools.transport.fastdds.shared_memory import find_other_user
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+#: Types of the messages that each transport uses.
+TRANSPORTS = {
+    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,),
+    'shm': (IMAGE,)}
+
+_NAMED_TOPICS = 5
+# What rmw allows, less the longest suffix that a topic gets here.
+_MAX_NAME = 247 - len('/compressed')
+# What rcl adds to its errors: the failed step, and the line of its source.
+_RCL_PLACE = re.compile(r'^failed to resolve name: |, at \S+:\d+$')
+_NAME = re.compile(r'/[A-Za-z0-9_/]+')
+#: Name of a publishing node that was not discovered yet, or that is no node of ROS.
+UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
+
+
+@dataclass(frozen=True)
+class ImageTopic:
+    """
+    A topic that may have frames.
+
+    :param name: name of the topic before remapping.
+    :param type_name: type of its messages.
+    """
+
+    name: str
+    type_name: str
+
+
+def resolve_topic(node: Node, topic: str) -> str:
+    """
+    Return the name of a topic after remapping.
+
+    :param node: node of the topic.
+    :param topic: name before remapping.
+    :raises ParameterError: the name is invalid.
+    """
+    refused = f'the topic name {topic!r} cannot be used: '
+    if not isinstance(topic, str) or '\0' in topic:
+        raise ParameterError(f'{refused}give a text without NUL')
+    try:
+        resolved = str(node.resolve_topic_name(topic))
+    except (RuntimeError, ValueError) as err:  # rclpy's RCLError is private
+        reason = _RCL_PLACE.sub('', ' '.join(str(err).split()))
+        raise ParameterError(f'{refused}{reason}') from err
+    if len(resolved) > _MAX_NAME:
+        raise ParameterError(f'{refused}with its namespace it has {len(resolved)} characters; '
+                             f'give at most {_MAX_NAME}')
+    return resolved
+
+
+def image_topics(node: Node, types: Set[str] = MESSAGE_TYPES.keys()) -> list[str]:
+    """
+    Return the names of the topics that have publishers or subscriptions of images, sorted.
+
+    :param node: node whose graph is queried.
+    :param types: types of messages to find.
+    """
+    # Topics that are not of ROS have other names.
+    return sorted(name for name, found in node.get_topic_names_and_types()
+                  if _NAME.fullmatch(name) and not types.isdisjoint(found))
+
+
+class TopicDiscovery:
+    """The raw and compressed topics that belong to an image topic, and their publishers."""
+
+    def __init__(
+        self, node: Node, topic: str, transport: str, *, prefers_compressed: bool = False,
+    ) -> None:
+        """
+        List the topics.
+
+        :param node: node whose graph is queried.
+        :param topic: name of the image topic before remapping.
+        :param transport: one of ``TRANSPORTS``.
+        :param prefers_compressed: whether compressed topics are better than raw ones.
+        :raises ParameterError: the transport or the name of the topic is invalid.
+        """
+        if transport not in TRANSPORTS:
+            raise ParameterError(f'transport is {transport!r}: give one of '
+                                 f'{", ".join(TRANSPORTS)}')
+        self._node = node
+        self._topic = topic
+        self._possible = _possible_topics(topic, resolve_topic(node, topic))
+        #: Topics that the transport allows, best first.
+        self.allowed = sorted(
+            (possible for possible in self._possible
+             if possible.type_name in TRANSPORTS[transport]),
+            key=lambda allowed: prefers_compressed and allowed.type_name == IMAGE)
+
+    def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
+        """Return the publishers of a topic."""
+        return [info for info in self._node.get_publishers_info_by_topic(image_topic.name)
+                if info.topic_type == image_topic.type_name]
+
+    def describe_publishers(self, image_topic: ImageTopic, publishers: Set[bytes]) -> str:
+        """Return the names of the nodes of some publishers of a topic."""
+        return _enumerate(sorted(
+            _describe_node(info) for info in self.publishers(image_topic)
+            if bytes(info.endpoint_gid) in publishers))
+
+    def best(self) -> ImageTopic | None:
+        """Return the first topic that has a publisher, or None."""
+        return next(filter(self.publishers, self.allowed), None)
+
+    def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
+        """
+        Return the reason why no frame arrives, with a remedy, as a sentence.
+
+        :param image_topic: subscribed topic.
+        :param qos: quality of service of the subscription.
+        """
+        topic = self._resolved_name(image_topic)
+        publishers = self._node.get_publishers_info_by_topic(image_topic.name)
+        offers = [info for info in publishers if info.topic_type == image_topic.type_name]
+        if offers:
+            return _describe_silent(topic, offers, qos)
+        for published in self._possible:
+            infos = self.publishers(published)
+            if infos:
+                return self._describe_other_type(image_topic, published, infos[0])
+        if publishers:
+            return (f'{topic} has a publisher of type {printable(publishers[0].topic_type)} '
+                    f'({_describe_node(publishers[0])}), not {image_topic.type_name}; '
+                    f'{self._describe_images()}')
+        return f'no publisher on {topic}; {self._describe_images()}'
+
+    def _resolved_name(self, image_topic: ImageTopic) -> str:
+        return self._node.resolve_topic_name(image_topic.name)
+
+    def _describe_other_type(
+        self, subscribed: ImageTopic, published: ImageTopic, info: TopicEndpointInfo,
+    ) -> str:
+        """Describe frames of the other message type."""
+        topic, name = self._resolved_name(subscribed), self._resolved_name(published)
+        transport = 'raw' if published.type_name == IMAGE else 'compressed'
+        if name == topic:
+            publisher = f'{name} has a publisher of type {published.type_name} ' \
+                        f'({_describe_node(info)}), not {subscribed.type_name}'
+        else:
+            publisher = f'no publisher of {subscribed.type_name} on {topic}, but one of ' \
+                        f'{published.type_name} on {name} ({_describe_node(info)})'
+        return f'{publisher}; set transport:={transport} or transport:=auto'
+
+    def _describe_images(self) -> str:
+        """Describe the topics that have images, and how to subscribe to one."""
+        topics = {}
+        own = self._node.get_name(), self._node.get_namespace()  # a filter publishes as well
+        for name in image_topics(self._node):
+            published = {
+                info.topic_type for info in self._node.get_publishers_info_by_topic(name)
+                if (info.node_name, info.node_namespace) != own}
+            if published & MESSAGE_TYPES.keys():
+                topics[name] = published
+        domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
+        if not topics:
+            return f'no images are published in {domain}; ' \
+                   'is a publisher running, with the same ROS_DOMAIN_ID?'
+        allowed = {image_topic.type_name for image_topic in self.allowed}
+        example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
+                       '')
+        remedy = f'-r {self._topic}:={example or next(iter(topics))}'
+        if not example:
+            remedy += ' -p transport:=auto'
+        return f'images are published on {_enumerate(list(topics))} in {domain}; ' \
+               f'receive one with {remedy}'
+
+
+def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
+    """Return the topics that may have the frames of an image topic, best first."""
+    raw = ImageTopic(topic, IMAGE)
+    compressed = ImageTopic(topic, COMPRESSED_IMAGE)
+    subtopic = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
+    if resolved.endswith('/compressed'):
+        return compressed, raw, subtopic
+    return raw, subtopic, compressed
+
+
+def _describe_silent(
+    topic: str, offers: Sequence[TopicEndpointInfo], request: QoSProfile,
+) -> str:
+    """Describe why publishers of the right type deliver no frame."""
+    mismatches = [(info, qos_mismatch(info.qos_profile, request)) for info in offers]
+    if all(mismatch for _, mismatch in mismatches):
+        info, mismatch = mismatches[0]
+        return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the requested '
+                f'quality of service: {mismatch}; change that of the publisher')
+    nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
+    user = find_other_user()
+    if user:
+        return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
+                'nodes on this machine, and Fast DDS shares no memory between users: run all '
+                'nodes as one user')
+    return (f'{topic} has a publisher ({nodes}), but no frame arrives; the publisher may be '
+            'paused or have crashed, or its source may have no frames; containers on one machine '
+            'have to share /dev/shm (--ipc=host)')
+
+
+def _describe_node(info: TopicEndpointInfo) -> str:
+    if info.node_name == UNKNOWN_NODE:
+        return 'not a ROS node'
+    return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
+
+
+def _enumerate(names: Sequence[str]) -> str:
+    more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
+    return ', '.join(map(printable, names[:_NAMED_TOPICS])) + more

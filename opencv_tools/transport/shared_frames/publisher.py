@@ -1,0 +1,186 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Publisher of the frames of an image topic, as messages and in shared memory."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.image.cdr import WireImage
+from opencv_tools.logs import Log
+from opencv_tools.remedies import installation
+from opencv_tools.transport import zero_copy
+from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
+from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
+from opencv_tools.transport.shared_frames.memory import process_memory
+from opencv_tools.transport.shared_frames.pages import SharedMemoryError
+from opencv_tools.transport.shared_frames.writer import FrameWriter
+from opencv_tools.transport.zero_copy import publish_image
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+# Frames for which /dev/shm must have room; with less, subscribers return to the image topic.
+_SPARE_FRAMES = 2
+_CHECK_SECONDS = 1.0
+_RETRY_SECONDS = 5.0
+#: Why a process cannot receive shared frames.
+NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is not installed or '
+              f'OPENCV_TOOLS_TRANSPORT is default; {installation("iceoryx2")}, or set '
+              'transport:=auto')
+
+
+def can_share() -> bool:
+    """Return whether this process can share frames: with iceoryx2 and without rclpy's copies."""
+    return not zero_copy.reason_for_rclpy and importlib.util.find_spec('iceoryx2') is not None
+
+
+class SharedFramePublisher:
+    """
+    Publish images as messages, and in shared memory for subscribers on this machine.
+
+    The service is announced on ``<image topic>/shm`` when somebody subscribes to that topic. The
+    announcement also has the number of the frames until then, so that a subscription knows which
+    ones it has missed. One thread at a time publishes.
+    """
+
+    def __init__(self, node: Node, images: Publisher) -> None:
+        """
+        Create the publisher of the announcement.
+
+        :param node: node of the publishers.
+        :param images: publisher of the image topic.
+        """
+        self._node = node
+        self._images = images
+        self._log = Log(node.get_logger())
+        self._writer: FrameWriter | None = None
+        self._is_announced = False
+        self._next_check = 0.0
+        self._frames = self._messages = 0  # published in any way, and on the image topic
+        self._announced_only_shared = 0
+        self._publisher = zero_copy.publisher_id(images.handle)
+        self._identity = publisher_identity(self._publisher, images.topic_name)
+        self._announcements = node.create_publisher(
+            String, f'{images.topic_name}{SUFFIX}',
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        ) if can_share() else None
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a frame would be received, or could be after an announcement."""
+        return (self._announcements is not None
+                and self._announcements.get_subscription_count() > 0)
+
+    def publish(self, image: WireImage, *, is_message: bool, is_shared: bool = True) -> None:
+        """
+        Publish a frame.
+
+        :param image: the frame.
+        :param is_message: whether to publish it on the image topic.
+        :param is_shared: whether subscribers may receive it by shared memory.
+        :raises CdrError: a string cannot be part of a message.
+        :raises RuntimeError: the middleware did not publish the message.
+        """
+        if is_message and self._frames - self._messages != self._announced_only_shared:
+            self._announce(self._writer.service if self._writer and self._is_announced else '')
+        if is_shared:
+            self._share(image, is_message)
+        self._frames += 1
+        if is_message:
+            publish_image(self._images.handle, image)
+            self._messages += 1
+
+    def destroy(self) -> None:
+        """Stop sharing and remove the publisher."""
+        self._writer = None
+        if self._announcements is not None:
+            self._node.destroy_publisher(self._announcements)
+            self._announcements = None
+
+    def _share(self, image: WireImage, is_message: bool) -> None:
+        """Write a frame into shared memory, if it has subscribers."""
+        if not self.has_subscribers:
+            if not self._is_announced:
+                self._writer = None  # its readers have left; others need the memory
+            return
+        data = np.frombuffer(image.data, np.uint8)
+        try:
+            self._check_room(data.nbytes)
+            if self._writer is not None and self._writer.readers:
+                self._write(self._writer, image, data, is_message)
+        except SharedMemoryError as err:
+            self._withdraw(err)
+
+    def _check_room(self, frame_bytes: int) -> None:
+        """
+        Announce the service, or withdraw the announcement if there is no room for more frames.
+
+        :raises SharedMemoryError: the service cannot be created.
+        """
+        now = time.monotonic()
+        if now < self._next_check:
+            return
+        self._next_check = now + _CHECK_SECONDS
+        memory = process_memory()
+        memory.remove_dead()  # killed readers still count
+        try:
+            memory.check_room(_SPARE_FRAMES * frame_bytes)
+        except SharedMemoryError as err:
+            self._withdraw(err)
+            return
+        if self._writer is None:
+            self._writer = memory.create_writer(frame_bytes)
+        if not self._is_announced:
+            self._announce(self._writer.service)
+
+    def _write(
+        self, writer: FrameWriter, image: WireImage, data: NDArray[np.uint8], is_message: bool,
+    ) -> None:
+        """
+        Write a frame.
+
+        :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
+        """
+        header = image.header
+        slot = writer.lend(data.nbytes)
+        np.copyto(slot.data, data)
+        fields = FrameHeader(
+            number=self._frames + 1, message=self._messages + is_message, is_message=is_message,
+            publish_ns=time.time_ns(), sec=header.sec, nanosec=header.nanosec,
+            height=image.height, width=image.width, step=image.step,
+            is_bigendian=image.is_bigendian)
+        fields.identity[:] = self._identity
+        slot.publish(fields, header.frame_id, image.encoding)
+
+    def _withdraw(self, err: SharedMemoryError) -> None:
+        """Have subscribers return to the image topic; the service remains while it has readers."""
+        self._log.debug(f'frames are not shared: {err}')
+        self._next_check = time.monotonic() + _RETRY_SECONDS
+        if self._is_announced:
+            self._announce('')
+        if self._writer is not None and not self._writer.readers:
+            self._writer = None
+
+    def _announce(self, service: str) -> None:
+        if self._announcements is not None:
+            self._is_announced = bool(service)
+            self._announced_only_shared = self._frames - self._messages
+            self._announcements.publish(String(data=announce(
+                service, self._publisher.hex(), self._frames, self._messages).to_text()))

@@ -1,0 +1,114 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Writer of frames in shared memory."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from opencv_tools.transport.shared_frames.header import FrameHeader, Pixels
+from opencv_tools.transport.shared_frames.pages import (
+    allocate_pages, ServiceMemory, shared_memory_errors, SharedMemoryError)
+
+
+class Slot:
+    """Memory for one frame, lent by a writer."""
+
+    def __init__(self, writer: FrameWriter, sample: Any, size: int) -> None:
+        """Create a view of the lent memory."""
+        self._writer = writer
+        self._sample = sample
+        self._payload = _as_array(sample.payload_ptr, sample.payload().len())
+        #: Memory for the pixels, (size,) uint8, not initialised.
+        self.data = self._payload[:size]
+
+    def publish(self, header: FrameHeader, frame_id: str, encoding: str) -> None:
+        """
+        Send the frame to the readers. The memory must not be used any more.
+
+        :param header: fields of the frame; the sizes are set here.
+        :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
+        """
+        texts = frame_id.encode(), encoding.encode()
+        size = len(self.data)
+        end = size + sum(map(len, texts))
+        if end > len(self._payload):
+            raise SharedMemoryError(f'frame_id and encoding have {end - size} bytes, '
+                                    f'{len(self._payload) - size} are possible')
+        self._payload[size:end] = np.frombuffer(b''.join(texts), np.uint8)
+        header.data_size = size
+        header.frame_id_size, header.encoding_size = map(len, texts)
+        self._writer.send(self._sample, header)
+
+
+class FrameWriter:
+    """Writes frames to a service."""
+
+    # Bytes for frame_id and encoding behind the pixels.
+    _TEXT_BYTES = 512
+    # Upper limit for the fields of iceoryx2 and ours before the pixels.
+    _HEADER_BYTES = 4096
+
+    def __init__(self, memory: ServiceMemory, service: str, frame_bytes: int) -> None:
+        """Create the service; see `FrameMemory.create_writer`."""
+        self.service = service
+        self._memory = memory
+        self._largest = frame_bytes + self._TEXT_BYTES
+        self._allocated: dict[int, int] = {}  # bytes by the address of a slot
+        frames, events = memory.builders(service)
+        self._frames = frames.create()
+        self._publisher = (
+            self._frames.publisher_builder().initial_max_slice_len(self._largest)
+            .allocation_strategy(memory.growing()).max_loaned_samples(1).create())
+        self._notifier = events.create().notifier_builder().create()
+
+    @property
+    def readers(self) -> int:
+        """Return the number of readers."""
+        return int(self._frames.dynamic_config.number_of_subscribers)
+
+    def lend(self, size: int) -> Slot:
+        """
+        Lend memory for one frame. Only one slot can be lent at a time.
+
+        :param size: bytes of the pixels.
+        :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
+        """
+        needed = size + self._TEXT_BYTES
+        if needed > self._largest:  # a new segment, whose slots may have addresses of the old one
+            self._memory.check_room(needed)
+            self._largest = needed
+            self._allocated.clear()
+        with shared_memory_errors():
+            sample = self._publisher.loan_slice_uninit(needed)
+            if self._allocated.get(sample.payload_ptr, 0) < needed:
+                # iceoryx2 writes its header of the next slot before it lends that slot.
+                allocate_pages(sample.payload_ptr, needed + self._HEADER_BYTES)
+                self._allocated[sample.payload_ptr] = needed
+            return Slot(self, sample, size)
+
+    def send(self, sample: Any, header: FrameHeader) -> None:
+        """Send a filled slot, see `Slot.publish`."""
+        with shared_memory_errors():
+            ctypes.memmove(sample.user_header_ptr, ctypes.byref(header), ctypes.sizeof(header))
+            sample.assume_init().send()
+            self._notifier.notify()
+
+
+def _as_array(address: int, size: int) -> Pixels:
+    memory: Any = (ctypes.c_uint8 * size).from_address(address)
+    return np.frombuffer(memory, np.uint8)

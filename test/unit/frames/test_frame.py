@@ -1,0 +1,87 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every conversion of a frame, compared with cv_bridge, which does not use OpenCV."""
+
+from __future__ import annotations
+
+import cv2
+from images import random_image, recorded_outcomes
+import numpy as np
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.frames.frame import check_target, Frame
+from opencv_tools.image.cdr import WireImage
+from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.layout import array_to_wire
+import pytest
+
+OUTCOMES = recorded_outcomes()
+SOURCES = [*dict.fromkeys([*(source for source, _ in OUTCOMES), *ENCODINGS])]
+TARGETS = [*dict.fromkeys([*(desired for _, desired in OUTCOMES), *ENCODINGS, 'passthrough'])]
+SIZES = ((2, 2), (6, 10), (34, 30))
+# OpenCV before 4.14 has errors of 1 in the conversion of Bayer mosaics to gray.
+OLD_BAYER = tuple(map(int, cv2.__version__.split('.')[:2])) < (4, 14)
+
+
+def tolerance(source: str, target: str) -> int:
+    if OLD_BAYER and source.startswith('bayer') and source.endswith('8'):
+        return {'mono8': 1, 'mono16': 257}.get(target, 0)
+    return 0
+
+
+def image_message(encoding: str, height: int, width: int) -> WireImage:
+    return array_to_wire(random_image(encoding, height, width), find_encoding(encoding))
+
+
+@pytest.mark.parametrize('source', SOURCES)
+def test_conversions_and_refusals_equal_cv_bridge(source: str) -> None:
+    refused = 0
+    for height, width in SIZES:
+        message = image_message(source, height, width)
+        frame = Frame(message)
+        for target in TARGETS:
+            try:
+                expected = CvBridge().imgmsg_to_cv2(message, target)
+            except CvBridgeError as err:
+                with pytest.raises(CvBridgeError) as caught:
+                    frame.to(target)
+                assert str(caught.value) == str(err)
+                refused += 1
+                continue
+            converted = frame.to(target)
+            assert (converted.dtype, converted.flags.writeable) == (expected.dtype, False)
+            np.testing.assert_allclose(converted, expected, rtol=0, atol=tolerance(source, target))
+    assert 0 < refused < len(TARGETS) * len(SIZES)
+
+
+@pytest.mark.parametrize('target', ['', 'passthrough', 'yuyv'])
+def test_unconverted_image_is_a_view(target: str) -> None:
+    message = image_message('yuyv', 6, 10)
+    frame = Frame(message, target)
+    assert frame.image is frame.raw
+    assert np.shares_memory(frame.raw, np.frombuffer(message.data, np.uint8))
+    assert frame.encoding == 'yuyv'
+    assert not frame.raw.flags.writeable
+
+
+@pytest.mark.parametrize('name', ['', 'passthrough', 'bgr8', 'nv24', '32FC1', '8UC512'])
+def test_names_of_targets(name: str) -> None:
+    check_target(name)
+
+
+@pytest.mark.parametrize('name', ['nope', 'BGR8', '8UC0', '64UC1', '8UC513'])
+def test_unknown_names_of_targets(name: str) -> None:
+    with pytest.raises(EncodingError, match=rf'Unrecognized image encoding \[{name}\]'):
+        check_target(name)

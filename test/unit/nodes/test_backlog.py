@@ -1,0 +1,183 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Waits for the confirmation of published messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+import re
+import signal
+
+from conftest import NodeProcess, read_pictures
+import numpy as np
+from opencv_tools.capture.pattern import draw_pattern
+from opencv_tools.logs import Log
+from opencv_tools.nodes.publisher.backlog import Backlog
+import pytest
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+
+Start = Callable[..., NodeProcess]
+
+WAITING_LINE = 'waiting for a reliable subscriber to confirm the last frames'
+TIMEOUT_LINE = ('a reliable subscriber has not confirmed the last frames for 10 s; '
+                'the publisher no longer waits for it, and it may lose frames')
+
+
+class Channel:
+    """A publisher of some depth, whose messages are all confirmed or all unconfirmed."""
+
+    def __init__(self, depth: int) -> None:
+        self.qos_profile = QoSProfile(depth=depth)
+        self.is_confirmed = False
+
+    def wait_for_all_acked(self, timeout: Duration) -> bool:
+        assert timeout.nanoseconds == 0  # rclpy would block the interpreter
+        return self.is_confirmed
+
+
+class FakeLog:
+    """A log with the clock that only ``sleep`` advances."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.lines: list[tuple[float, str]] = []
+        self.on_sleep: Callable[[], object] = lambda: None
+
+    def clock(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        assert 0 < seconds < 0.1
+        self.now += seconds
+        self.on_sleep()
+
+    def info(self, message: str) -> None:
+        self.lines.append((round(self.now - 100.0, 1), message))
+
+    debug = warning = error = info
+
+
+@pytest.fixture
+def log() -> FakeLog:
+    return FakeLog()
+
+
+def never() -> bool:
+    return False
+
+
+@pytest.mark.parametrize('depth', [1, 3, 10])
+def test_room_for_as_many_messages_as_the_depth(log: FakeLog, depth: int) -> None:
+    channel = Channel(depth)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    for _ in range(depth):
+        assert backlog.wait_for_room(never)
+        backlog.add(channel)
+    assert log.now == 100.0
+    stops = count()
+    assert not backlog.wait_for_room(lambda: next(stops) == 5)
+    assert log.now == pytest.approx(100.0 + 5 * 0.002)
+    channel.is_confirmed = True
+    assert backlog.wait_for_room(never)
+    channel.is_confirmed = False
+    for _ in range(depth):
+        assert backlog.wait_for_room(never)
+        backlog.add(channel)
+    assert not backlog.wait_for_room(lambda: True)
+
+
+def test_wait_for_each_topic(log: FakeLog) -> None:
+    first, second = channels = Channel(2), Channel(1)
+    backlog = Backlog(channels, Log(log), log.clock, log.sleep)
+    first.is_confirmed = True
+    for channel in channels:
+        backlog.add(channel)
+    assert not backlog.wait_for_room(lambda: True)
+    log.on_sleep = lambda: setattr(second, 'is_confirmed', log.now > 100.5)
+    assert backlog.wait_for_room(never)
+    assert log.now == pytest.approx(100.5, abs=0.003)
+    assert log.lines == []
+
+
+def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
+    channel = Channel(1)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    backlog.add(channel)
+    assert not backlog.wait_for_room(never)
+    assert log.lines == [(2.0, WAITING_LINE), (10.0, TIMEOUT_LINE)]
+    timeout_at = log.now
+    backlog.add(channel)
+    assert not backlog.wait_for_room(never)
+    assert not backlog.wait_for_all(never)
+    assert log.now == timeout_at
+
+    channel.is_confirmed = True
+    assert backlog.wait_for_room(never)
+    channel.is_confirmed = False
+    backlog.add(channel)
+    assert not backlog.wait_for_room(lambda: log.now > timeout_at + 5)
+    assert [text for _, text in log.lines] == [WAITING_LINE, TIMEOUT_LINE, WAITING_LINE]
+
+
+def test_wait_for_all_messages(log: FakeLog) -> None:
+    channel = Channel(10)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    assert backlog.wait_for_all(never)
+    backlog.add(channel)
+    assert backlog.wait_for_room(never)
+    assert not backlog.wait_for_all(lambda: True)
+    log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now > 101.0)
+    assert backlog.wait_for_all(never)
+    assert log.now == pytest.approx(101.0, abs=0.003)
+
+
+@pytest.mark.parametrize('on_overflow', ['drop', 'block'])
+def test_frames_for_a_stopped_subscriber(
+        start: Start, tmp_path: Path, on_overflow: str) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow=on_overflow)
+    publisher = start('img_publisher', source='pattern:64x48@50', publish_rate=0,
+                      wait_for_subscribers=1)
+    subscriber.wait_for('Receiving video frame')
+    subscriber.interrupt(signal.SIGSTOP)
+    publisher.wait_for(WAITING_LINE)
+    subscriber.interrupt(signal.SIGCONT)
+    lines = subscriber.output.count('Receiving video frame')
+    subscriber.wait_until(lambda text: text.count('Receiving video frame') > lines + 1)
+    for process in (subscriber, publisher):
+        process.interrupt()
+        assert process.finish() == 0, process.output
+    received = int(re.search(
+        r'Received (\d+) frames .*, 0 dropped, 0 failed, 0 lost in', subscriber.output)[1])
+    written = read_pictures(tmp_path / 'out')
+    assert len(written) == received > 10
+    assert all(np.array_equal(picture, draw_pattern(number, 64, 48))
+               for number, picture in enumerate(written))
+
+
+def test_interrupted_wait_for_a_subscriber(start: Start, tmp_path: Path) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+    publisher = start('img_publisher', source='pattern:64x48@100', publish_rate=0,
+                      wait_for_subscribers=1)
+    subscriber.wait_for('Receiving video frame')
+    subscriber.interrupt(signal.SIGSTOP)
+    publisher.wait_for(WAITING_LINE)
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    subscriber.interrupt(signal.SIGCONT)
+    subscriber.interrupt()
+    assert subscriber.finish() == 0, subscriber.output

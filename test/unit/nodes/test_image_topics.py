@@ -1,0 +1,81 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics of frames, and the wait for their subscribers."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
+from conftest import spin_until
+from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.image_topics import ImageTopics
+from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from sharing import picture, TOPIC, Viewer
+
+
+def test_delay_after_the_last_awaited_subscriber(
+        node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
+    now = 100.0
+    clock = SimpleNamespace(monotonic=lambda: now)
+    assert not topics.may_publish()
+    first, _ = (node.create_subscription(Image, 'video_frames', print, 10) for _ in range(2))
+    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
+    monkeypatch.setattr('opencv_tools.nodes.publisher.image_topics.time', clock)
+    assert [topics.may_publish() for _ in range(2)] == [False, False]
+    now += 0.19
+    assert not topics.may_publish()
+    node.destroy_subscription(first)  # the next subscriber restarts the delay
+    spin_until(node, lambda: topics.images.get_subscription_count() == 1)
+    assert not topics.may_publish()
+    node.create_subscription(Image, 'video_frames', print, 10)
+    spin_until(node, lambda: topics.images.get_subscription_count() == 2)
+    assert not topics.may_publish()
+    now += 0.19
+    assert not topics.may_publish()
+    now += 0.02
+    assert topics.may_publish()
+    now -= 1.0
+    assert topics.may_publish()
+
+
+@pytest.mark.parametrize('is_live', [False, True])
+def test_frames_of_a_live_source_are_shared(node: Node, camera: Node, is_live: bool) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    viewer = Viewer(node)
+    viewer.watch(lambda: topics.images.get_subscription_count() > 0
+                 and viewer.publishers > 0)
+    number = 0
+
+    def publish() -> bool:
+        nonlocal number
+        if viewer.count == number:
+            number += 1
+            output = OutputImage(Frame(picture(number), '16UC1'), OutputSettings())
+            assert topics.publish(output, Time(sec=number), 'eye', is_live=is_live)
+        return viewer.shared > 20 if is_live else viewer.count > 300
+
+    viewer.watch(publish)
+    viewer.watch(lambda: viewer.count == number)
+    viewer.subscription.destroy()
+    topics.close()
+    assert viewer.numbers == {'eye': [*range(1, number + 1)]}
+    assert bool(viewer.shared) == is_live

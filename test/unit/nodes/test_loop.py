@@ -1,0 +1,89 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The publish loop without a thread of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from opencv_tools.capture.errors import BrokenFrameError
+from opencv_tools.nodes.publisher.camera_controls import CameraControls
+from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.image_topics import ImageTopics
+from opencv_tools.nodes.publisher.loop import PublishLoop
+from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
+from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
+from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+
+def create_loop(node: Node, **values: Any) -> PublishLoop:
+    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    controls = CameraControls(node, PARAMETERS, lambda: None)
+    return PublishLoop(node, PublisherSettings(**values), topics, controls)
+
+
+def test_exit_after_max_frames(node: Node) -> None:
+    loop = create_loop(node, source='pattern:64x48', publish_rate=0.0, max_frames=3)
+    assert loop.run() == EXIT_OK
+    assert loop.summary().startswith('Published 3 frames at ')
+    assert loop.camera is None
+
+
+def test_exit_without_a_source(
+        node: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    loop = create_loop(node, source=str(tmp_path / 'none.mp4'))
+    assert loop.run() == EXIT_FAILURE
+    assert 'none.mp4 cannot be opened: No such file or directory' in capfd.readouterr().err
+
+
+def test_stop_before_the_first_frame(node: Node) -> None:
+    loop = create_loop(node, source='pattern')
+    loop.stop()
+    assert loop.run() == EXIT_OK
+    assert loop.summary() == 'Published 0 frames at 0.0 Hz, 0 dropped'
+
+
+def test_changed_settings(node: Node) -> None:
+    loop = create_loop(node, source='pattern')
+    before = loop.settings
+    loop.apply_changes({'rotate': 90, 'publish_rate': 5.0})
+    assert (loop.settings.rotate, loop.settings.publish_rate) == (90, 5.0)
+    assert loop.settings.source == 'pattern'
+    assert before == PublisherSettings(source='pattern')
+
+
+def test_pause_without_an_open_source(node: Node) -> None:
+    loop = create_loop(node, source='pattern')
+    for data, message in ((False, 'paused'), (True, 'capturing')):
+        response = loop.set_capture(SetBool.Request(data=data), SetBool.Response())
+        assert (response.success, response.message) == (True, message)
+
+
+def test_rate_of_lines_about_the_same_broken_frame(
+        node: Node, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    loop = create_loop(node, source='pattern')
+    now = 100.0
+    monkeypatch.setattr('opencv_tools.logs.time', SimpleNamespace(monotonic=lambda: now))
+    for reason in 'abbbbb':
+        loop.broken(BrokenFrameError(f'reason {reason}'))
+        now += 0.4
+    output = capfd.readouterr().err
+    assert [output.count(f'frame dropped: reason {reason}') for reason in 'ab'] == [1, 2]
+    assert loop.summary().endswith(', 6 dropped')

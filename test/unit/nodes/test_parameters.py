@@ -1,0 +1,258 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Declaration, description and changes of parameters, and the parameters of both nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import math
+
+from opencv_tools.nodes.parameters import (
+    declare_parameters, Parameter, UnknownParameterError, watch_parameters)
+from opencv_tools.nodes.publisher import parameters as publisher_parameters
+from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
+from opencv_tools.topics.errors import ParameterError
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+
+TABLE = (
+    Parameter('name', 'x', 'a text'),
+    Parameter('kind', 'a', 'a choice', choices=('a', 'b'), changeable=True),
+    Parameter('rate', 1.5, 'a fraction', bounds=(0, 10), changeable=True),
+    Parameter('count', 3, 'a number', bounds=(1, 5), changeable=True),
+    Parameter('turn', 0, 'a choice of numbers', choices=(0, 90), changeable=True),
+    Parameter('on', False, 'a switch', changeable=True),
+    Parameter('even', 2, 'every other number', bounds=(0, 8), step=2, changeable=True),
+)
+
+
+TABLES = {'img_publisher': publisher_parameters.PARAMETERS,
+          'img_subscriber': subscriber_parameters.PARAMETERS}
+BILLION = 10**9
+# Valid values: smallest and largest number, a set of choices, or any text.
+VALUES = {
+    'img_publisher': {
+        'source': str, 'bag_topic': str, 'publish_rate': (0.0, 1000.0),
+        'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
+        'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
+        'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
+        'jpeg_quality': (1, 100), 'stamp': {'capture', 'publish', 'original'},
+        'stamp_offset': (-1e6, 1e6), 'clock': {False, True},
+        'read_timeout': (0.1, 1e6), 'reconnect': str, 'camera_info_url': str, 'camera_name': str,
+        'on_end': {'stop', 'loop', 'hold'}, 'loop': (0, BILLION), 'start_frame': (0, BILLION),
+        'stop_frame': (0, BILLION), 'max_frames': (0, BILLION),
+        'wait_for_subscribers': (0, 1000), 'priority': (0, 99)},
+    'img_subscriber': {
+        'output_dir': str, 'file_name': str, 'transport': {'auto', 'raw', 'compressed'},
+        'max_pixels': (1, 2**31),
+        'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
+        'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
+        'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),
+        'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},
+        'split_bytes': (0, 10**18), 'split_duration': (0.0, 1e9),
+        'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
+        'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
+        'timeout': (0.0, 1e9), 'priority': (0, 99)}}
+# Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
+FIXED = {'source', 'bag_topic', 'clock', 'camera_info_url', 'camera_name', 'on_end', 'loop',
+         'start_frame', 'stop_frame', 'max_frames', 'wait_for_subscribers', 'priority'}
+
+
+@pytest.fixture
+def context(domain: int) -> Iterator[Context]:
+    made = Context()
+    rclpy.init(context=made, domain_id=domain)
+    yield made
+    rclpy.shutdown(context=made)
+
+
+def declare_given(context: Context, table: tuple[Parameter, ...], **given: object) -> Node:
+    """Make a node as at the start, with parameters that were given."""
+    node = Node('given', context=context, automatically_declare_parameters_from_overrides=True,
+                parameter_overrides=[rclpy.Parameter(name, value=value)
+                                     for name, value in given.items()])
+    try:
+        declare_parameters(node, table)
+    except ParameterError:
+        node.destroy_node()
+        raise
+    return node
+
+
+def test_names_of_all_parameters() -> None:
+    assert {name: [parameter.name for parameter in table] for name, table in TABLES.items()} == {
+        name: list(allowed) for name, allowed in VALUES.items()}
+
+
+@pytest.mark.parametrize(('executable', 'name'), [
+    (executable, name) for executable, allowed in VALUES.items() for name in allowed])
+def test_valid_and_invalid_values(context: Context, executable: str, name: str) -> None:
+    table, allowed = TABLES[executable], VALUES[executable][name]
+    default = next(parameter.default for parameter in table if parameter.name == name)
+    right: list[object] = [default]
+    if allowed is str:
+        wrong: list[object] = [True, [1]]
+    elif isinstance(allowed, set):
+        right += allowed
+        wrong = [2, 'yes'] if allowed == {False, True} else ['other', 45, -1]
+    else:
+        right += allowed
+        least, most = allowed
+        if isinstance(default, float):
+            wrong = [math.nextafter(least, -math.inf), math.nextafter(most, math.inf), math.nan]
+        else:
+            wrong = [least - 1, most + 1, 1.5]
+        wrong += ['x', True]
+    for value in right:
+        node = declare_given(context, table, **{name: value})
+        got = node.get_parameter(name).value
+        descriptor = node.describe_parameter(name)
+        node.destroy_node()
+        assert (got, type(got)) == (value, type(default))
+        assert descriptor.read_only == (executable == 'img_subscriber' or name in FIXED)
+    for value in wrong:
+        with pytest.raises(ParameterError, match=f'parameter {name} is '):
+            declare_given(context, table, **{name: value})
+    bounds = [(found.from_value, found.to_value) for found in (
+        *descriptor.integer_range, *descriptor.floating_point_range)]
+    assert bounds == ([allowed] if isinstance(allowed, tuple) else [])
+    listed = descriptor.additional_constraints.removeprefix('one of: ').split(', ')
+    if isinstance(allowed, set) and allowed != {False, True}:
+        assert {str(choice) for choice in allowed if choice != ''} <= set(listed)
+    else:
+        assert listed == ['']
+
+
+@pytest.mark.parametrize(('name', 'meant'), [
+    ('count', ''), ('limit', 'limits'), ('lmits', 'limits'), ('use_sim_time', ''), ('whole', '')])
+def test_misspelt_parameter_that_ends_the_node(context: Context, name: str, meant: str) -> None:
+    table = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
+             Parameter('limits', 1, 'a limit', bounds=(0, 9), ends=True))
+    if meant:
+        with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
+            declare_given(context, table, **{name: 1})
+    else:
+        declare_given(context, table, **{name: name == 'use_sim_time' or 1}).destroy_node()
+
+
+@pytest.fixture
+def described(domain: int) -> Node:
+    """Create a node with the parameters of the table, some of them set."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain, args=[
+        '--ros-args', '-p', 'name:=7', '-p', 'rate:=2', '-p', 'count:=5', '-p', 'on:=1'])
+    node = Node('described', context=context,
+                automatically_declare_parameters_from_overrides=True)
+    node.values = declare_parameters(node, TABLE)
+    watch_parameters(node, TABLE, node.values.update)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_types_of_declared_values(described: Node) -> None:
+    assert described.values == {
+        'name': '7', 'kind': 'a', 'rate': 2.0, 'count': 5, 'turn': 0, 'on': True, 'even': 2}
+    assert described.get_parameter('rate').value == 2.0
+    assert isinstance(described.get_parameter('rate').value, float)
+
+
+def test_descriptors(described: Node) -> None:
+    rate = described.describe_parameter('rate')
+    assert rate.description == 'a fraction'
+    assert not rate.read_only
+    assert described.describe_parameter('name').read_only
+    (bounds,) = rate.floating_point_range
+    assert (bounds.from_value, bounds.to_value) == (0.0, 10.0)
+    (bounds,) = described.describe_parameter('count').integer_range
+    assert (bounds.from_value, bounds.to_value) == (1, 5)
+    assert described.describe_parameter('kind').additional_constraints == 'one of: a, b'
+    assert described.describe_parameter('turn').additional_constraints == 'one of: 0, 90'
+    (bounds,) = described.describe_parameter('even').integer_range
+    assert (bounds.from_value, bounds.to_value, bounds.step) == (0, 8, 2)
+
+
+def test_changes_at_run_time(described: Node) -> None:
+    for name, value in (('rate', 3.0), ('kind', 'b'), ('turn', 90), ('on', False), ('even', 8),
+                        ('rate', 4), ('on', 1)):
+        (result,) = described.set_parameters([rclpy.Parameter(name, value=value)])
+        assert result.successful, result.reason
+        assert described.values[name] == described.get_parameter(name).value == value
+        expected = {'rate': float, 'on': bool}.get(name, type(value))
+        assert type(described.get_parameter(name).value) is expected
+    assert described.describe_parameter('rate').type == rclpy.Parameter.Type.DOUBLE.value
+
+
+def test_changes_of_other_parameters(described: Node) -> None:
+    described.declare_parameter('other', 1)
+    before = dict(described.values)
+    assert described.set_parameters([rclpy.Parameter('other', value=2)])[0].successful
+    assert described.values == before
+    assert described.set_parameters_atomically(
+        [rclpy.Parameter('other', value=3), rclpy.Parameter('rate', value=5)]).successful
+    assert described.values == {**before, 'rate': 5.0}
+    assert described.get_parameter('other').value == 3
+
+
+def test_change_of_an_unknown_parameter(described: Node) -> None:
+    with pytest.raises(UnknownParameterError, match=r'parameter rat is .*; did you mean rate\?'):
+        described.set_parameters([rclpy.Parameter('rat', value=5)])
+
+
+@pytest.mark.parametrize(('name', 'value', 'reason'), [
+    ('name', 'y', 'read-only'), ('rate', 11.0, 'out of range'), ('rate', 11, 'out of range'),
+    ('rate', 'x', 'Wrong parameter'), ('rate', True, 'Wrong parameter'),
+    ('count', 3.0, 'Wrong parameter'), ('count', None, 'cannot be undeclared'),
+    ('kind', 'c', "parameter kind is 'c': give one of 'a', 'b'"),
+    ('turn', 45, 'parameter turn is 45: give one of 0, 90'), ('even', 3, 'not a valid step')])
+def test_refused_changes_at_run_time(
+        described: Node, name: str, value: object, reason: str) -> None:
+    before = dict(described.values)
+    (result,) = described.set_parameters([rclpy.Parameter(name, value=value)])
+    assert not result.successful
+    assert reason in result.reason
+    assert described.values == before
+
+
+def test_atomic_changes(described: Node) -> None:
+    before = dict(described.values)
+    result = described.set_parameters_atomically([
+        rclpy.Parameter('rate', value=4.0), rclpy.Parameter('turn', value=45)])
+    assert not result.successful
+    assert described.values == before
+
+
+@pytest.mark.parametrize(('index', 'value'), [
+    (0, [1]), (0, True), (1, 'c'), (2, 10.1), (2, -0.1), (2, float('nan')), (2, 'x'), (2, True),
+    (3, 0), (3, 2.0), (3, None), (4, 45), (4, '90'), (5, 2), (5, 'yes')])
+def test_refused_values(index: int, value: object) -> None:
+    with pytest.raises(ParameterError, match=f'parameter {TABLE[index].name} is '):
+        TABLE[index].accept(value)
+
+
+@pytest.mark.parametrize(('parameter', 'values', 'noun'), [
+    (Parameter('open', 1, 'a number'), (-2**63, 2**63 - 1), 'a whole number'),
+    (Parameter('open', 1.0, 'a number'), (-1e300, 1e300), 'a number')])
+def test_numbers_without_bounds(
+        context: Context, parameter: Parameter, values: tuple[float, ...], noun: str) -> None:
+    for value in values:
+        node = declare_given(context, (parameter,), open=value)
+        assert node.get_parameter('open').value == value
+        node.destroy_node()
+    for wrong in ('x', math.nan):
+        with pytest.raises(ParameterError, match=rf'parameter open is .*: give {noun} \(a number'):
+            parameter.accept(wrong)

@@ -1,0 +1,172 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Real-time priority of threads, with and without the permission."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from conftest import NodeProcess
+from opencv_tools.nodes.priority import given_priority
+from opencv_tools.transport.scheduling import explain_refusal, use_priority
+import pytest
+
+Start = Callable[..., NodeProcess]
+
+PRIORITY = 7
+REAL_TIME = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+REFUSAL = f'priority {PRIORITY} is not permitted (Operation not permitted)'
+WITHOUT_PERMISSION = ('prlimit', '--rtprio=0:0', *(
+    ('setpriv', '--bounding-set=-sys_nice', '--inh-caps=-sys_nice') if os.getuid() == 0 else ()))
+NODES = {
+    'img_publisher': ('Publishing video frame', {'source': 'pattern', 'encoding': 'mono8'}),
+    'img_subscriber': ('Receiving video frame', {}),
+    'img_filter': ('Filtering video frame', {'function': 'cv2:flip', 'arguments': '1'}),
+    'own.py': ('frame received', {})}
+OWN_NODE = f"""
+import sys
+from threading import Thread
+import time
+from opencv_tools.frames import FrameNode, main
+
+def create_node():
+    node = FrameNode('own')
+    node.receive_frames('video_frames', receive)
+    return node
+
+def receive(frame):
+    Thread(target=time.sleep, args=(100,), daemon=True).start()
+    print('frame received', flush=True)
+
+sys.exit(main(create_node, priority={PRIORITY}))
+"""
+
+
+def start_node(start: Start, tmp_path: Path, name: str, *within: str) -> NodeProcess:
+    """Start a node with a priority, and a publisher for it, and wait for its first frame."""
+    text, parameters = NODES[name]
+    if name != 'img_publisher':
+        start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    program = tmp_path / 'own.py'
+    program.write_text(OWN_NODE)
+    process = start(str(program) if name == 'own.py' else name, within=within, **parameters,
+                    **({} if name == 'own.py' else {'priority': PRIORITY}))
+    process.wait_for(text)
+    return process
+
+
+def real_time_threads(pid: int) -> list[str]:
+    """Return the names of the threads with a real-time priority; check their priority."""
+    names = []
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        policy = os.sched_getscheduler(int(task.name))
+        name = (task / 'comm').read_text().partition('.')[0]
+        if policy == os.SCHED_OTHER:
+            continue
+        assert os.sched_getparam(int(task.name)).sched_priority == PRIORITY
+        assert policy == (os.SCHED_RR if name == 'dds' else REAL_TIME)
+        names.append('main' if task.name == str(pid) else name)
+    return names
+
+
+def is_permitted() -> bool:
+    """Return whether this user may have a real-time priority."""
+    return subprocess.run(
+        ['chrt', '--rr', str(PRIORITY), 'true'], capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_threads_that_carry_frames(start: Start, tmp_path: Path, name: str) -> None:
+    process = start_node(start, tmp_path, name)
+    threads = real_time_threads(process.pid)
+    assert (REFUSAL in process.output) == (not is_permitted())
+    if is_permitted():
+        assert threads.count('dds') == 2  # of the topics, and of discovery
+        threads = [thread for thread in threads if thread != 'dds']
+        assert len(threads) == 1
+        assert (threads == ['main']) == (name != 'img_publisher')
+    else:
+        assert threads == []
+
+
+def test_thread_of_shared_frames(start: Start, tmp_path: Path) -> None:
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    start('edges.py')
+    program = tmp_path / 'own.py'
+    program.write_text(OWN_NODE)
+    process = start(str(program), '--ros-args', '-r', 'video_frames:=edges')
+    process.wait_for('frame received')
+    expected = 2 if is_permitted() else 0  # the executor, and the thread that waits for frames
+    process.wait_until(lambda _: expected == sum(
+        name != 'dds' for name in real_time_threads(process.pid)))
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_normal_scheduling_without_permission(start: Start, tmp_path: Path, name: str) -> None:
+    process = start_node(start, tmp_path, name, *WITHOUT_PERMISSION)
+    assert real_time_threads(process.pid) == []
+    process.interrupt()
+    assert process.finish() == 0, process.output
+    (line,) = (line for line in process.output.splitlines() if REFUSAL in line)
+    assert '[WARN]' in line
+    assert f"'* - rtprio {PRIORITY}'" in line
+    assert 'rror]' not in process.output  # of Fast DDS
+
+
+def test_normal_scheduling_by_default(start: Start) -> None:
+    publisher = start('img_publisher', source='pattern')
+    publisher.wait_for('Publishing video frame')
+    assert real_time_threads(publisher.pid) == []
+
+
+def test_calling_thread_is_not_changed() -> None:
+    before = os.sched_getscheduler(0)
+    explain_refusal(PRIORITY)
+    assert explain_refusal(0) == ''
+    use_priority(0)
+    assert os.sched_getscheduler(0) == before
+
+
+@pytest.mark.process
+def test_refusal_of_every_thread() -> None:
+    script = ('import os\n'
+              'from opencv_tools.transport.scheduling import explain_refusal, use_priority\n'
+              'use_priority(5)\n'
+              'print(os.sched_getscheduler(0), explain_refusal(5))')
+    finished = subprocess.run([*WITHOUT_PERMISSION, sys.executable, '-c', script], check=True,
+                              capture_output=True, text=True)
+    assert finished.stdout.startswith(f'{os.SCHED_OTHER} priority 5 is not permitted')
+
+
+@pytest.mark.parametrize(('words', 'priority'), [
+    ([], 0), (['-p', 'priority:=7'], 7), (['-p', 'mine:priority:=99'], 99),
+    (['-p', 'other:priority:=7'], 0), (['-p', 'priority:=100'], 0), (['-p', 'priority:=-1'], 0),
+    (['-p', 'priority:=high'], 0), (['-p', 'priority:=['], 0), (['--params-file', '{file}'], 3),
+    (['--params-file', '/nowhere'], 0)])
+def test_priority_of_the_command_line(tmp_path: Path, words: list[str], priority: int) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text('/**/mine:\n  ros__parameters:\n    priority: 3\n')
+    args = ['node', '--ros-args', *(word.format(file=file) for word in words)]
+    assert given_priority(args, 'mine') == priority
+
+
+def test_refused_priority(start: Start) -> None:
+    publisher = start('img_publisher', source='pattern', priority=100)
+    assert publisher.finish() == 2
+    assert 'parameter priority is 100: give a whole number from 0 to 99' in publisher.output

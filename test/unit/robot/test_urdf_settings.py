@@ -1,0 +1,148 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings of <gazebo reference>, and the elements of SDF with the same meaning."""
+
+from __future__ import annotations
+
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.settings import Setting, SETTINGS
+from opencv_tools.robot.xml.document import Element, parse, to_bytes
+from opencv_tools.robot.xml.report import Report
+import pytest
+from sdf_models import read as read_model
+from urdf_models import joint, LIMIT, read
+
+SPHERE = '<geometry><sphere radius="1"/></geometry>'
+ROBOT = joint(LIMIT).replace(
+    '<link name="a"/>', f'<link name="a"><collision>{SPHERE}</collision><collision name="c">'
+    f'{SPHERE}</collision></link>')
+SDF_SPHERE = '<geometry><sphere><radius>1</radius></sphere></geometry>'
+
+
+def sdf_of(content: str) -> tuple[Element, Report]:
+    """Convert URDF to SDF, and return the model."""
+    report = Report()
+    robot = read(ROBOT + content, report)
+    return convert_to_sdf(robot, report, inertial='zero')[0], report
+
+
+def urdf_of(content: str) -> tuple[Element, Report]:
+    """Convert a link of SDF with this content to URDF."""
+    report = Report()
+    robot = read_model(f'<link name="a">{content}</link>', report=report)
+    return convert_to_urdf(robot, report, inertial='zero'), report
+
+
+def settings_in(urdf: Element) -> list[tuple[str | None, str, str | None]]:
+    """Return reference, tag and text of the settings."""
+    return [(element.get('reference'), str(child.tag), child.text)
+            for element in urdf.iterchildren('gazebo') for child in element]
+
+
+def collision(surface: str, name: str = 'c') -> str:
+    """Return the text of a collision of SDF."""
+    return f'<collision name="{name}">{SDF_SPHERE}{surface}</collision>'
+
+
+@pytest.mark.parametrize('setting', SETTINGS, ids=lambda setting: setting.tag)
+def test_every_setting_there_and_back(setting: Setting) -> None:
+    tag, owner = setting.tag, setting.owner
+    flags = ('selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
+             'provideFeedback')
+    text = '0 1 0' if tag == 'fdir1' else 'true' if tag in flags else '0.5'
+    reference = 'j' if owner == 'joint' else 'a'
+    model, report = sdf_of(f'<gazebo reference="{reference}"><{tag}>{text}</{tag}></gazebo>')
+    assert [note.message for note in report.warnings] == []
+    prefix = 'link/collision' if owner == 'collision' else f'{owner}[@name="{reference}"]'
+    expected = 'false' if tag == 'turnGravityOff' else text
+    for path in setting.paths:
+        found = model.xpath(f'{prefix}/{path}/text()')
+        assert found == [expected] * (2 if owner == 'collision' else 1)
+    assert model.xpath('//*[local-name()="urdf"]') == []
+    back = convert_to_urdf(read_sdf(parse(to_bytes(model.getparent()), 'r.sdf', Report()),
+                                    Report()), Report())
+    assert settings_in(back) == [(reference, tag, text)]
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    ('<gazebo reference="a"><mu>0.5</mu></gazebo>', 'no effect in SDF'),
+    ('<gazebo reference="j"><mu1>0.5</mu1></gazebo>', 'no effect in SDF'),
+    ('<gazebo reference="a"><mu1>rough</mu1></gazebo>', "'rough' is not a number"),
+    ('<gazebo reference="a"><mu1/></gazebo>', 'has no value'),
+    ('<gazebo reference="a"><turnGravityOff>2</turnGravityOff></gazebo>', "'2' is not true")])
+def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> None:
+    model, report = sdf_of(content)
+    assert words in report.warnings[0].message
+    assert len(model.xpath('*[local-name()="urdf"]/gazebo/*')) == 1
+    assert model.xpath('//surface') == []
+
+
+@pytest.mark.parametrize('content', [
+    '<gazebo reference="j"><preserveFixedJoint>true</preserveFixedJoint></gazebo>',
+    '<gazebo reference="j"><disableFixedJointLumping>true</disableFixedJointLumping></gazebo>',
+    '<gazebo reference="a"><material>Gazebo/Red</material></gazebo>',
+    '<gazebo reference="b"><mu1>0.5</mu1></gazebo>'])
+def test_setting_that_sdf_does_not_need_stays_without_a_warning(content: str) -> None:
+    model, report = sdf_of(content)
+    assert len(model.xpath('*[local-name()="urdf"]/gazebo/*')) == 1
+    assert report.warnings == []
+
+
+def test_spring_of_a_joint_without_an_axis_stays_preserved() -> None:
+    text = '<dynamics><spring_stiffness>3</spring_stiffness></dynamics>'
+    robot = read_model('<link name="a"/><link name="b"/><joint name="j" type="revolute2">'
+                       f'<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz>{text}</axis>'
+                       '</joint>')
+    urdf = convert_to_urdf(robot, Report(), inertial='zero')
+    assert settings_in(urdf) == []
+    assert urdf.xpath('joint//spring_stiffness/text()') == ['3']
+
+
+def test_value_in_an_attribute() -> None:
+    model, report = sdf_of('<gazebo reference="a"><mu1 value="0.2"/></gazebo>')
+    assert model.xpath('//mu/text()') == ['0.2', '0.2']
+    assert report.warnings == []
+
+
+def test_last_of_several_values() -> None:
+    model, report = sdf_of('<gazebo reference="a"><mu1>1</mu1></gazebo>'
+                           '<gazebo reference="a"><mu1>2</mu1><mu2>3</mu2></gazebo>')
+    assert model.xpath('//mu/text()') == ['2', '2']
+    assert ["'2' replaces another" in note.message for note in report.warnings] == [True]
+
+
+def test_rest_of_the_surface_stays_preserved() -> None:
+    urdf, report = urdf_of(collision(
+        '<surface><friction><ode><mu>0.5</mu><slip1>2</slip1></ode></friction></surface>'))
+    assert settings_in(urdf) == [('a', 'mu1', '0.5')]
+    assert [element.tag for element in urdf.xpath('link//ode/*')] == ['slip1']
+    assert report.warnings == []
+
+
+@pytest.mark.parametrize('other', ['', '<max_contacts>5</max_contacts>'])
+def test_different_collisions_keep_their_values(other: str) -> None:
+    urdf, report = urdf_of(collision('<max_contacts>4</max_contacts>') + collision(other, 'd'))
+    assert settings_in(urdf) == []
+    assert urdf.xpath('link/collision[1]/*/max_contacts/text()') == ['4']
+    assert 'has one value of <max_contacts>' in report.warnings[0].message
+
+
+@pytest.mark.parametrize('decay', ['<linear>1</linear>', '<linear>1</linear><angular>2</angular>'])
+def test_velocity_decay_of_two_values_stays_as_it_is(decay: str) -> None:
+    urdf, report = urdf_of(f'<velocity_decay>{decay}</velocity_decay>')
+    kept, = urdf.findall('gazebo/velocity_decay')
+    assert ''.join(f'<{child.tag}>{child.text}</{child.tag}>' for child in kept) == decay
+    assert report.warnings == []

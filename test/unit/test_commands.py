@@ -1,0 +1,46 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Entry points of the executables: all of them, without long imports."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import subprocess
+import sys
+
+import opencv_tools.commands
+import pytest
+
+SETUP = Path(__file__).parents[2] / 'setup.py'
+
+
+def test_entry_points_of_the_package() -> None:
+    lines = [constant.value for constant in ast.walk(ast.parse(SETUP.read_text()))
+             if isinstance(constant, ast.Constant) and ' = ' in f'{constant.value}']
+    names = [line.partition(' = ')[0] for line in lines]
+    assert len(names) == 9
+    assert lines == [f'{name} = opencv_tools.commands:{name}' for name in names]
+    assert all(callable(getattr(opencv_tools.commands, name)) for name in names)
+
+
+@pytest.mark.process
+def test_imports_before_signals_are_handled() -> None:
+    script = ('import sys; before = {*sys.modules}; import opencv_tools.commands; '
+              'print(len({*sys.modules} - before), {"argparse", "numpy"} & {*sys.modules})')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60, check=True)
+    count, _, slow = finished.stdout.strip().partition(' ')
+    assert int(count) < 30 and slow == 'set()'

@@ -1,0 +1,283 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Order of frames that arrive in two ways, and the count of those that do not arrive."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from hypothesis import given, settings, strategies
+from opencv_tools.image.errors import CdrError
+from opencv_tools.topics.order import FrameOrder, Position, Way
+import pytest
+
+PUBLISHER = bytes(range(16))
+
+
+@pytest.mark.parametrize(('discovered', 'messages', 'lost', 'is_complete'), [
+    (10.0, [(1, 10.0), (2, 10.1), (5, 10.4)], 2, True),
+    (0.1, [(1, 0.2), (2, 0.3)], 0, True),
+    (10.0, [(3, 10.2), (4, 10.3)], 2, True),
+    (10.0, [(3, 10.2), (6, 10.5)], 4, True),
+    (10.0, [(3, 10.2)], 0, False),  # its rate is unknown
+    (10.0, [(1000, 10.2), (1001, 10.3), (1003, 10.5)], 1, False),  # it started before
+    (0.1, [(3, 0.3), (4, 0.4)], 0, False),  # it may have started before
+    (None, [(3, 0.3), (4, 0.4), (6, 0.6)], 1, False)])
+@pytest.mark.parametrize('are_shared', [False, True])
+def test_count_from_the_first_frame(
+        discovered: float | None, messages: Sequence[tuple[int, float]], lost: int,
+        is_complete: bool, are_shared: bool) -> None:
+    now = 0.0
+    order = FrameOrder(lambda: now)
+    if discovered is not None:
+        now = discovered
+        order.discover([PUBLISHER])
+    if are_shared:
+        order.change(PUBLISHER, Way.SHARED)
+    for number, now in messages:
+        position = Position(0, number, False) if are_shared else Position(number)
+        assert order.accepts(PUBLISHER, position, 5_000_000_000 + int(now * 1e9))
+    assert (order.count, order.is_complete) == (lost, is_complete)
+
+
+@pytest.mark.parametrize(('messages', 'frames', 'lost', 'is_complete'), [
+    (3, 3, 3, True), (3, 8, 8, True), (3, 108_000, 0, False)])
+def test_frames_before_the_first_message_that_are_learned_later(
+        messages: int, frames: int, lost: int, is_complete: bool) -> None:
+    now = 0.0
+    order = FrameOrder(lambda: now)
+    now = 2.7
+    order.discover([PUBLISHER])
+    for number, now in ((4, 3.0), (5, 3.1), (6, 3.2)):
+        assert order.accepts(PUBLISHER, Position(number), int(now * 1e9))
+    assert (order.count, order.is_complete) == (3, True)
+    order.learn(PUBLISHER, messages, frames)
+    assert (order.count, order.is_complete) == (lost, is_complete)
+    assert order.accepts(PUBLISHER, Position(8), int(3.4e9))
+    assert order.count == lost + 1
+
+
+def test_numbers_of_a_liar_that_do_not_increase() -> None:
+    order = FrameOrder()
+    order.change(PUBLISHER, Way.SHARED)
+    assert order.accepts(PUBLISHER, Position(100, 5, False), 5)
+    assert order.accepts(PUBLISHER, Position(100, 6, False), 6)
+    assert order.count == 0
+
+
+def test_messages_without_numbers() -> None:
+    order = FrameOrder()
+    assert all(order.accepts(PUBLISHER, Position(0), 0) for _ in range(3))
+    assert (order.count, order.is_complete) == (0, False)
+
+
+def test_messages_that_arrived_without_their_number() -> None:
+    order = FrameOrder()
+    for number, unnumbered, lost in ((1, 0, 0), (3, 1, 0), (4, 0, 0), (7, 1, 1), (9, 0, 2)):
+        for _ in range(unnumbered):
+            order.add_unnumbered()
+        assert order.accepts(PUBLISHER, Position(number), number)
+        assert order.count == lost
+
+
+def test_repeated_and_late_messages() -> None:
+    order = FrameOrder()
+    numbers = [1, 2, 2, 5, 3, 4, 5, 6]
+    assert [number for number in numbers if order.accepts(
+        PUBLISHER, Position(number), number)] == [1, 2, 5, 6]
+    assert order.count == 2
+
+
+@pytest.mark.parametrize('position', [
+    Position(2**64 - 1), Position(2**40), Position(2**64 - 1, 2, True), Position(2, 2**64 - 1),
+    Position(2, 2**33 + 1, False), Position(2**48 + 1, 2**48 + 1)])
+def test_numbers_beyond_reason(position: Position) -> None:
+    order = FrameOrder()
+    order.change(PUBLISHER, Way.SHARED if position.number else Way.TOPIC)
+    first = Position(1, 1) if position.number else Position(1)
+    assert order.accepts(PUBLISHER, first, 0)
+    with pytest.raises(CdrError, match=f'is {max(position)}, that of the last frame 1'):
+        order.accepts(PUBLISHER, position, 0)
+    assert order.accepts(PUBLISHER, first._replace(
+        message=2, number=2 if position.number else 0), 0)
+    assert order.count == 0
+
+
+@pytest.mark.parametrize('is_known_before', [False, True])
+def test_frames_before_the_image_topic(is_known_before: bool) -> None:
+    order = FrameOrder()
+    order.change(PUBLISHER, Way.SHARED)
+    for number in range(1, 6):
+        assert order.accepts(PUBLISHER, Position(0, number, False), 0)
+    order.change(PUBLISHER, Way.TOPIC)  # the shared memory has failed, then 14 frames are lost
+    if is_known_before:
+        order.learn(PUBLISHER, 0, 19)
+    for message in range(1, 4):
+        assert order.accepts(PUBLISHER, Position(message), 0)
+    order.learn(PUBLISHER, 0, 19)
+    assert order.count == 14
+
+
+@pytest.mark.parametrize(('period', 'is_complete'), [(1.0, True), (2.0, False)])
+def test_start_of_a_publisher_that_only_shared_before(period: float, is_complete: bool) -> None:
+    now = 0.0
+    order = FrameOrder(lambda: now)
+    now = 10.0
+    order.discover([PUBLISHER])
+    assert order.accepts(PUBLISHER, Position(3), 0)
+    order.learn(PUBLISHER, 0, 5)  # so that its number is 8
+    now += period
+    assert order.accepts(PUBLISHER, Position(4), int(period * 1e9))
+    assert (order.count, order.is_complete) == (7 if is_complete else 0, is_complete)
+
+
+def test_subscription_beside_frames_that_others_share() -> None:
+    order = FrameOrder()
+    order.learn(PUBLISHER, 3, 200)  # an announcement of some time ago
+    assert order.accepts(PUBLISHER, Position(4), 0)
+    order.learn(PUBLISHER, 3, 230)
+    order.change(PUBLISHER, Way.JOINING)
+    assert order.accepts(PUBLISHER, Position(5, 232), 0)
+    assert (order.count, order.is_complete) == (0, False)
+    assert order.accepts(PUBLISHER, Position(5, 234, False), 0)
+    assert order.count == 1
+
+
+def test_many_publishers() -> None:
+    order = FrameOrder()
+    for number in range(1000):
+        publisher = number.to_bytes(16, 'big')
+        order.discover([publisher])
+        assert order.accepts(publisher, Position(1), 0)
+        assert order.accepts(publisher, Position(3), 0)
+    assert order.count == 1000
+    assert len(order.accepted) < 200
+
+
+class Topic:
+    """A publisher and a subscription, with frames on their way by both ways."""
+
+    def __init__(self) -> None:
+        self.order = FrameOrder()
+        self.order.change(PUBLISHER, Way.TOPIC)
+        self.passed: list[int] = []
+        self.frames = self._messages = 0
+        self._is_subscribed = True
+        self._has_others = False
+        self._is_open = False
+        self._memory: deque[tuple[Position, int]] = deque()
+        self._topic: deque[tuple[Position, int]] = deque()
+
+    def publish(self) -> None:
+        """Publish a frame in the ways that have subscribers, by shared memory first."""
+        is_message = self._is_subscribed or self._has_others
+        self.frames += 1
+        self._messages += is_message
+        if self._is_open:
+            self._memory.append((Position(self._messages, self.frames, is_message), self.frames))
+        if self._is_subscribed:
+            self._topic.append((Position(self._messages), self.frames))
+
+    def lose(self) -> None:
+        """Publish a frame that finds no room in the shared memory."""
+        is_open, self._is_open = self._is_open, False
+        self.publish()
+        self._is_open = is_open
+
+    def receive_message(self) -> None:
+        """Take a message of the image topic, after the shared frames that may precede it."""
+        if self._topic:
+            if self._way is Way.LEAVING:
+                while self._memory:
+                    self.receive_shared()
+            self._receive(*self._topic.popleft())
+        self._adapt()
+
+    def receive_shared(self) -> None:
+        """Receive a shared frame."""
+        if self._memory:
+            self._receive(*self._memory.popleft())
+
+    def join(self) -> None:
+        """Open the shared memory."""
+        if not self._is_open and self._way is Way.TOPIC:
+            self._is_open = True
+            self._memory.clear()
+            self.order.change(PUBLISHER, Way.JOINING)
+
+    def stop_joining(self) -> None:
+        """Give up the messages that are missing, as nothing waits on the image topic."""
+        if self._way is Way.JOINING and not self._topic:
+            self.order.stop_joining(PUBLISHER)
+
+    def leave(self) -> None:
+        """Return to the image topic."""
+        if self._way is Way.SHARED:
+            self.order.change(PUBLISHER, Way.LEAVING)
+        self._adapt()
+
+    def fail(self) -> None:
+        """Lose the shared memory."""
+        self._is_open = False
+        self._memory.clear()
+        self.order.change(PUBLISHER, Way.TOPIC)
+        self._adapt()
+
+    def others(self) -> None:
+        """Let other subscriptions to the image topic come or go."""
+        self._has_others = not self._has_others
+
+    def end(self) -> None:
+        """Receive all, and learn how many frames were published."""
+        self.order.learn(PUBLISHER, self._messages, self.frames)
+        while self._memory or self._topic:
+            self.receive_shared()
+            self.receive_message()
+
+    @property
+    def _way(self) -> Way:
+        return self.order.way(PUBLISHER)
+
+    def _adapt(self) -> None:
+        self._is_subscribed = self._way is not Way.SHARED
+        if self._way is Way.TOPIC:
+            self._is_open = False
+            self._memory.clear()
+
+    def _receive(self, position: Position, number: int) -> None:
+        if self.order.accepts(PUBLISHER, position, 0):
+            self.passed.append(number)
+
+
+ACTIONS = (*['publish'] * 6, *['receive_message'] * 4, *['receive_shared'] * 4, 'join', 'lose',
+           'stop_joining', 'leave', 'fail', 'others')
+
+
+@settings(max_examples=400, deadline=None)
+@given(strategies.lists(strategies.sampled_from(ACTIONS), max_size=150))
+def test_changes_between_topic_and_memory(actions: list[str]) -> None:
+    topic = Topic()
+    for action in actions:
+        getattr(topic, action)()
+    topic.end()
+    if not {'lose', 'stop_joining', 'fail', 'others'} & {*actions}:
+        assert topic.order.count == 0
+    assert topic.passed == sorted(set(topic.passed))  # in order, none twice
+    if topic.passed:
+        published = topic.order._publishers[PUBLISHER].last
+        assert topic.passed[-1] <= published <= topic.frames
+        first = 1 if topic.order.is_complete else topic.passed[0]
+        assert topic.order.count == published - first + 1 - len(topic.passed)

@@ -1,0 +1,204 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the queue of a subscription keeps, pairs, skips and counts."""
+
+from __future__ import annotations
+
+from queue import Queue
+from threading import Thread
+import time
+
+from builtin_interfaces.msg import Time
+from conftest import DEADLINE
+from opencv_tools.image.cdr import WireHeader, WireImage
+from opencv_tools.image.errors import CdrError
+from opencv_tools.topics.order import Position, Way
+from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
+import pytest
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+
+PUBLISHER = bytes(range(16))
+
+
+def frame(number: int) -> ReceivedMessage:
+    image = WireImage(header=WireHeader(number, 500, 'camera'), height=1, width=1,
+                      encoding='mono8', is_bigendian=False, step=1, data=b'\0')
+    return ReceivedMessage(image, number, number, number)
+
+
+def info(number: int) -> CameraInfo:
+    return CameraInfo(header=Header(stamp=Time(sec=number, nanosec=500)), width=number)
+
+
+def put(queue: FrameQueue, *numbers: int, **options: bool) -> None:
+    for number in numbers:
+        queue.put(frame(number), PUBLISHER, Position(number), **options)
+
+
+def pop_all(queue: FrameQueue) -> list[int]:
+    """Return the numbers of all frames, after a check of their calibrations."""
+    numbers = []
+    while popped := queue.pop():
+        assert isinstance(popped, ReceivedMessage)
+        assert popped.camera_info is None or popped.camera_info.width == popped.number
+        numbers.append(popped.number)
+    return numbers
+
+
+@pytest.mark.parametrize(('capacity', 'kept'), [(1, [5]), (3, [3, 4, 5]), (9, [1, 2, 3, 4, 5])])
+def test_frames_that_find_the_queue_full(capacity: int, kept: list[int]) -> None:
+    queue = FrameQueue(capacity)
+    put(queue, 1, 2, 3, 4, 5)
+    assert (pop_all(queue), queue.skipped, queue.count) == (kept, 5 - len(kept), 5)
+
+
+def test_frames_that_may_exceed_the_capacity() -> None:
+    queue = FrameQueue(2)
+    put(queue, 1, 2, 3, 4, keeps_all=True)
+    assert (pop_all(queue), queue.skipped) == ([1, 2, 3, 4], 0)
+
+
+def test_repeated_frame_is_in_no_count() -> None:
+    queue = FrameQueue(9)
+    put(queue, 1, 2, 2, 1, 3)
+    assert (pop_all(queue), queue.skipped, queue.count, queue.order.count) == ([1, 2, 3], 0, 3, 0)
+
+
+def test_message_whose_number_jumps_is_one_error() -> None:
+    queue = FrameQueue(9)
+    put(queue, 1, 2**40, 2)
+    frames = [queue.pop() for _ in range(3)]
+    assert [type(found) for found in frames] == [ReceivedMessage, CdrError, ReceivedMessage]
+    assert isinstance(frames[1], CdrError)
+    assert str(2**40) in str(frames[1])
+    assert frames[1].__traceback__ is None  # it would keep the pixels
+    assert (queue.order.count, queue.skipped) == (0, 0)
+
+
+def test_discarded_message_explains_the_next_gap() -> None:
+    queue = FrameQueue(9)
+    put(queue, 1)
+    queue.put(CdrError('broken'), b'', None)
+    put(queue, 3, 5)
+    assert (queue.order.count, queue.count) == (1, 4)
+
+
+def test_way_of_the_publisher_is_returned() -> None:
+    queue = FrameQueue(9)
+    queue.order.change(PUBLISHER, Way.JOINING)
+    assert queue.put(frame(1), PUBLISHER, Position(1)) is Way.JOINING
+    assert queue.put(frame(2), PUBLISHER, Position(2, 2)) is Way.SHARED
+    assert queue.put(frame(2), PUBLISHER, Position(2)) is Way.SHARED  # not accepted
+    assert pop_all(queue) == [1, 2]
+
+
+@pytest.mark.parametrize('is_info_first', [False, True])
+def test_frames_and_their_calibrations(is_info_first: bool) -> None:
+    queue = FrameQueue(9, with_info=True)
+    for number in (1, 2, 3):
+        if is_info_first:
+            queue.put_info(info(number))
+        put(queue, number)
+        assert queue.has_frames == is_info_first
+        if not is_info_first:
+            assert queue.has_unpaired
+            queue.put_info(info(number))
+        assert not queue.has_unpaired
+        assert pop_all(queue) == [number]
+    assert (queue.skipped, queue.complete) == (0, 3)
+
+
+def test_frames_without_a_calibration_are_skipped() -> None:
+    queue = FrameQueue(9, with_info=True)
+    put(queue, 1, 2, 3, 4)
+    queue.put_info(info(3))
+    assert (pop_all(queue), queue.skipped, queue.has_unpaired) == ([3], 2, True)
+    queue.put_info(info(4))
+    assert (pop_all(queue), queue.skipped, queue.complete) == ([4], 2, 2)
+
+
+@pytest.mark.parametrize('with_info', [False, True])
+def test_calibration_that_is_not_requested(with_info: bool) -> None:
+    queue = FrameQueue(9, with_info=with_info)
+    queue.put_info(info(7))
+    put(queue, 1)
+    assert pop_all(queue) == ([] if with_info else [1])
+
+
+def test_calibrations_that_complete_more_than_fit() -> None:
+    queue = FrameQueue(1, with_info=True)
+    put(queue, 1)
+    queue.put_info(info(1))
+    put(queue, 2)
+    queue.put_info(info(2))
+    assert (pop_all(queue), queue.skipped) == ([2], 1)
+
+
+def test_calibrations_that_never_find_their_frame() -> None:
+    queue = FrameQueue(1, with_info=True)
+    for number in range(100):
+        queue.put_info(info(number))
+    put(queue, 60)
+    assert pop_all(queue) == []
+    put(queue, 99)
+    assert (pop_all(queue), queue.skipped) == ([99], 1)
+
+
+def test_images_that_wait_for_a_calibration_are_bounded() -> None:
+    queue = FrameQueue(3, with_info=True)
+    put(queue, *range(1, 101))
+    assert queue.skipped == 95
+    queue.put_info(info(97))
+    assert pop_all(queue) == [97]
+
+
+def test_error_waits_for_no_calibration() -> None:
+    queue = FrameQueue(9, with_info=True)
+    queue.put(CdrError('broken'), PUBLISHER, Position(1))
+    assert isinstance(queue.pop(), CdrError)
+
+
+def test_closed_queue_skips_what_waits() -> None:
+    queue = FrameQueue(9, with_info=True)
+    queue.put_info(info(1))
+    put(queue, 1, 2, 3)
+    queue.close()
+    assert (queue.wait(), queue.pop(), queue.skipped) == (None, None, 3)
+
+
+@pytest.mark.parametrize('with_info', [False, True])
+def test_thread_that_waits(with_info: bool) -> None:
+    queue = FrameQueue(9, with_info=with_info)
+    taken: Queue[object] = Queue()
+
+    def take() -> None:
+        while found := queue.wait():
+            taken.put(found)
+        taken.put(None)
+
+    thread = Thread(target=take, daemon=True)
+    thread.start()
+    for number in (1, 2, 3):
+        put(queue, number)
+        if with_info:
+            time.sleep(0.05)  # in which the thread finds that the calibration is missing
+            queue.put_info(info(number))
+        found = taken.get(timeout=30.0)
+        assert isinstance(found, ReceivedMessage)
+        assert (found.number, found.camera_info is not None) == (number, with_info)
+    queue.close()
+    assert taken.get(timeout=DEADLINE) is None
+    thread.join(DEADLINE)

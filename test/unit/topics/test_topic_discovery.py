@@ -1,0 +1,88 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Image topics, and the explanation when no frames arrive."""
+
+from __future__ import annotations
+
+from conftest import spin_until
+from opencv_tools.topics.topic_discovery import TopicDiscovery
+import pytest
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import String
+
+TOPIC = '/video_frames'
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.mark.parametrize(('transport', 'published', 'sentence'), [
+    ('raw', {TOPIC: String},
+     '/video_frames has a publisher of type std_msgs/msg/String (node /front/camera), '
+     'not sensor_msgs/msg/Image; no images are published in ROS_DOMAIN_ID'),
+    ('auto', {TOPIC: String, '/b': Image, '/a': CompressedImage},
+     'not sensor_msgs/msg/Image; images are published on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'receive one with -r video_frames:=/a'),
+    ('raw', {TOPIC: CompressedImage},
+     '/video_frames has a publisher of type sensor_msgs/msg/CompressedImage '
+     '(node /front/camera), not sensor_msgs/msg/Image; '
+     'set transport:=compressed or transport:=auto'),
+    ('raw', {f'{TOPIC}/compressed': CompressedImage},
+     'no publisher of sensor_msgs/msg/Image on /video_frames, but one of '
+     'sensor_msgs/msg/CompressedImage on /video_frames/compressed (node /front/camera); '
+     'set transport:=compressed or transport:=auto'),
+    ('compressed', {TOPIC: Image},
+     'no publisher of sensor_msgs/msg/CompressedImage on /video_frames/compressed, but one of '
+     'sensor_msgs/msg/Image on /video_frames (node /front/camera); '
+     'set transport:=raw or transport:=auto'),
+    ('raw', {f'/{letter}': Image for letter in 'gfedcba'},
+     'no publisher on /video_frames; images are published on /a, /b, /c, /d, /e and 2 more in '
+     'ROS_DOMAIN_ID {domain}; receive one with -r video_frames:=/a'),
+    ('raw', {'/a': CompressedImage, '/b': Image, '/c': String},
+     'images are published on /a, /b in ROS_DOMAIN_ID {domain}; '
+     'receive one with -r video_frames:=/b'),
+    ('raw', {'/jpeg': CompressedImage},
+     'receive one with -r video_frames:=/jpeg -p transport:=auto'),
+    ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; images'),
+])
+def test_explanation_with_a_remedy(
+        node: Node, camera: Node, domain: int, transport: str, published: dict[str, type],
+        sentence: str) -> None:
+    for topic, message_type in published.items():
+        camera.create_publisher(message_type, topic, RELIABLE)
+    discovery = TopicDiscovery(node, 'video_frames', transport)
+    spin_until(node, lambda: all(map(node.count_publishers, published)) and (
+        '_NODE_NAME_UNKNOWN_' not in {
+            info.node_name for topic in published
+            for info in node.get_publishers_info_by_topic(topic)}))
+    assert sentence.format(domain=domain) in discovery.explain_no_frames(
+        discovery.allowed[0], RELIABLE)
+
+
+def test_own_topics_are_not_suggested(node: Node) -> None:
+    node.create_publisher(Image, '/filtered', RELIABLE)
+    discovery = TopicDiscovery(node, 'video_frames', 'raw')
+    spin_until(node, lambda: node.count_publishers('/filtered') == 1)
+    assert 'no images are published' in discovery.explain_no_frames(
+        discovery.allowed[0], RELIABLE)
+
+
+def test_explanation_of_incompatible_qos(node: Node, camera: Node) -> None:
+    discovery = TopicDiscovery(node, 'video_frames', 'auto')
+    camera.create_publisher(Image, TOPIC, BEST_EFFORT)
+    spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
+    assert 'best effort publisher and reliable subscription' in discovery.explain_no_frames(
+        discovery.allowed[0], RELIABLE)
