@@ -24,6 +24,7 @@ import itertools
 import json
 import os
 from pathlib import Path
+import re
 import resource
 import shutil
 import signal
@@ -130,8 +131,8 @@ class NodeProcess:
         self._process.send_signal(number)
 
     def segments(self) -> set[Path]:
-        """Return the shared memory files of Fast DDS that the process uses."""
-        return mapped_segments(self._process.pid)
+        """Return the shared memory files of Fast DDS that the process has created."""
+        return created_segments(self._process.pid)
 
     def kill(self) -> None:
         """End the process by SIGTERM, or by SIGKILL after 5 s."""
@@ -142,6 +143,22 @@ class NodeProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+
+
+def created_segments(pid: int) -> set[Path]:
+    """
+    Return the shared memory files of Fast DDS that a process has created; it holds their locks.
+
+    It maps more: the ports for data are numbered across all domains, so a node that takes the port
+    of a killed one still gets messages for that.
+    """
+    files = set[Path]()
+    with suppress(OSError):  # it has ended
+        for link in Path(f'/proc/{pid}/fd').iterdir():
+            with suppress(FileNotFoundError):  # closed meanwhile
+                files.add(link.readlink())
+    return {path.with_name(path.name.removesuffix('_el')) for path in files
+            if path.parent == _LOCKS and re.fullmatch('fastrtps_.*_el', path.name)}
 
 
 def mapped_segments(pid: int) -> set[Path]:

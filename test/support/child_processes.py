@@ -28,7 +28,7 @@ import subprocess
 from threading import Thread
 import time
 
-from conftest import DEADLINE
+from conftest import created_segments, DEADLINE
 
 _COLOUR = re.compile('\x1b\\[[0-9;]*m')
 _SHARED_FILE = re.compile(r'/dev/shm/\S*(?:fastrtps_[0-9a-f]{16}|opencv_tools_\S+)')
@@ -146,8 +146,10 @@ class Child:
         self._close()
 
     def find_shared_files(self) -> None:
-        """Add the files in /dev/shm that the process uses now."""
-        self.shared_files |= shared_files(Path(f'/proc/{self._process.pid}'))
+        """Add the files in /dev/shm that the process uses now, of Fast DDS those it created."""
+        created = created_segments(self._process.pid)
+        self.shared_files |= {path for path in shared_files(Path(f'/proc/{self._process.pid}'))
+                              if path in created or 'fastrtps' not in path.name}
 
     def _close(self) -> None:
         if self._process.stdin:
