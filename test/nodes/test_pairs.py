@@ -150,7 +150,8 @@ def end(case: Case, publisher: Publisher, receiver: Receiver) -> int:
     if case.interrupt != 'idle':
         receiver.hold()
     if case.publisher_end == 'killed':
-        publisher.signal(signal.SIGKILL)
+        publisher.find_shared_files()
+        publisher.order('die')
         assert publisher.finish() == -signal.SIGKILL
     elif case.publisher_end == 'ends':
         publisher.end()
