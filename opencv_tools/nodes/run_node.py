@@ -30,6 +30,7 @@ from typing import Any
 
 from opencv_tools.logs import Log
 from opencv_tools.nodes.command_line import check_ros_arguments
+from opencv_tools.nodes.exit_timer import exit_after
 from opencv_tools.nodes.log_folder import replace_log_folder
 from opencv_tools.nodes.parameters import describe_parameters, Parameter
 from opencv_tools.signals import handle_signals, ignore_signals
@@ -54,6 +55,7 @@ EXIT_FAILURE = 1
 EXIT_USAGE = 2
 
 _FORCE_QUIT_SECONDS = 1.0
+_DESTROY_SECONDS = 5  # usually 0.05; `ros2 launch` kills a node after 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,16 +292,21 @@ def _run(node: ClosableNode, signals: _Signals) -> int:
     node.done.add_done_callback(end_spin)
     signals.force = node.hurry
     signals.wake(end_spin)
+    status = EXIT_FAILURE
     try:
-        while not (signals.received or node.done.done()):
-            executor.spin_once()
-    finally:
         try:
-            status = node.close()
+            while not (signals.received or node.done.done()):
+                executor.spin_once()
         finally:
-            signals.end()
-            node.done.remove_done_callback(end_spin)
-            executor.shutdown()
+            closed = node.close()
+        status = closed
+    finally:
+        signals.end()
+        node.done.remove_done_callback(end_spin)
+        executor.shutdown()
+        # Fast DDS 2.14 of PyPI waits for ever if it learns at this moment that another node ends:
+        # its set_listener() waits until a time that overflows, with the mutex.
+        with exit_after(_DESTROY_SECONDS, status):
             node.destroy_node()
     return status
 
