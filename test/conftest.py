@@ -345,6 +345,18 @@ def mount_namespace() -> tuple[str, ...]:
     return command
 
 
+def destroy(node: Node) -> None:
+    """
+    Destroy a node and its context.
+
+    Fast DDS 2.14 of PyPI waits for ever if another node of this process is destroyed while it
+    learns that this one has ended, so this waits a moment.
+    """
+    node.destroy_node()
+    rclpy.shutdown(context=node.context)
+    time.sleep(0.03)
+
+
 @pytest.fixture
 def node(domain: int) -> Iterator[Node]:
     """Create a plain rclpy node in this process."""
@@ -352,8 +364,7 @@ def node(domain: int) -> Iterator[Node]:
     rclpy.init(context=context, domain_id=domain)
     plain = Node('plain', context=context)
     yield plain
-    plain.destroy_node()
-    rclpy.shutdown(context=context)
+    destroy(plain)
 
 
 @pytest.fixture
@@ -363,8 +374,7 @@ def camera(domain: int) -> Iterator[Node]:
     rclpy.init(context=context, domain_id=domain)
     publishing = Node('camera', context=context, namespace='/front')
     yield publishing
-    publishing.destroy_node()
-    rclpy.shutdown(context=context)
+    destroy(publishing)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from conftest import DEADLINE, NodeProcess
+from conftest import DEADLINE, destroy, NodeProcess
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
@@ -142,8 +142,7 @@ def odd_camera(domain: int) -> Iterator[OddCamera]:
     yield camera
     executor.shutdown()
     thread.join()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    destroy(node)
 
 
 TEXT, UNSET = ParameterValue(type=4, string_value='b'), ParameterValue()

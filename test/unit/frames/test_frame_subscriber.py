@@ -29,7 +29,7 @@ from types import FrameType
 from typing import Any
 import uuid
 
-from conftest import DEADLINE, spin_until
+from conftest import DEADLINE, destroy, spin_until
 from numbered_nodes import offer
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
 from opencv_tools.topics.errors import ParameterError
@@ -128,8 +128,7 @@ def neighbour(domain: int) -> Iterator[Node]:
     rclpy.init(context=context, domain_id=domain)
     node = Node('neighbour', context=context)
     yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    destroy(node)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ import sys
 import threading
 import time
 
-from conftest import DEADLINE, spin_until
+from conftest import DEADLINE, destroy, spin_until
 from opencv_tools.image.cdr import (
     cdr_to_image, image_to_cdr, WireCompressedImage, WireImage, WireMessage,
 )
@@ -662,21 +662,18 @@ def test_auto_changes_to_raw_before_the_first_frame(
 @pytest.fixture
 def remapped(domain: int) -> Iterator[Callable[[str], Node]]:
     """Return a function that creates a node with a remapping of ``video_frames``."""
-    contexts: list[Context] = []
     nodes: list[Node] = []
 
     def _remapped(target: str) -> Node:
-        contexts.append(Context())
-        rclpy.init(context=contexts[-1], domain_id=domain)
-        nodes.append(Node('remapped', context=contexts[-1], namespace='/robot',
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        nodes.append(Node('remapped', context=context, namespace='/robot',
                           cli_args=['--ros-args', '-r', f'video_frames:={target}']))
         return nodes[-1]
 
     yield _remapped
     for created in nodes:
-        created.destroy_node()
-    for context in contexts:
-        rclpy.shutdown(context=context)
+        destroy(created)
 
 
 @pytest.mark.parametrize(('transport', 'message_type', 'target', 'topic'), [
