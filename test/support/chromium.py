@@ -154,7 +154,11 @@ class Page:
 
     def wait_for(self, expression: str) -> Any:
         """Wait until an expression is true, and return its value."""
-        return wait_until(lambda: self.evaluate(expression), expression)
+        try:
+            return wait_until(lambda: self.evaluate(expression), expression)
+        except AssertionError as err:
+            shown = self.evaluate('document.body.innerText')
+            raise AssertionError(f'{err}: {self.complaints()} on the page\n{shown}') from err
 
     def resize(self, width: int, height: int, scale: float = 1.0) -> None:
         """Set the size of the viewport in pixels of the style sheet."""
