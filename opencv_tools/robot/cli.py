@@ -76,8 +76,8 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
 def robot_compare(argv: Sequence[str] | None = None) -> int:
     """Compare two robots and return 0 if they are the same, else 1."""
     parser = _parser('robot_compare', 'Compare two robots in any formats: inertials, shapes, '
-                     'colours, joints, and\nposes at zero and at random joint positions; not '
-                     'friction, sensors and plugins.',
+                     'colours, joints, and\nposes at zero and at random joint positions; also '
+                     'friction, sensors and\nplugins with --all.',
                      'my_arm.urdf my_arm/model.sdf', 'the robots differ')
     _add_input(parser, 'A', _ANY_FORMAT)
     _add_input(parser, 'B', _ANY_FORMAT)
@@ -86,7 +86,8 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--samples', type=_count, default=20, metavar='N',
                         help='number of random joint positions [%(default)s]')
     parser.add_argument('--all', action='store_true',
-                        help=f'list all differences, not only the first {_MAX_DIFFERENCES}')
+                        help='compare all other elements too, such as friction, sensors and '
+                        f'plugins, and list more than {_MAX_DIFFERENCES} differences')
     parser.add_argument('--tolerance', type=_tolerance, default=1e-9, metavar='X',
                         help='greatest difference in metres, radians and other units; relative '
                         'for values above 1 and for inertials [%(default)s]')
@@ -230,7 +231,8 @@ def _robot_compare(options: argparse.Namespace, report: Report) -> int:
         raise DescriptionError('only one of both robots can be on standard input')
     a, b = (with_original_names(_read(path, options, report)[0])
             for path in (options.a, options.b))
-    found = differences(a, b, samples=options.samples, tolerance=options.tolerance)
+    found = differences(a, b, samples=options.samples, tolerance=options.tolerance,
+                        everything=options.all)
     if found:
         print_text(table(found, None if options.all else _MAX_DIFFERENCES))
         return 1

@@ -27,11 +27,13 @@ import random
 import sys
 
 from opencv_tools.image.text import printable
+from opencv_tools.robot.compare.elements import element_properties
 from opencv_tools.robot.compare.properties import (
     axis_properties, format_pair, geometry_properties, is_continuous, material_properties,
     Properties, random_position)
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
-from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot, Shape
+from opencv_tools.robot.model import (
+    Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name, with_original_names
 
@@ -48,7 +50,8 @@ class Difference:
     """
     A difference between two robots.
 
-    :param element: ``link``, ``inertial``, ``visual``, ``collision``, ``joint`` or ``frame``.
+    :param element: ``link``, ``inertial``, ``visual``, ``collision``, ``joint``, ``frame`` or
+        ``robot``.
     :param name: name of the element; for a shape, ``link/name`` or ``link/number``.
     :param property: ``presence``, ``pose at zero``, ``type``, ``upper`` or another property.
     :param a: value in the first robot, as text.
@@ -75,7 +78,7 @@ class _Item:
 
 
 def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-9,
-                seed: int = 0) -> list[Difference]:
+                seed: int = 0, everything: bool = False) -> list[Difference]:
     """
     Return the differences between two robots, in the order of the first robot.
 
@@ -89,16 +92,18 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     :param tolerance: greatest difference of lengths in metres, angles in radians and other numbers
         up to 1. It is relative for larger numbers, for masses and for moments of inertia.
     :param seed: seed of the random positions.
+    :param everything: whether all other elements are compared too, such as friction, sensors and
+        plugins, and the presence of frames.
     :raises DescriptionError: the frames or mimics of a robot have a cycle.
     """
     sides = _Side(with_original_names(a)), _Side(with_original_names(b))
     base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), _ordered(*sides)
-    items = [side.items(base, skipped, ordered) for side in sides]
+    items = [side.items(base, skipped, ordered, everything) for side in sides]
     found: dict[Key, list[Difference]] = {key: [] for side in items for key in side}
     for key, result in found.items():
         if key in items[0] and key in items[1]:
             result.extend(_property_differences(key, items[0][key], items[1][key], tolerance))
-        elif _presence_matters(key, sides):
+        elif _presence_matters(key, sides, everything):
             present = ('yes', 'no') if key in items[0] else ('no', 'yes')
             result.append(_difference(key, 'presence', *present))
     equal = [key for key in items[0] if key in items[1]]
@@ -146,15 +151,22 @@ class _Side:
         self.joints = dict(zip(_keys(joint.name for joint in robot.joints), robot.joints))
         self.frames = dict(zip(_keys(frame.name for frame in robot.frames), robot.frames))
 
-    def items(self, base: str, skipped: set[str], ordered: set[Key]) -> dict[Key, _Item]:
+    def items(self, base: str, skipped: set[str], ordered: set[Key], everything: bool
+              ) -> dict[Key, _Item]:
         """Return all objects that are compared, by element and name."""
+        def kept(owner: Robot | Link | Joint | Frame | Shape) -> Properties:
+            return element_properties(owner.extension) if everything else {}
+
         to_base = self.kinematics.pose(self._base_frame(base)).inverse()
         items = {}
+        if everything:
+            items['robot', ''] = _Item(self._base_frame(base), IDENTITY, {
+                'name': self.robot.name, **kept(self.robot)})
         for key, link in self.links.items():
             if key in skipped:
                 continue
             frame = FrameId('link', link.name)
-            items['link', key] = _Item(frame)
+            items['link', key] = _Item(frame, IDENTITY, kept(link))
             if link.inertial:
                 # The axes of the moments are arbitrary, so the moments are rotated into the base.
                 offset = self._offset(link, link.inertial.placement)
@@ -168,12 +180,14 @@ class _Side:
                 for name, shape in zip(names, shapes):
                     items[element, f'{key}/{name}'] = _Item(
                         frame, self._offset(link, shape.placement),
-                        {**geometry_properties(shape), **material_properties(shape.material)})
+                        {**geometry_properties(shape), **material_properties(shape.material),
+                         **kept(shape)})
         for key, joint in self.joints.items():
-            items['joint', key] = _Item(FrameId('joint', joint.name), IDENTITY,
-                                        self._joint_properties(joint, to_base))
+            items['joint', key] = _Item(
+                FrameId('joint', joint.name), IDENTITY,
+                {**self._joint_properties(joint, to_base), **kept(joint)})
         for key, other in self.frames.items():
-            items['frame', key] = _Item(FrameId('frame', other.name))
+            items['frame', key] = _Item(FrameId('frame', other.name), IDENTITY, kept(other))
         return items
 
     def poses(self, base: str, positions: Mapping[str, Sequence[float]]) -> _Poses:
@@ -242,12 +256,13 @@ def _skipped_worlds(a: _Side, b: _Side) -> set[str]:
             if link.is_world and (key not in other.links or side.is_unused_world(key))}
 
 
-def _presence_matters(key: Key, sides: tuple[_Side, _Side]) -> bool:
+def _presence_matters(key: Key, sides: tuple[_Side, _Side], everything: bool) -> bool:
     """Return whether a missing object is a difference; contents of a missing link are not."""
     element, name = key
+    if element == 'frame':
+        return everything
     link = name if element == 'inertial' else name.rpartition('/')[0]
-    return element in ('link', 'joint') or (
-        element != 'frame' and all(link in side.links for side in sides))
+    return element in ('link', 'joint') or all(link in side.links for side in sides)
 
 
 def _positions(a: _Side, b: _Side, generator: random.Random
@@ -286,7 +301,7 @@ def _property_differences(key: Key, item_a: _Item, item_b: _Item, tolerance: flo
     for name in {**item_a.properties, **item_b.properties}:
         a, b = (item.properties.get(name, 'none') for item in (item_a, item_b))
         size = 0.0
-        if isinstance(a, tuple) and isinstance(b, tuple):
+        if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
             size = max(abs(x - y) for x, y in zip(a, b))
             scale = max(0.0 if name in _RELATIVE else 1.0, *map(abs, a + b))
             if size <= tolerance * scale:

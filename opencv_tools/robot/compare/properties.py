@@ -39,7 +39,8 @@ def geometry_properties(shape: Shape) -> Properties:
         return {'geometry': _sdf_geometry(shape)}
     properties: Properties = {'geometry': type(geometry).__name__.lower()}
     if isinstance(geometry, Mesh):
-        return {**properties, 'uri': _uri(geometry.uri), 'scale': geometry.scale or (1.0,) * 3}
+        return {**properties, 'uri': plain_uri(geometry.uri),
+                'scale': geometry.scale or (1.0, 1.0, 1.0)}
     for dimension, value in vars(geometry).items():
         properties[dimension] = value if isinstance(value, tuple) else (value,)
     return properties
@@ -71,11 +72,11 @@ def material_properties(material: Material | None) -> Properties:
         if color not in (None, BLACK):
             properties[name] = color
     if material.texture:
-        properties['texture'] = _uri(material.texture)
+        properties['texture'] = plain_uri(material.texture)
     return properties
 
 
-def _uri(uri: str) -> str:
+def plain_uri(uri: str) -> str:
     """Return a URI of a file in a package with one scheme for both formats."""
     return f'model://{uri[len("package://"):]}' if uri.startswith('package://') else uri
 
