@@ -53,7 +53,7 @@ def urdf_to_sdf(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--find', default='path', choices=['path', 'package'],
                         help='$(find PACKAGE) in the text of plugins and others [%(default)s]')
     parser.add_argument('--sdf-version', default='1.11', metavar='VERSION',
-                        help='SDF version of the output, 1.4 to 1.12 [%(default)s]')
+                        help='SDF version of the output, 1.7 to 1.12 [%(default)s]')
     parser.add_argument('--poses', default='model', choices=['model', 'relative'],
                         help='frame of the link poses: the model, or the parent link with the '
                         'numbers of the input [%(default)s]')

@@ -24,12 +24,11 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules, report_inertials
-from opencv_tools.robot.sdf.values import FRAMES, written_version
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import lump_fixed, select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
-from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
 
 # Mass and moments of inertia of links without <inertial>.
@@ -47,7 +46,7 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     """
     Return a robot as SDF.
 
-    :param version: SDF version, ``1.4`` to ``1.12``.
+    :param version: SDF version, ``1.7`` to ``1.12``.
     :param relative: whether the pose of each link is relative to its parent link, with the
         numbers of the file; otherwise poses are relative to the model, as in the tutorial.
     :param inertial: a key of ``INERTIALS``.
@@ -57,10 +56,6 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     :raises DescriptionError: SDF of this version does not support the robot.
     """
     if lump:
-        if written_version(version) < FRAMES:
-            raise DescriptionError(f'--fixed lump needs <frame>, which SDF {version} does not '
-                                   f'support; give --sdf-version {FRAMES} or newer',
-                                   source=robot.source)
         robot = lump_fixed(robot, report)
     robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
     report_inertials(robot, report)

@@ -50,7 +50,7 @@ PROPERTY = settings(max_examples=EXAMPLES, deadline=None, derandomize=True,
                     database=None, report_multiple_bugs=False,
                     suppress_health_check=list(HealthCheck))
 SEEDS = st.integers(0, 2**32)
-VERSIONS = ('1.4', '1.5', '1.6', '1.7', '1.8', '1.9', '1.11')
+VERSIONS = ('1.7', '1.8', '1.9', '1.11')
 TOLERANCE = 1e-9  # metres, and elements of rotation matrices
 
 Parser = Callable[[Path], dict[str, Any]]
@@ -146,7 +146,7 @@ def urdf_through(workspace: Workspace, written: ElementTree.Element, random: Ran
     try:
         robot, _ = read_robot(str(path), report)
         version = random.choice(VERSIONS)
-        relative = version >= '1.7' and random.random() < 0.5
+        relative = random.random() < 0.5
         there = workspace.put('there.sdf', to_bytes(
             convert_to_sdf(robot, report, version=version, relative=relative)))
     except DescriptionError as err:
@@ -209,7 +209,7 @@ def compare(expected: ResolvedPoses, found: ResolvedPoses, path: Path) -> None:
     for kind in ('joints', 'shapes', 'inertials', 'masses', 'axes'):
         here, there = getattr(expected, kind), getattr(found, kind)
         if kind == 'axes':
-            # A fixed joint is a revolute joint in SDF 1.4. libsdformat has no default axis.
+            # libsdformat has no default axis.
             there = {name: value for name, value in there.items() if name in here}
         assert there.keys() <= here.keys(), (kind, there.keys() - here.keys(), path.read_text())
         for name, value in there.items():

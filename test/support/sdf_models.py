@@ -30,7 +30,7 @@ from opencv_tools.robot.xml.report import Report
 TWO = '<link name="a"/><link name="b"/>'
 HALF = math.pi / 2
 TURNED = Pose((0.1, 0.2, 0.3), (0.0, 0.0, 1.5708))
-VERSIONS = [f'1.{minor}' for minor in range(4, 13)]
+VERSIONS = [f'1.{minor}' for minor in range(7, 13)]
 
 
 def read(content: str, version: str = '1.9', report: Report | None = None,

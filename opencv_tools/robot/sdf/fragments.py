@@ -83,16 +83,14 @@ def _mimic(element: AnyElement) -> Mimic:
     return Mimic(element.get('joint', ''), multiplier, offset - multiplier * reference)
 
 
-def axis_to_element(axis: Axis, tag: str, version: Version,
-                    direction: Vector | None = None) -> Element:
+def axis_to_element(axis: Axis, tag: str, version: Version) -> Element:
     """
     Write an axis of unit length.
 
     :param tag: ``axis`` or ``axis2``.
-    :param direction: direction in the frame that the version requires; None for the joint frame.
     """
     element = etree.Element(tag)
-    unit = normalised(axis.xyz if direction is None else direction)
+    unit = normalised(axis.xyz)
     xyz = text_element(element, 'xyz', numbers_text(unit))
     if unit != axis.xyz:
         xyz.set(_XYZ, numbers_text(axis.xyz))

@@ -237,9 +237,7 @@ def _read_size(element: TrackedElement, tag: str, default: str, context: ReadCon
 def _read_material(element: TrackedElement, context: ReadContext) -> Material:
     colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
               if (child := element.find(tag)) is not None}
-    texture = element.take_first(f'{{{URDF_NAMESPACE}}}texture')
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
-    return Material(name=element.get(f'{{{URDF_NAMESPACE}}}name', ''),
-                    texture=uri if texture is None else texture.get('filename', ''), **colors)
+    return Material(name=element.get(f'{{{URDF_NAMESPACE}}}name', ''), texture=uri, **colors)

@@ -29,7 +29,6 @@ from opencv_tools.robot.xml.tracked import TrackedElement
 
 # Joints and frames that are not supported by SDF are written in the namespace of URDF.
 JOINTS = ('joint', f'{{{URDF_NAMESPACE}}}joint')
-FRAME_TAGS = ('frame', f'{{{URDF_NAMESPACE}}}frame')
 # Before SDF 1.7 a link, a joint and a frame may share a name; a pose refers to the first of them.
 _KINDS = ('link', 'joint', 'frame')
 _NESTED_NAMES = CAPSULE  # from this version on, '::' separates model names
@@ -50,7 +49,7 @@ class FrameRegistry:
         self._frames: dict[str, FrameId] = {}
         self._links: dict[FrameId, str] = {}  # results of link_of
         for scope in scopes:
-            for tags, kind in ((('link',), 'link'), (JOINTS, 'joint'), (FRAME_TAGS, 'frame')):
+            for tags, kind in ((('link',), 'link'), (JOINTS, 'joint'), (('frame',), 'frame')):
                 for element in scope.element.take_all(*tags):
                     name = scope.qualified(_checked_name(element, scope))
                     self._declare(name, FrameId(kind, name), element, scope)

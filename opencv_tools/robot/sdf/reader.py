@@ -30,7 +30,7 @@ from opencv_tools.robot.pose import IDENTITY, Pose, Transform
 from opencv_tools.robot.sdf.includes import first_file, ModelLoader
 from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
-from opencv_tools.robot.sdf.names import FRAME_TAGS, FrameRegistry, JOINTS
+from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
 from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
@@ -112,7 +112,7 @@ def _read_elements(contexts: Sequence[ReadContext]
         if scope.parent is not None:
             frames.append(_model_frame(context, by_model[scope.parent.frame]))
             _report_nested(context)
-        frames.extend(_read_frame(child, context) for child in element.take_all(*FRAME_TAGS))
+        frames.extend(_read_frame(child, context) for child in element.take_all('frame'))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(name=WORLD, placement=Placement(Pose(), MODEL)))
     return tuple(links), tuple(joints), tuple(frames)

@@ -48,12 +48,10 @@ MODEL_FRAME = '__model__'
 SEPARATOR = '::'
 
 OLDEST_READ = Version(1, 2)  # robots are written in it as in 1.4
-OLDEST_WRITTEN = Version(1, 4)
+OLDEST_WRITTEN = Version(1, 7)
 NEWEST = Version(1, 12)
 # The first version with a feature:
 JOINT_AXES = Version(1, 5)  # axes in the joint frame, and fixed joints
-CONTINUOUS = Version(1, 6)
-PBR = Version(1, 6)
 FRAMES = Version(1, 7)  # <frame attached_to>, <pose relative_to>, <xyz expressed_in>
 CAPSULE = Version(1, 8)
 MIMIC = Version(1, 11)

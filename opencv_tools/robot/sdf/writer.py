@@ -25,11 +25,11 @@ from opencv_tools.robot.inertia import auto_inertial, is_same_inertial, without_
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, Shape, WORLD)
+    Frame, FrameId, INERTIA, Joint, Link, MODEL, Robot, Shape, WORLD)
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import (
-    AUTO_INERTIA, CAPSULE, CONTINUOUS, FRAMES, JOINT_AXES, MATERIAL_COLORS, MIMIC, number_element,
-    PBR, pose_element, poses_in, text_element, Version, written_version)
+    AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, number_element, pose_element, text_element,
+    Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -60,27 +60,20 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
 
     :param robot: a robot with valid SDF names; see `renaming.with_valid_sdf_names`.
     :param report: receives what this version of SDF does not support.
-    :param version: 1.4 to 1.12.
+    :param version: 1.7 to 1.12.
     :param relative: whether each link is placed relative to its parent link, which keeps the
         numbers of a URDF; otherwise relative to the model frame.
-    :raises DescriptionError: the version is invalid or does not support the request, or the robot
-        has no links, or moves the world.
+    :raises DescriptionError: the version is invalid, or the robot has no links, or moves the
+        world.
     """
     output = written_version(version)
-    if relative and output < FRAMES:
-        raise DescriptionError(f'relative poses are not supported by SDF {version}; use version '
-                               f'{FRAMES} or newer, or poses in the model frame')
     context = _WriteContext(Kinematics(robot), output, relative, report)
     _check_links(robot, context)
     root = etree.Element('sdf', version=str(output),
                          nsmap=namespaces(robot.extension_elements(), 'urdf'))
     model = etree.SubElement(root, 'model', name=robot.name)
-    first = next(link.name for link in robot.links if not link.is_world)
-    if robot.canonical_link and output >= FRAMES:
+    if robot.canonical_link:
         model.set('canonical_link', robot.canonical_link)
-    elif robot.canonical_link not in ('', first):
-        report.warn('model', robot.name, 0, f'canonical_link is not supported by SDF {output}; '
-                    f'the canonical link becomes {first!r}')
     for link in robot.links:
         if not link.is_world:
             _write_link(model, link, context)
@@ -91,17 +84,9 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         element = frame_to_element(replace(frame, attached_to=substitutes.get(
             frame.attached_to, frame.attached_to)), context.kinematics)
         context.write_extension(element, frame)
-        if output < FRAMES:
-            element.tag = f'{{{URDF_NAMESPACE}}}frame'
-            report.warn('frame', frame.name, frame.line,
-                        f'not supported by SDF {output}; preserved as <urdf:frame>')
         model.append(element)
     merge_unread(model, robot.extension.sdf)
     embed_foreign(model, robot.extension.urdf, 'urdf', report, robot.name, 0)
-    if output < FRAMES:
-        for pose in poses_in(root):  # poses of extensions have the attribute of newer versions
-            if (name := pose.attrib.pop('relative_to', None)) is not None:
-                pose.set('frame', name)
     return root
 
 
@@ -201,13 +186,9 @@ def _write_material(visual: Element, shape: Shape, context: _WriteContext) -> No
         color = getattr(material, field)
         if color is not None:
             text_element(element, tag, numbers_text(color))
-    if material.texture and context.version >= PBR:
+    if material.texture:
         metal = etree.SubElement(etree.SubElement(element, 'pbr'), 'metal')
         text_element(metal, 'albedo_map', material.texture)
-    elif material.texture:
-        etree.SubElement(element, f'{{{URDF_NAMESPACE}}}texture', filename=material.texture)
-        context.report.preserve('texture', shape.name, shape.line, 'not supported by SDF '
-                                f'{context.version}; preserved as <urdf:texture>')
 
 
 def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
@@ -215,17 +196,15 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
     kinematics, version = context.kinematics, context.version
     prefix = '' if joint.type in SDF_TYPES else f'{{{URDF_NAMESPACE}}}'
     element = etree.SubElement(model, f'{prefix}joint', name=joint.name)
-    supported = _supported_joint(joint, version)
-    element.set('type', supported.type)
+    element.set('type', joint.type)
     _preserve_type(element, joint, context)
     text_element(element, 'parent', joint.parent)
     text_element(element, 'child', joint.child)
     frame = FrameId('joint', joint.name)
     if joint.child != WORLD:
         pose_element(element, kinematics.between(FrameId('link', joint.child), frame))
-    for tag, axis in zip(AXES, supported.axes):
-        in_model = kinematics.pose(frame).rotate(axis.xyz) if version < JOINT_AXES else None
-        element.append(axis_to_element(axis, tag, version, in_model))
+    for tag, axis in zip(AXES, joint.axes):
+        element.append(axis_to_element(axis, tag, version))
         if axis.mimic and version < MIMIC:
             mimic = etree.SubElement(
                 element, f'{{{URDF_NAMESPACE}}}mimic', joint=axis.mimic.joint,
@@ -236,37 +215,14 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
             context.report.preserve('mimic', joint.name, joint.line,
                                     f'not supported by SDF {version}; preserved as <urdf:mimic>')
     context.write_extension(element, joint)
-    if joint.type == 'continuous' and version < CONTINUOUS:
-        # They would limit the revolute joint.
-        for limit in element.iterfind(f'{AXES[0]}/limit'):
-            for number in list(limit.iterchildren('lower', 'upper')):
-                limit.remove(number)
-                context.report.warn(
-                    str(number.tag), joint.name, joint.line, f'{number.text!r} is omitted: it '
-                    'would limit the revolute joint in place of a continuous joint in SDF '
-                    f'{version}')
-
-
-def _supported_joint(joint: Joint, version: Version) -> Joint:
-    """Return a revolute joint in place of a continuous or fixed joint of newer versions."""
-    if joint.type == 'continuous' and version < CONTINUOUS:
-        return replace(joint, type='revolute')
-    if joint.type == 'fixed' and version < JOINT_AXES:
-        return replace(joint, type='revolute', axes=(Axis((0.0, 0.0, 1.0), Limit(0.0, 0.0)),))
-    return joint
 
 
 def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> None:
     """Preserve a type that SDF does not support, or that its reader would change."""
     is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
-    is_revolute = joint.type == 'fixed' and context.version < JOINT_AXES
-    if is_revolute or (joint.type == 'revolute' and is_unlimited):
+    if joint.type == 'revolute' and is_unlimited:
         element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
-    if is_revolute:
-        context.report.warn('joint', joint.name, joint.line,
-                            f'fixed joints are not supported by SDF {context.version}; written as '
-                            'a revolute joint with both limits 0')
-    elif joint.type not in SDF_TYPES:
+    if joint.type not in SDF_TYPES:
         context.report.warn('joint', joint.name, joint.line,
                             f'{joint.type} joints are not supported by SDF; preserved as '
                             f'<urdf:joint>, and link {joint.child!r} is not connected')

@@ -131,7 +131,7 @@ def _elements(data: bytes) -> Counter[str]:
     return found
 
 
-@pytest.mark.parametrize('version', ['1.4', '1.6', '1.12'])
+@pytest.mark.parametrize('version', ['1.7', '1.10', '1.12'])
 def test_unknown_elements_of_urdf_after_sdf(version: str) -> None:
     there = to_bytes(convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), version=version))
     back = to_bytes(convert_to_urdf(sdf_of(there), Report()))
@@ -168,6 +168,6 @@ def test_unchanged_contents_of_plugins(version: str) -> None:
     assert robot.links[0].extension.sdf.xpath('sensor/pose/@relative_to') == ['a']
     back = urdf_of(to_bytes(convert_to_urdf(robot, Report())))
     for one in (robot, back):
-        made = convert_to_sdf(one, Report(), version=version)
+        made = convert_to_sdf(one, Report(), version='1.9')
         assert [_elements(etree.tostring(part)) for part in made.iter('plugin')] == [
             _elements(plugin.encode())] * 3

@@ -43,7 +43,7 @@ def test_newer_version_is_read_with_a_warning() -> None:
     assert 'read as 1.12' in report.warnings[0].message
 
 
-@pytest.mark.parametrize('version', ['1.3', '1.13', '2.0', 'x', '1'])
+@pytest.mark.parametrize('version', ['1.6', '1.13', '2.0', 'x', '1'])
 def test_unsupported_output_versions(version: str) -> None:
-    with pytest.raises(DescriptionError, match=r'1[.]4 to 1[.]12'):
+    with pytest.raises(DescriptionError, match=r'1[.]7 to 1[.]12'):
         write_sdf(urdf_robot(), Report(), version=version)

@@ -27,7 +27,6 @@ from opencv_tools.robot.model import (
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -48,11 +47,6 @@ def test_relative_poses_keep_their_numbers() -> None:
     poses = written(urdf_robot(), relative=True).xpath('link/pose')
     assert [(pose.get('relative_to'), pose.text) for pose in poses] == [
         ('base', '0.1 0.2 0.3 0 0 1.5708'), ('arm', '0.1 0.2 0.3 0 0 1.5708')]
-
-
-def test_relative_poses_need_1_7() -> None:
-    with pytest.raises(DescriptionError, match=r'use version 1[.]7'):
-        write_sdf(urdf_robot(), Report(), version='1.6', relative=True)
 
 
 def test_world_is_not_a_link() -> None:
@@ -80,7 +74,7 @@ def test_errors_of_robots() -> None:
         written(robot)
 
 
-def test_frames_by_version() -> None:
+def test_frames() -> None:
     frame = Frame(name='tip', attached_to=FrameId('link', 'hand'),
                   placement=Placement(TURNED, FrameId('link', 'hand')))
     robot = urdf_robot(frames=(frame,), canonical_link='hand')
@@ -90,10 +84,7 @@ def test_frames_by_version() -> None:
     assert made is not None and dict(made.attrib) == {'name': 'tip', 'attached_to': 'hand'}
     assert made.findtext('pose') == '0.1 0.2 0.3 0 0 1.5708' and not report.notes
     assert model.get('canonical_link') == 'hand'
-    old = written(robot, report, '1.6')
-    assert old.find('frame') is None and old.get('canonical_link') is None
-    assert [note.element for note in report.warnings] == ['model', 'frame']
-    assert reread(robot, '1.6').frames == (frame,)
+    assert reread(robot, '1.7').frames == (frame,)
 
 
 def test_frame_attached_to_an_unsupported_joint() -> None:
@@ -123,8 +114,6 @@ def test_restored_and_preserved_extensions() -> None:
     assert [(note.level, note.element) for note in report.notes] == [
         ('preserved', '@version'), ('preserved', 'transmission')]
     assert model.xpath('link/sensor/pose/@relative_to') == ['arm']
-    old = written(robot, report, '1.6')
-    assert old.xpath('link/sensor/pose/@frame') == ['arm']
     # Extensions are not changed.
     assert link.extension.sdf is not None
     assert link.extension.sdf.xpath('sensor/pose/@relative_to') == ['arm']
@@ -134,7 +123,7 @@ def test_restored_and_preserved_extensions() -> None:
     Box((1.0, 2.0, 0.1)), Sphere(0.5), Cylinder(1.0, 2.0), Capsule(1.0, 2.0), Mesh('model://a/b'),
     Mesh('b.stl', (0.001, 0.001, 1 / 3))])
 def test_round_trip_of_geometries(geometry: Geometry) -> None:
-    for version in ('1.4', '1.7', '1.8', '1.12'):
+    for version in ('1.7', '1.8', '1.12'):
         assert reread(with_geometry(geometry), version).links[0].visuals[0].geometry == geometry
 
 
@@ -174,15 +163,6 @@ def test_material_merged_with_unread_parts() -> None:
     assert [child.tag for child in made.find('material/pbr/metal')] == [  # type: ignore
         'albedo_map', 'roughness']
     assert made.findtext('transparency') == '0.5'
-
-
-def test_preserved_texture_before_1_6() -> None:
-    shape = Shape(name='v', placement=Placement(Pose(), FrameId('link', 'a')),
-                  geometry=Sphere(1.0), material=Material(texture='a.png'))
-    report = Report()
-    assert written(with_shape(shape), report, '1.5').find('.//pbr') is None
-    assert [note.level for note in report.notes] == ['preserved']
-    assert reread(with_shape(shape), '1.5').links[0].visuals == (shape,)
 
 
 def test_inertial() -> None:
@@ -228,15 +208,13 @@ def test_round_trip_of_joint_types_by_version(version: str, kind: str) -> None:
                          (*two.rotation, *two.translation)) < 1e-12
 
 
-@pytest.mark.parametrize(('version', 'xyz'), [('1.4', (0.0, 0.6, 0.8)), ('1.5', (0.6, 0.0, 0.8))])
-def test_unit_axis_and_its_frame_by_version(
-        version: str, xyz: tuple[float, ...]) -> None:
+def test_unit_axis_in_the_joint_frame() -> None:
     robot = with_axis(Axis((3.0, 0.0, 4.0)))
     robot = replace(robot, joints=(replace(robot.joints[0], placement=Placement(
         Pose(rpy=(0.0, 0.0, HALF)), FrameId('link', 'base'))), robot.joints[1]))
-    element = written(robot, version=version).find('joint/axis/xyz')
+    element = written(robot).find('joint/axis/xyz')
     assert element is not None
-    assert tuple(map(float, (element.text or '').split())) == pytest.approx(xyz)
+    assert tuple(map(float, (element.text or '').split())) == pytest.approx((0.6, 0.0, 0.8))
     assert element.get('{urn:opencv_tools:urdf}xyz') == '3 0 4'
 
 
@@ -263,32 +241,6 @@ def test_unsupported_joint_types(kind: str) -> None:
     assert model.find('{urn:opencv_tools:urdf}joint').get('type') == kind  # type: ignore
     assert model.xpath('link[@name="arm"]/pose/@relative_to') == ['base']
     assert [note.name for note in report.warnings] == ['arm_joint', 'hand_joint']
-
-
-def test_fixed_and_continuous_joints_in_old_versions() -> None:
-    report = Report()
-    model = written(urdf_robot('fixed'), report, '1.4')
-    assert model.xpath('joint/@type') == ['revolute'] * 2
-    assert [child.text for child in model.find('joint/axis/limit')] == ['0', '0']  # type: ignore
-    assert len(report.warnings) == 2
-    model = written(urdf_robot('continuous'), report, '1.5')
-    assert model.xpath('joint/@type') == ['revolute'] * 2 and not model.xpath('//limit')
-    assert len(report.warnings) == 2
-
-
-def test_removed_limits_of_a_continuous_joint() -> None:
-    robot = urdf_robot('continuous')
-    rest = etree.fromstring('<joint xmlns:c="urn:opencv_tools:preserved"><axis c:part="true">'
-                            '<limit><lower>-1</lower><effort>2</effort></limit></axis></joint>')
-    robot = replace(robot, joints=tuple(
-        replace(one, extension=Extension(sdf=rest)) for one in robot.joints))
-    for version, lower in (('1.5', None), ('1.6', '-1')):
-        report = Report()
-        made = written(robot, report, version).find('joint')
-        assert made is not None and made.findtext('axis/limit/lower') == lower
-        assert made.findtext('axis/limit/effort') == '2'
-        reported = [note.element for note in report.warnings]
-        assert reported == ([] if lower else ['lower'] * len(robot.joints))
 
 
 def test_round_trip_of_an_unlimited_revolute_joint() -> None:

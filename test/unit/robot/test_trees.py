@@ -27,7 +27,7 @@ from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.trees import lump_fixed
 from opencv_tools.robot.urdf.reader import read_urdf
-from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
+from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
@@ -83,13 +83,6 @@ def test_poses_of_lumped_shapes_links_and_frames() -> None:
     assert [(note.element, note.name) for note in report.warnings] == [('joint', 'screws')]
 
 
-def test_lumping_for_a_version_without_frames() -> None:
-    with pytest.raises(DescriptionError) as error:
-        convert_to_sdf(urdf(ARM), Report(), version='1.6', lump=True)
-    assert str(error.value) == ('arm.urdf: --fixed lump needs <frame>, which SDF 1.6 does not '
-                                'support; give --sdf-version 1.7 or newer')
-
-
 def test_sensor_pose_in_the_frame_of_a_lumped_link() -> None:
     root = convert_to_sdf(urdf(ARM), Report(), lump=True)
     pose = root.find("model/link[@name='base']/sensor/pose")
@@ -112,11 +105,6 @@ def test_preserved_fixed_joint() -> None:
     block = b'<gazebo reference="screws"><preserveFixedJoint>true</preserveFixedJoint></gazebo>'
     robot = lump_fixed(urdf(ARM.replace(b'</robot>', block + b'</robot>')), Report())
     assert [joint.name for joint in robot.joints] == ['screws', 'hinge']
-
-
-def test_error_for_versions_without_frames() -> None:
-    with pytest.raises(DescriptionError, match=r'--fixed lump.* 1\.7'):
-        convert_to_sdf(urdf(ARM), Report(), lump=True, version='1.6')
 
 
 @pytest.mark.parametrize('seed', range(12))
