@@ -15,8 +15,8 @@
 """
 Rules of the SDF parser for names, colours and values, applied to a written robot.
 
-Invalid names are changed and colours are clamped. The originals are preserved as ``urdf:name`` and
-``urdf:color`` and restored on the way back. Other invalid values are errors.
+Invalid names are changed. The originals are preserved as ``urdf:name`` and restored on the way
+back. Colours are clamped. Other invalid values are errors.
 
 The tables follow libsdformat 12 and SDF 1.9. Newer versions accept what they accept.
 """
@@ -31,7 +31,6 @@ from typing import TypeVar
 
 from opencv_tools.robot.model import Inertial, Robot, WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
-from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
@@ -207,11 +206,15 @@ def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
     :param report: receives the changes.
     :raises DescriptionError: an invalid value cannot be changed.
     """
+    former: tuple[Element | None, str] = None, ''
     for element in parsed_elements(root):
         if len(element):
             _rename_children(element, report)
         if element.tag in _COLORS:
-            _clamp_color(element, report)
+            color = element.getparent(), (element.text or '').strip()
+            # Ambient and diffuse come from one colour of URDF.
+            _clamp_color(element, report if color != former else Report())
+            former = color
         flaw = find_flaw(element)
         if flaw:
             raise DescriptionError(flaw, source=source, line=line_of(element),
@@ -251,11 +254,7 @@ def _clamp_color(element: Element, report: Report) -> None:
     values = tuple(value for word in words if (value := _read_number(word)) is not None)
     if len(values) == len(words) and clamped(values) != values:
         text = (element.text or '').strip()
-        element.set(ORIGINAL_COLOR, text)
         element.text = numbers_text(clamped(values))
-        previous = element.getprevious()
-        if previous is not None and previous.get(ORIGINAL_COLOR) == text:
-            return  # ambient and diffuse come from one colour of URDF
         names = (outer.get('name') for outer in element.iterancestors())
         report.warn(local_name(element), next(filter(None, names), ''), line_of(element),
                     f'{text!r} is outside of 0 to 1; clamped to {element.text!r}')

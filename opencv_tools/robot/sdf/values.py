@@ -26,8 +26,7 @@ from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import (
-    number, number_text, numbers, numbers_text, quoted, unclamped)
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+    number, number_text, numbers, numbers_text, quoted)
 from opencv_tools.robot.xml.report import Report
 
 Default = TypeVar('Default', float, None)
@@ -56,9 +55,6 @@ FRAMES = Version(1, 7)  # <frame attached_to>, <pose relative_to>, <xyz expresse
 CAPSULE = Version(1, 8)
 MIMIC = Version(1, 11)
 AUTO_INERTIA = Version(1, 11)
-
-# Attribute with the original of a clamped colour.
-ORIGINAL_COLOR = f'{{{URDF_NAMESPACE}}}color'
 
 # The colours of a material, with the field of each.
 MATERIAL_COLORS = {
@@ -201,7 +197,7 @@ def poses_in(element: Element) -> Iterator[Element]:
 
 
 def color_of(element: AnyElement) -> Color:
-    """Read a colour, or the original of a clamped colour; the default of alpha is 1."""
-    text = unclamped(element.text or '', element.get(ORIGINAL_COLOR))
+    """Read a colour; the default of alpha is 1."""
+    text = element.text or ''
     red, green, blue, *alpha = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, alpha[0] if alpha else 1.0

@@ -25,13 +25,11 @@ from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
 from opencv_tools.robot.renaming import unique_name
 from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
-from opencv_tools.robot.xml.numbers import numbers, numbers_text, unclamped
+from opencv_tools.robot.xml.numbers import numbers, numbers_text
 from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import PARTLY_READ, TrackedElement
 
-# The attribute that keeps a colour as it was before the rules of URDF clamped it.
-ORIGINAL_RGBA = f'{{{SDF_NAMESPACE}}}rgba'
 _Appearance = tuple[Color | None, str]  # colour and texture
 
 
@@ -120,13 +118,6 @@ def with_default_lights(material: Material) -> Material:
     if material.color is None:
         return material
     return replace(material, ambient=material.color, specular=BLACK, emissive=BLACK)
-
-
-def restore_colors(root: Element) -> None:
-    """Restore colours of a file that the rules of URDF clamped when it was written."""
-    for color in root.iter('color'):
-        if ORIGINAL_RGBA in color.attrib:
-            color.set('rgba', unclamped(color.get('rgba', ''), color.attrib.pop(ORIGINAL_RGBA)))
 
 
 @dataclass

@@ -35,7 +35,7 @@ from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted, in_link_frame
 from opencv_tools.robot.urdf.link_reader import inertial_from_element, origin_of, shapes_of
-from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable, restore_colors
+from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.settings import with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
@@ -83,7 +83,6 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     if not name:
         name = _DEFAULT_NAME
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
-    restore_colors(element)
     tree = build_tree(root, report)
     canonical = root.get(f'{_SDF}canonical_link', '')
     if canonical and canonical not in tree.links:

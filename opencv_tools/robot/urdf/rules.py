@@ -15,8 +15,7 @@
 """
 Rules of the URDF parser that a written robot has to keep.
 
-What breaks a rule is corrected or refused. The original of a clamped colour is kept as
-``sdf:rgba`` for the conversion back.
+What breaks a rule is corrected or refused.
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ import math
 import re
 
 from opencv_tools.robot.renaming import unique_name
-from opencv_tools.robot.sdf.values import ORIGINAL_COLOR
-from opencv_tools.robot.urdf.materials import ORIGINAL_RGBA
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
-from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, unclamped, UNLIMITED
+from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
 from opencv_tools.robot.xml.report import Report
 
@@ -64,13 +61,11 @@ def keep_urdf_rules(root: Element, source: str, report: Report) -> None:
 
 
 def _restore_sdf(root: Element) -> None:
-    """Restore names and colours in ``<gazebo>`` that the rules of SDF changed."""
+    """Restore names in ``<gazebo>`` that the rules of SDF changed."""
     for block in root.iterfind('gazebo'):
         for element in block.iter():
             if URDF_NAME in element.attrib:
                 element.set('name', element.attrib.pop(URDF_NAME))
-            if ORIGINAL_COLOR in element.attrib:
-                element.text = unclamped(element.text or '', element.attrib.pop(ORIGINAL_COLOR))
 
 
 def _complete_limits(root: Element) -> None:
@@ -102,7 +97,6 @@ def _clamp_colors(root: Element, report: Report) -> None:
             values = tuple(map(float, text.split()))
             if clamped(values) != values:
                 color.set('rgba', numbers_text(clamped(values)))
-                color.set(ORIGINAL_RGBA, text)
                 report.warn('color', material.get('name', ''), line_of(color), f'rgba={text!r} is '
                             f'outside of 0 to 1; clamped to {color.get("rgba")!r}')
 

@@ -92,19 +92,6 @@ def clamped(color: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(min(max(component, 0.0), 1.0) for component in color)
 
 
-def unclamped(text: str, original: str | None) -> str:
-    """
-    Return the original text of a colour that was clamped, unless the colour was changed since.
-
-    :param original: text before it was clamped; None if it was not clamped.
-    """
-    try:
-        color, before = (tuple(map(_float, words.split())) for words in (text, original or ''))
-    except ValueError:
-        return text
-    return original if original and color == clamped(before) else text
-
-
 def number_text(value: float) -> str:
     """
     Return the text of a number that reads as the same number; an integer has no point.

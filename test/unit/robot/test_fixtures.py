@@ -49,6 +49,8 @@ WARNINGS = [name for name in FIXTURES if name.startswith('warning_')]
 FINE = [name for name in FIXTURES if name.startswith('ok_')]
 TUTORIAL = [name for name in FIXTURES if name.startswith('tutorial_')]
 CONVERTED = [*WARNINGS, *FINE, *TUTORIAL]
+# The others have colours that both formats refuse.
+RESTORED = [name for name in CONVERTED if not name.startswith('warning_color_above_1')]
 
 # Expected messages of an empty file, which has no comments.
 EXPECTED = {'error_empty.urdf': ['not well-formed XML']}
@@ -176,7 +178,7 @@ def test_fixtures_without_warnings(name: str, capfd: Text) -> None:
     etree.fromstring(output.encode())
 
 
-@pytest.mark.parametrize('name', CONVERTED)
+@pytest.mark.parametrize('name', RESTORED)
 def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
     there, back = ways(name)
     original = _original(name)
@@ -184,7 +186,7 @@ def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in CORRECTED])
+@pytest.mark.parametrize('name', [name for name in RESTORED if name not in CORRECTED])
 def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
     _, back = ways(name)
     original, restored = (Counter(_extension_entries(robot))
@@ -195,7 +197,7 @@ def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
     assert restored == original
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if not _is_sdf(name)])
+@pytest.mark.parametrize('name', [name for name in RESTORED if not _is_sdf(name)])
 def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
     original, restored = _original(name), _read(back)
@@ -206,7 +208,7 @@ def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
         link.name: _numbers(link) for link in original.links}
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if _is_sdf(name)])
+@pytest.mark.parametrize('name', [name for name in RESTORED if _is_sdf(name)])
 def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
     assert differences(_original(name), _read(back), samples=5, tolerance=1e-12) == []
@@ -215,7 +217,7 @@ def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize('version', ['1.7', '1.8', '1.10', '1.12'])
 def test_versions_of_sdf(version: str, tmp_path: Path) -> None:
     wrong = []
-    for name in CONVERTED:
+    for name in RESTORED:
         if not _is_sdf(name):
             _, back = _convert(name, tmp_path, ['--sdf-version', version])
             original, restored = _original(name), _read(back)
