@@ -129,9 +129,11 @@ def _add_input(parser: argparse.ArgumentParser, name: str, formats: str) -> None
 def _add_conversion_options(parser: argparse.ArgumentParser, mesh_uri: str) -> None:
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='output file, written atomically [standard output]')
-    parser.add_argument('--inertial', default='keep', choices=['keep', 'zero', 'default'],
-                        help='links without <inertial>: keep them, set zero mass, or set 1 kg '
-                        '[%(default)s]')
+    parser.add_argument('--inertial', default='keep', choices=[
+        'keep', 'zero', 'default', 'physical'],
+                        help='links without <inertial>: keep them, set zero mass, or set 1 kg; '
+                        'physical: replace impossible moments of inertia by the nearest possible '
+                        'ones [%(default)s]')
     parser.add_argument('--mesh-uri', default=mesh_uri, choices=['model', 'package', 'keep'],
                         help='scheme of mesh and texture URIs: model://, package://, or as in the '
                         'input [%(default)s]')

@@ -20,10 +20,11 @@ from dataclasses import replace
 
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
+from opencv_tools.robot.physical import report_inertials, with_physical_inertials
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
-from opencv_tools.robot.sdf.rules import keep_sdf_rules, report_inertials
+from opencv_tools.robot.sdf.rules import keep_sdf_rules
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import lump_fixed, select_root, shortened
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
@@ -34,6 +35,7 @@ from opencv_tools.robot.xml.report import Report
 # Mass and moments of inertia of links without <inertial>.
 INERTIALS = {
     'keep': None,
+    'physical': None,
     'zero': (0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
     'default': (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),  # the default of simulators for SDF
 }
@@ -86,8 +88,12 @@ def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
     """
     Return a robot with an inertial for each link that has none, except the world.
 
-    :param choice: a key of ``INERTIALS``; ``keep`` adds nothing and warns instead.
+    :param choice: a key of ``INERTIALS``; ``keep`` adds nothing and warns instead. ``physical``
+        does so too, and corrects physically impossible inertials.
+    :raises DescriptionError: see `with_physical_inertials`.
     """
+    if choice == 'physical':
+        robot = with_physical_inertials(robot, report)
     without = [link for link in robot.links if link.inertial is None and not link.is_world]
     values = INERTIALS[choice]
     if values is None:

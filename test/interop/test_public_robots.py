@@ -156,6 +156,12 @@ def urdf_through(workspace: Workspace, written: ElementTree.Element, random: Ran
     model = workspace.model(there)
     if any('physically impossible' in note.message for note in report.warnings):
         assert 'has invalid inertia' in workspace.libsdformat(there)['messages']
+        if all(link.inertial is None or link.inertial.mass > 0 for link in robot.links):
+            try:
+                physical = to_bytes(convert_to_sdf(robot, Report(), inertial='physical'))
+            except DescriptionError:  # the moments are near to those of no body
+                return
+            assert workspace.model(workspace.put('physical.sdf', physical)), path.read_text()
         return
     assert model is not None, (path.read_text(), there.read_text(), workspace.libsdformat(there))
     try:

@@ -29,7 +29,7 @@ import math
 import re
 from typing import TypeVar
 
-from opencv_tools.robot.model import Inertial, Robot, WORLD
+from opencv_tools.robot.model import WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
@@ -41,8 +41,6 @@ _Value = TypeVar('_Value')
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # Elements with names from `renaming.with_valid_sdf_names`, which are not changed again.
 _VALID = ('link', 'joint', 'frame', 'collision', 'visual')
-# Rounding error of the inequalities between moments of inertia, relative to the moments.
-_ROUNDING = 1e-14
 _NUMBER = re.compile(
     r'[+-]?(?:0x[\da-f]+|inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)', re.IGNORECASE)
 
@@ -258,31 +256,3 @@ def _clamp_color(element: Element, report: Report) -> None:
         names = (outer.get('name') for outer in element.iterancestors())
         report.warn(local_name(element), next(filter(None, names), ''), line_of(element),
                     f'{text!r} is outside of 0 to 1; clamped to {element.text!r}')
-
-
-def report_inertials(robot: Robot, report: Report) -> None:
-    """Report the inertials that are physically impossible."""
-    for link in robot.links:
-        if link.inertial is not None and not is_physical(link.inertial):
-            report.warn('inertial', link.name, link.line, 'mass and moments of inertia are '
-                        'physically impossible, Gazebo rejects them; converted unchanged')
-
-
-def is_physical(inertial: Inertial) -> bool:
-    """
-    Return whether a body can have this mass and these moments of inertia.
-
-    No principal moment may be greater than the sum of the two others. This holds if the matrix
-    trace / 2 - moments has no negative eigenvalue, and therefore no negative principal minor.
-    """
-    xx, xy, xz, yy, yz, zz = inertial.inertia
-    half = (xx + yy + zz) / 2
-    if inertial.mass < 0 or half < 0:
-        return False
-    if half == 0:
-        return not any(inertial.inertia)
-    a, b, c = ((half - moment) / half for moment in (xx, yy, zz))
-    d, e, f = (-product / half for product in (xy, xz, yz))
-    minors = (a, b, c, a * b - d * d, a * c - e * e, b * c - f * f,
-              a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e))
-    return min(minors) >= -_ROUNDING
