@@ -69,6 +69,9 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
                      'my_arm/model.sdf --inertial zero -o my_arm.urdf', _LOSSY)
     _add_input(parser, 'INPUT', 'SDF file or model folder')
     _add_conversion_options(parser, 'package')
+    parser.add_argument('--frames', default='keep', choices=['keep', 'links'],
+                        help='frames of SDF: keep them for the conversion back, or write empty '
+                        'links on fixed joints, which tf has [%(default)s]')
     _add_sdf_options(parser)
     return _run(parser, argv, _sdf_to_urdf)
 
@@ -205,7 +208,8 @@ def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
 def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_urdf
     return _convert('sdf', options, report, lambda robot: convert_to_urdf(
-        robot, report, inertial=options.inertial, mesh_uri=options.mesh_uri))
+        robot, report, inertial=options.inertial, frame_links=options.frames == 'links',
+        mesh_uri=options.mesh_uri))
 
 
 def _convert(language: str, options: argparse.Namespace, report: Report,

@@ -26,7 +26,7 @@ from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import lump_fixed, select_root, shortened
+from opencv_tools.robot.trees import lump_fixed, select_root, shortened, with_frame_links
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import Element
@@ -68,17 +68,20 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
 
 
 def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
-                    mesh_uri: str = 'package') -> Element:
+                    frame_links: bool = False, mesh_uri: str = 'package') -> Element:
     """
     Return a robot as URDF.
 
     :param inertial: a key of ``INERTIALS``.
+    :param frame_links: whether the frames become links, see `trees.with_frame_links`.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
     :returns: the element ``<robot>``.
     :raises DescriptionError: URDF does not support the robot.
     """
     robot = with_inertials(select_root(robot, '', report), inertial, report)
     robot = with_mesh_uris(robot, mesh_uri)
+    if frame_links:
+        robot = with_frame_links(robot, report)
     root = write_urdf(with_original_names(with_valid_urdf_names(robot, report)), report)
     keep_urdf_rules(root, robot.source, report)
     return root

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trees of a robot: selection of one tree, and lumping of links that fixed joints connect."""
+"""Trees of a robot: selection of one tree, and links of fixed joints as frames, or the reverse."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from opencv_tools.robot.inertia import total_inertial, without_auto
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.renaming import unique_name
 from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.report import Report
@@ -152,6 +154,36 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
                      if lumped.get(joint.child) is not joint),
         frames=(*robot.frames, *frames), canonical_link=hosts.get(robot.canonical_link, '')
     ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
+
+
+def with_frame_links(robot: Robot, report: Report) -> Robot:
+    """
+    Return a robot with an empty link on a fixed joint in place of each frame, so that tf has it.
+
+    The joint is named after the link, with ``_joint``. `lump_fixed` makes frames of them again.
+
+    :raises DescriptionError: the frames have a cycle.
+    """
+    attached = Kinematics(robot).attached_links()
+    taken = {link.name for link in robot.links} | {joint.name for joint in robot.joints}
+    counts: dict[str, int] = {}
+    links, joints = [], []
+    for frame in robot.frames:
+        name = unique_name(frame.name, taken, counts)
+        joint = unique_name(f'{name}_joint', taken, counts)
+        taken |= {name, joint}
+        if frame.extension.sdf is not None:
+            report.warn('frame', frame.name, frame.line, 'has other elements than a pose, which '
+                        'the link does not get')
+        links.append(Link(name=name, placement=Placement(Pose(), FrameId('joint', joint)),
+                          line=frame.line))
+        joints.append(Joint(
+            name=joint, type='fixed', parent=attached[FrameId('frame', frame.name)].name,
+            child=name, placement=frame.placement, line=frame.line))
+    new_ids = {FrameId('frame', frame.name): FrameId('link', link.name)
+               for frame, link in zip(robot.frames, links)}
+    return replace(robot, links=(*robot.links, *links), joints=(*robot.joints, *joints), frames=()
+                   ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
 
 
 def _preserved_joints(robot: Robot) -> set[str]:

@@ -12,20 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Lumping of links that fixed joints connect."""
+"""Links of fixed joints that become frames, and frames that become links."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from random import Random
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
+from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
 from opencv_tools.robot.convert import convert_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.trees import lump_fixed
+from opencv_tools.robot.trees import lump_fixed, with_frame_links
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.report import Report
@@ -156,3 +159,43 @@ def test_lumped_link_has_each_setting_once() -> None:
     assert model.xpath('link[@name="base"]/self_collide/text()') == ['true']
     assert model.xpath('link[@name="base"]/gravity/text()') == ['false']
     assert model.xpath('frame/physics') == []
+
+
+FRAMES = """<sdf version="1.9"><model name="m"><link name="base"/>
+<link name="arm"><pose>1 0 0 0 0 0.5</pose></link>
+<joint name="hinge" type="revolute"><parent>base</parent><child>arm</child>
+<axis><xyz>0 0 1</xyz></axis></joint>
+<frame name="optical" attached_to="arm"><pose>0.1 0 0 -1.5708 0 -1.5708</pose></frame>
+<frame name="tip" attached_to="optical"><pose relative_to="base">0 3 0 0 0 0</pose></frame>
+<frame name="axle" attached_to="hinge"/><frame name="floor"><pose>0 0 -1 0 0 0</pose></frame>
+</model></sdf>
+"""
+
+
+@pytest.mark.parametrize('position', [0.0, 0.7])
+def test_frames_as_links(tmp_path: Path, position: float) -> None:
+    paths = [tmp_path / name for name in ('a.sdf', 'b.urdf', 'c.sdf')]
+    paths[0].write_text(FRAMES)
+    assert sdf_to_urdf([str(paths[0]), '-o', str(paths[1]), '--frames', 'links']) == 0
+    assert urdf_to_sdf([str(paths[1]), '-o', str(paths[2]), '--fixed', 'lump']) == 0
+    poses = [Kinematics(read_robot(str(path), Report())[0]).forward({'hinge': [position]})
+             for path in paths]
+    for name in ('optical', 'tip', 'axle', 'floor'):
+        original, link, frame = (
+            np.hstack([one[FrameId(kind, name)].rotation, one[FrameId(kind, name)].translation])
+            for one, kind in zip(poses, ('frame', 'link', 'frame')))
+        np.testing.assert_allclose(link, original, atol=1e-12)
+        np.testing.assert_allclose(frame, original, atol=1e-12)
+    assert robot_compare([str(paths[0]), str(paths[2])]) == 0
+    tree = read_robot(str(paths[1]), Report())[0]
+    assert {joint.child: joint.parent for joint in tree.joints} == {
+        'arm': 'base', 'optical': 'arm', 'tip': 'arm', 'axle': 'arm', 'floor': 'base'}
+
+
+def test_names_of_links_for_frames() -> None:
+    robot = read_sdf(parse(FRAMES.replace('"tip"', '"optical_joint"').encode(), '', Report()),
+                     Report())
+    result = with_frame_links(robot, Report())
+    names = [*(link.name for link in result.links), *(joint.name for joint in result.joints)]
+    assert len(set(names)) == len(names) == 11
+    assert result.frames == ()
