@@ -17,7 +17,7 @@ Run the tests with the parsers of Gazebo and ROS: python run.py [arguments of py
 
 The parsers are libsdformat and urdfdom. Missing ones are installed from Debian if apt-get is
 available and the user is root. Foxglove's reader of bags is installed for these tests if npm is
-available.
+available. Drake has the newest libsdformat and comes from PyPI into an environment of its own.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++'
          'pkg-config': 'pkg-config'}
 LIBRARY_PACKAGE = 'libsdformat-dev'
 MCAP_CORE = '@mcap/core@2.2.2'
+DRAKE = 'drake==1.51.1'
+DRAKE_ENVIRONMENT = SOURCE.parents[2] / 'build' / 'drake'
 
 
 def missing() -> list[str]:
@@ -77,6 +79,19 @@ def install_mcap_core(folder: Path) -> None:
         os.environ['OPENCV_TOOLS_MCAP_CORE'] = str(folder)
 
 
+def install_drake() -> None:
+    """Install Drake if PyPI has it for this machine, and keep it for the next run."""
+    python = str(DRAKE_ENVIRONMENT / 'bin' / 'python')
+    stamp = DRAKE_ENVIRONMENT / DRAKE
+    if not stamp.exists():
+        for command in ([sys.executable, '-m', 'venv', '--clear', str(DRAKE_ENVIRONMENT)],
+                        [python, '-m', 'pip', 'install', '--quiet', DRAKE]):
+            if subprocess.run(command, check=False).returncode:
+                return
+        stamp.touch()
+    os.environ['OPENCV_TOOLS_DRAKE'] = python
+
+
 class Figures:
     """Figures that the tests record, for the summary: sums of integers and maxima of floats."""
 
@@ -112,6 +127,7 @@ def main() -> int:
         print(f'the parsers or their tools are missing: sudo apt install {" ".join(packages)}',
               file=sys.stderr)
         return 1
+    install_drake()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / 'poses'
         build(program)

@@ -1,0 +1,104 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inertials that follow from density and collisions, compared with Drake's newest libsdformat."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from random import Random
+import subprocess
+from typing import Any
+
+import numpy as np
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.model import FrameId, Link
+from opencv_tools.robot.pose import rotated_tensor
+from opencv_tools.robot.xml.report import Report
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = Path(__file__).with_name('drake_inertials.py')
+SHAPES = {'box': ('size', 3), 'sphere': ('radius', 1), 'cylinder': ('radius length', 1),
+          'capsule': ('radius length', 1), 'ellipsoid': ('radii', 3), 'cone': ('radius length', 1)}
+
+
+def numbers(random: Random, count: int, low: float, high: float) -> str:
+    return ' '.join(f'{random.uniform(low, high):.4g}' for _ in range(count))
+
+
+def pose(random: Random) -> str:
+    return f'<pose>{numbers(random, 6, -1.5, 1.5)}</pose>' if random.random() < 0.8 else ''
+
+
+def collision(random: Random, name: str, shape: str) -> str:
+    """Return a collision of random size, place and density."""
+    tags, count = SHAPES[shape]
+    sizes = ''.join(f'<{tag}>{numbers(random, count, 0.05, 2)}</{tag}>' for tag in tags.split())
+    density = f'<density>{numbers(random, 1, 1, 9000)}</density>' * (random.random() < 0.7)
+    return (f'<collision name="{name}">{density}{pose(random)}<geometry><{shape}>{sizes}</{shape}>'
+            '</geometry></collision>')
+
+
+def robot(seed: int) -> str:
+    """Return SDF with links whose inertials are computed."""
+    random = Random(seed)
+    links = ''
+    for number in range(3):
+        inertial = f'<density>{numbers(random, 1, 1, 9000)}</density>' * (random.random() < 0.5)
+        shapes = random.choices(list(SHAPES), k=random.randint(1, 3))
+        links += (f'<link name="link{number}">{pose(random)}<inertial auto="true">{inertial}'
+                  '</inertial>' + ''.join(collision(random, f'shape{index}', shape)
+                                          for index, shape in enumerate(shapes)) + '</link>')
+    return f'<sdf version="1.11"><model name="robot">{links}</model></sdf>'
+
+
+def inertial_in_link(link: Link, kinematics: Kinematics) -> list[float]:
+    """Return mass, centre and moments in the axes of the link, as the script does."""
+    assert link.inertial
+    place = kinematics.within(FrameId('link', link.name), link.inertial.placement).transform()
+    return [link.inertial.mass, *place.translation,
+            *rotated_tensor(link.inertial.inertia, place.rotation)]
+
+
+def test_computed_inertials_are_those_of_drake(
+        tmp_path: Path, record_property: Any) -> None:
+    drake = os.environ.get('OPENCV_TOOLS_DRAKE')
+    if not drake:
+        pytest.skip('PyPI has no drake for this version of Python')
+    paths = [ROOT / 'test' / 'data' / 'robots' / 'sdf' / 'ok_auto_inertial.sdf']
+    for seed in range(40):
+        paths.append(tmp_path / f'{seed}.sdf')
+        paths[-1].write_text(robot(seed))
+    finished = subprocess.run([drake, str(SCRIPT), *map(str, paths)], capture_output=True,
+                              text=True, timeout=300, check=False)
+    assert finished.returncode == 0, finished.stderr
+    judged = json.loads(finished.stdout)
+    largest, count = 0.0, 0
+    for path in paths:
+        made, _ = read_robot(str(path), Report())
+        kinematics = Kinematics(made)
+        assert {link.name for link in made.links} == set(judged[str(path)])
+        for link in made.links:
+            ours, theirs = inertial_in_link(link, kinematics), judged[str(path)][link.name]
+            for part in (slice(0, 1), slice(1, 4), slice(4, 10)):
+                scale = max(map(abs, theirs[part])) or 1.0
+                largest = max(largest, *np.abs(np.subtract(ours[part], theirs[part])) / scale)
+            count += 1
+    record_property('inertials compared with Drake', count)
+    record_property('largest relative difference from Drake', float(largest))
+    assert largest < 1e-6
