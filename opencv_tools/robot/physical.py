@@ -50,7 +50,7 @@ def with_physical_inertials(robot: Robot, report: Report) -> Robot:
         if inertial is None or is_physical(inertial):
             return link
         moments = nearest_moments(inertial.inertia) if inertial.mass > 0 else None
-        if moments is None:
+        if moments is None or not is_physical(replace(inertial, inertia=moments)):
             raise DescriptionError(
                 f'link {link.name!r} has the mass {inertial.mass:g} and the moments of inertia '
                 f'{numbers_text(inertial.inertia)}, to which no physical ones are near; correct '
@@ -76,14 +76,15 @@ def nearest_moments(inertia: Tensor) -> Tensor | None:
     :returns: the moments in the same order; None if S has no positive eigenvalue.
     """
     import numpy as np
-    xx, xy, xz, yy, yz, zz = inertia
+    scale = max(map(abs, inertia))
+    xx, xy, xz, yy, yz, zz = (moment / scale for moment in inertia)
     moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     values, axes = np.linalg.eigh(np.trace(moments) / 2 * np.eye(3) - moments)
     if values[-1] <= 0:
         return None
     values = np.maximum(values, _SMALLEST * values[-1])
     result = values.sum() * np.eye(3) - axes @ np.diag(values) @ axes.T
-    xx, xy, xz, yy, yz, zz = map(float, result[np.triu_indices(3)])
+    xx, xy, xz, yy, yz, zz = (scale * float(moment) for moment in result[np.triu_indices(3)])
     return xx, xy, xz, yy, yz, zz
 
 

@@ -83,8 +83,9 @@ def test_option(tmp_path: Path, mass: str, izz: str, moments: tuple[float, ...],
         assert inertial.inertia[0::3] + inertial.inertia[5:] == pytest.approx(moments, rel=1e-5)
 
 
-@pytest.mark.parametrize(('mass', 'ixx', 'izz'), [('-1', 1, 1), ('1', -2, -2)])
-def test_inertial_of_no_body(tmp_path: Path, mass: str, ixx: int, izz: int,
+@pytest.mark.parametrize(('mass', 'ixx', 'izz'), [
+    ('-1', 1, 1), ('1', -2, -2), ('1', '1e308', '-1e308')])
+def test_inertial_of_no_body(tmp_path: Path, mass: str, ixx: object, izz: object,
                              capsys: pytest.CaptureFixture[str]) -> None:
     urdf = tmp_path / 'a.urdf'
     urdf.write_text(URDF.format(mass=mass, ixx=ixx, izz=izz))
