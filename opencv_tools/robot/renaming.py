@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -32,6 +32,41 @@ _Named = TypeVar('_Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
 
 
+class Names:
+    """Names that are taken, and new ones that differ from them and from each other."""
+
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        """Begin with names that are taken."""
+        self._taken = set(taken)
+        # How many names of each base were tried, because it is slow to try many again.
+        self._counts: dict[str, int] = {}
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether a name is taken."""
+        return name in self._taken
+
+    def add(self, name: str) -> None:
+        """Take a name."""
+        self._taken.add(name)
+
+    def new(self, base: str) -> str:
+        """Take the base name, or else the base name with a number from 1, and return it."""
+        while True:
+            count = self._counts.get(base, 0)
+            self._counts[base] = count + 1
+            name = f'{base}_{count}' if count else base
+            if name not in self._taken:
+                self.add(name)
+                return name
+
+    def kept(self, name: str, suffix: str) -> str:
+        """Take a name, or else a new one of the name with a suffix, and return it."""
+        if name in self._taken:
+            return self.new(name + suffix)
+        self.add(name)
+        return name
+
+
 def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
     """
     Return a robot with names that SDF allows, and with a name for each visual and collision.
@@ -39,17 +74,16 @@ def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
     SDF requires unique names and reserves ``world``, ``__name__`` and names with ``::``. The
     original names are kept for the round trip.
     """
-    name = _free_name(allowed_name(robot.name), {WORLD}, '_model')
+    name = Names({WORLD}).kept(allowed_name(robot.name), '_model')
     if name != robot.name:
         _warn_renamed(report, 'robot', robot.name, 0, name)
         robot = _with_original_name('robot', robot, name)
-    taken = {WORLD}
+    taken = Names({WORLD})
     names: dict[FrameId, str] = {}
     for frame, owner in robot.frame_owners():
         if isinstance(owner, Link) and owner.is_world:
             continue
-        name = _free_name(allowed_name(owner.name), taken, f'_{frame.kind}')
-        taken.add(name)
+        name = taken.kept(allowed_name(owner.name), f'_{frame.kind}')
         if name != owner.name:
             names[frame] = name
             _warn_renamed(report, frame.kind, owner.name, owner.line, name)
@@ -70,13 +104,12 @@ def with_valid_urdf_names(robot: Robot, report: Report) -> Robot:
         report.warn('model', robot.name, 0, message.format(name))
         robot = replace(robot, name=name)
     names: dict[FrameId, str] = {}
-    taken: dict[str, set[str]] = defaultdict(set)
+    taken: dict[str, Names] = defaultdict(Names)
     for frame, _ in robot.frame_owners():
         taken[frame.kind].add(frame.name)
     for frame, owner in robot.frame_owners():
         if '::' in owner.name:
-            name = _free_name(flat_name(owner.name), taken[frame.kind], f'_{frame.kind}')
-            taken[frame.kind].add(name)
+            name = taken[frame.kind].kept(flat_name(owner.name), f'_{frame.kind}')
             names[frame] = name
             if not name.endswith('__model__'):
                 report.warn(frame.kind, owner.name, owner.line, message.format(name))
@@ -162,26 +195,6 @@ def allowed_name(name: str) -> str:
     return name
 
 
-def unique_name(base: str, taken: Container[str], counts: dict[str, int] | None = None) -> str:
-    """
-    Return a name that is not taken: the base name, or else the base name with a number from 1.
-
-    :param counts: how many names of each base were tried; it is updated. A dictionary that is
-        kept between calls avoids trying the same names again, which is slow for many of them.
-    """
-    counts = {} if counts is None else counts
-    while True:
-        count = counts.get(base, 0)
-        counts[base] = count + 1
-        name = f'{base}_{count}' if count else base
-        if name not in taken:
-            return name
-
-
-def _free_name(name: str, taken: Container[str], suffix: str) -> str:
-    return name if name not in taken else unique_name(name + suffix, taken)
-
-
 def _with_shape_names(link: Link, report: Report) -> Link:
     """
     Return a link with a unique name for each visual and collision.
@@ -192,15 +205,14 @@ def _with_shape_names(link: Link, report: Report) -> Link:
     used = {name for element in (link.extension.sdf if link.extension.sdf is not None else ())
             if element.tag != 'plugin' and (name := element.get('name'))}
     # A made-up name must differ from all original names, also from those of later shapes.
-    taken = {*used, *(shape.name for owners in shapes.values() for shape in owners)}
-    counts: dict[str, int] = {}
+    taken = Names((*used, *(shape.name for owners in shapes.values() for shape in owners)))
     result: dict[str, list[Shape]] = {'collision': [], 'visual': []}
     new_collisions: dict[str, str] = {}
     for tag, owners in shapes.items():
         for shape in owners:
             name = allowed_name(shape.name)
             if not name or name == WORLD or name in used:
-                name = unique_name(f'{link.name}_{tag}', taken, counts)
+                name = taken.new(f'{link.name}_{tag}')
             if tag == 'collision' and shape.name:
                 new_collisions.setdefault(shape.name, name)
             if shape.name and name != shape.name:

@@ -25,7 +25,7 @@ from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.renaming import unique_name
+from opencv_tools.robot.renaming import Names
 from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.report import Report
@@ -165,13 +165,11 @@ def with_frame_links(robot: Robot, report: Report) -> Robot:
     :raises DescriptionError: the frames have a cycle.
     """
     attached = Kinematics(robot).attached_links()
-    taken = {link.name for link in robot.links} | {joint.name for joint in robot.joints}
-    counts: dict[str, int] = {}
+    taken = Names([*(link.name for link in robot.links), *(joint.name for joint in robot.joints)])
     links, joints = [], []
     for frame in robot.frames:
-        name = unique_name(frame.name, taken, counts)
-        joint = unique_name(f'{name}_joint', taken, counts)
-        taken |= {name, joint}
+        name = taken.new(frame.name)
+        joint = taken.new(f'{name}_joint')
         if frame.extension.sdf is not None:
             report.warn('frame', frame.name, frame.line, 'has other elements than a pose, which '
                         'the link does not get')

@@ -26,7 +26,6 @@ import xml.etree.ElementTree as ElementTree
 
 Element = ElementTree.Element
 _COLORS = ('0.1 0.2 0.3 1', '0.9 0.9 0.9 0.5', '1 1 1 1', '0.123456789012345 0 1 1')
-_SDF_COLORS = (*_COLORS, '1.5 0.5 2 1')  # of which SDF takes a part
 # Parts of a link of SDF, with what is said of those that its parser refuses.
 PARTS_OF_SDF = (
     ('<sensor name="s" type="imu"><update_rate>x</update_rate></sensor>', "'x' is not a number"),
@@ -294,7 +293,7 @@ def _sdf_link(random: Random, link: Element, name: str) -> None:
             add(shape, 'cast_shadows', 'false')
             material = add(shape, 'material')
             for key in random.sample(('ambient', 'diffuse', 'specular', 'emissive'), 2):
-                add(material, key, random.choice(_SDF_COLORS))
+                add(material, key, random.choice(_COLORS))
         else:
             add(add(add(shape, 'surface'), 'bounce'), 'restitution_coefficient', '0.5')
     if random.random() < 0.3:

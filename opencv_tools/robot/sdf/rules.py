@@ -30,7 +30,7 @@ import re
 from typing import TypeVar
 
 from opencv_tools.robot.model import WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name, unique_name
+from opencv_tools.robot.renaming import allowed_name, flat_name, Names
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
@@ -224,17 +224,14 @@ def _rename_children(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     renamable = [child for child in named if not _has_valid_name(child)]
-    taken = {child.get('name', '') for child in named if _has_valid_name(child)}
-    counts: dict[str, int] = {}
+    taken = Names(child.get('name', '') for child in named if _has_valid_name(child))
     for child in renamable:
         name = new = child.get('name', '')
         if child.tag in _FRAMED:
             new = f'{WORLD}_{child.tag}' if name == WORLD else allowed_name(name)
         elif not _is_ignored(child):
             new = flat_name(name)
-        if new in taken:
-            new = unique_name(f'{new}_{local_name(child)}', taken, counts)
-        taken.add(new)
+        new = taken.kept(new, f'_{local_name(child)}')
         if new != name:
             child.set(URDF_NAME, child.get(URDF_NAME, name))
             child.set('name', new)

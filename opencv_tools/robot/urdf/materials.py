@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
-from opencv_tools.robot.renaming import unique_name
+from opencv_tools.robot.renaming import Names
 from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
 from opencv_tools.robot.xml.numbers import numbers, numbers_text
 from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE
@@ -127,12 +127,10 @@ class MaterialNames:
 
     :param appearances: colour and texture by name.
     :param taken: names that are in use.
-    :param counts: see `unique_name`.
     """
 
     appearances: dict[str, _Appearance]
-    taken: set[str]
-    counts: dict[str, int] = field(default_factory=dict)
+    taken: Names
 
     @classmethod
     def of(cls, robot: Robot) -> MaterialNames:
@@ -144,15 +142,14 @@ class MaterialNames:
                                             for element in unread.iterfind('material')]
         appearances = {material.name: (material.color, material.texture)
                        for material in reversed(shared) if material.name}
-        return cls(appearances, {*names, *appearances})
+        return cls(appearances, Names((*names, *appearances)))
 
     def name_for(self, material: Material, link: Link, shape: Shape, report: Report) -> str:
         """Return a name that no other colour or texture has."""
         appearance = (material.color, material.texture)
         if material.name and self.appearances.setdefault(material.name, appearance) == appearance:
             return material.name
-        name = unique_name(_default_name(link.name, shape.name), self.taken, self.counts)
-        self.taken.add(name)
+        name = self.taken.new(_default_name(link.name, shape.name))
         if material.name:
             report.warn('material', material.name, shape.line, f'renamed to {name!r}, because the '
                         'name has another colour or texture elsewhere')

@@ -24,7 +24,7 @@ from collections.abc import Iterator, Mapping
 import math
 import re
 
-from opencv_tools.robot.renaming import unique_name
+from opencv_tools.robot.renaming import Names
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
@@ -104,14 +104,12 @@ def _clamp_colors(root: Element, report: Report) -> None:
 def _rename_materials(root: Element, report: Report) -> None:
     """Rename materials of the robot with equal names, as visuals use the first one."""
     materials = root.findall('material')
-    taken = {material.get('name', '') for material in materials}
+    taken = Names(material.get('name', '') for material in materials)
     seen: set[str] = set()
-    counts: dict[str, int] = {}
     for material in materials:
         name = material.get('name', '')
         if name in seen:
-            new = unique_name(f'{name}_again', taken, counts)
-            taken.add(new)
+            new = taken.new(f'{name}_again')
             material.set('name', new)
             report.warn('material', name, line_of(material),
                         f'renamed to {new!r}, because URDF requires unique names')

@@ -16,30 +16,32 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.renaming import unique_name
+from opencv_tools.robot.renaming import Names
 
 
 def test_free_name_is_kept() -> None:
-    assert unique_name('a', set()) == 'a'
+    names = Names()
+    assert (names.kept('a', '_link'), names.new('b')) == ('a', 'b')
+    assert 'a' in names and 'b' in names
 
 
 def test_taken_name_gets_the_first_free_number() -> None:
-    assert unique_name('a', {'a', 'a_1', 'a_3'}) == 'a_2'
+    names = Names({'a', 'a_1', 'a_3'})
+    assert [names.new('a') for _ in range(3)] == ['a_2', 'a_4', 'a_5']
+    assert names.kept('a', '_link') == 'a_link'
+    assert names.kept('a', '_link') == 'a_link_1'
 
 
-class Names(set[str]):
-    """Names that count the look-ups."""
+def test_taken_names_are_not_tried_again() -> None:
+    names = Names({'a', *(f'a_{number}' for number in range(1, 100))})
+    assert names.new('a') == 'a_100'
+    tried: list[object] = []
 
-    lookups = 0
+    class Counting(set[str]):
+        def __contains__(self, name: object) -> bool:
+            tried.append(name)
+            return super().__contains__(name)
 
-    def __contains__(self, name: object) -> bool:
-        self.lookups += 1
-        return super().__contains__(name)
-
-
-def test_names_that_were_tried_are_not_tried_again() -> None:
-    taken, counts = Names({'a'}), {'b': 0}
-    for _ in range(100):
-        taken.add(unique_name('a', taken, counts))
-    assert taken == {'a', *(f'a_{number}' for number in range(1, 101))}
-    assert taken.lookups == 101
+    names._taken = Counting(names._taken)
+    assert names.new('a') == 'a_101'
+    assert tried == ['a_101']
