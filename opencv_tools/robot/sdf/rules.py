@@ -37,6 +37,8 @@ from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
 _Value = TypeVar('_Value')
+# By the last tag: the other tags of each end of a path, the last one first, with a value.
+_Ends = Mapping[str, list[tuple[list[str], _Value]]]
 # Elements whose names must not be reserved names of frames.
 _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # Elements with names from `renaming.with_valid_sdf_names`, which are not changed again.
@@ -76,6 +78,15 @@ def _is_color(text: str) -> bool:
     return len(values) in (3, 4) and None not in values
 
 
+def _ends(table: Mapping[str, _Value]) -> _Ends[_Value]:
+    """Return a table of ends of paths by their last tags, the longest ends first."""
+    found: dict[str, list[tuple[list[str], _Value]]] = {}
+    for end in sorted(table, key=lambda end: end.count('/'), reverse=True):
+        tag, *outer = reversed(end.split('/'))
+        found.setdefault(tag, []).append((outer, table[end]))
+    return found
+
+
 # Check of a text, and description of a valid text, by type of value.
 _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
     'double': (lambda text: _read_number(text) is not None, 'a number'),
@@ -111,10 +122,10 @@ _TAGS: Mapping[str, str] = {
     'pose': 'pose',
 }
 # The end of a path counts more than a tag, because some tags have several meanings.
-_KIND_OF = {**{tag: kind for kind, tags in _TAGS.items() for tag in tags.split()},
-            'texture/diffuse': ''}  # name of a file
+_KIND_OF = _ends({**{tag: kind for kind, tags in _TAGS.items() for tag in tags.split()},
+                  'texture/diffuse': ''})  # name of a file
 _ANY = (-math.inf, math.inf)
-_RANGES: Mapping[str, tuple[float, float]] = {
+_RANGES: _Ends[tuple[float, float]] = _ends({
     'logical_camera/far': _ANY, 'logical_camera/horizontal_fov': _ANY,
     'logical_camera/near': _ANY, 'camera/noise/stddev': _ANY, 'lidar/noise/stddev': _ANY,
     'ray/noise/stddev': _ANY, 'bullet/friction': (0.0, math.inf),
@@ -126,7 +137,7 @@ _RANGES: Mapping[str, tuple[float, float]] = {
     'mu2': (0.0, math.inf), 'near': (0.0, math.inf), 'patch_radius': (0.0, math.inf),
     'restitution_coefficient': (0.0, 1.0), 'scale_rate': (0.0, math.inf),
     'stddev': (0.0, math.inf), 'surface_radius': (0.0, math.inf),
-}
+})
 _REQUIRED: Mapping[str, tuple[str, ...]] = {
     'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
     'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
@@ -178,21 +189,21 @@ def find_flaw(element: Element) -> str:
         kind = 'quaternion'
     if kind and not _KINDS[kind][0](text):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    low, high = _by_end(_RANGES, element) or _ANY
-    value = _read_number(text) if (low, high) != _ANY else None
-    if value is not None and (value < low or value > high):
-        return f'{text!r} is outside of {low:g} to {high:g}'
+    if tag in _RANGES:
+        low, high = _by_end(_RANGES, element) or _ANY
+        value = _read_number(text)
+        if value is not None and (value < low or value > high):
+            return f'{text!r} is outside of {low:g} to {high:g}'
     return ''
 
 
-def _by_end(table: Mapping[str, _Value], element: Element) -> _Value | None:
+def _by_end(table: _Ends[_Value], element: Element) -> _Value | None:
     """Return the value of the longest end of an element's path; None if the table has none."""
-    end = str(element.tag)
-    found = table.get(end)
-    for outer in islice(element.iterancestors(), 2):
-        end = f'{outer.tag!s}/{end}'
-        found = table.get(end, found)
-    return found
+    for outer, value in table.get(str(element.tag), ()):
+        if not outer or outer == [str(above.tag) for above in islice(
+                element.iterancestors(), len(outer))]:
+            return value
+    return None
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
@@ -224,6 +235,8 @@ def _rename_children(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     renamable = [child for child in named if not _has_valid_name(child)]
+    if not renamable:
+        return
     taken = Names(child.get('name', '') for child in named if _has_valid_name(child))
     for child in renamable:
         name = new = child.get('name', '')
