@@ -25,9 +25,9 @@ from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Material, Sphere
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, MODEL, Placement, Robot, Shape
+from opencv_tools.robot.physical import is_physical
 from opencv_tools.robot.pose import Pose, Tensor
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.physical import is_physical
 from opencv_tools.robot.sdf.rules import find_flaw
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import Element, parse, to_bytes
