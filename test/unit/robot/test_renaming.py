@@ -38,6 +38,7 @@ def test_taken_names_are_not_tried_again() -> None:
     tried: list[object] = []
 
     class Counting(set[str]):
+
         def __contains__(self, name: object) -> bool:
             tried.append(name)
             return super().__contains__(name)
