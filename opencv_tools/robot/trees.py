@@ -167,8 +167,8 @@ def with_frame_links(robot: Robot, report: Report) -> Robot:
     attached = Kinematics(robot).attached_links()
     taken = Names([*(link.name for link in robot.links), *(joint.name for joint in robot.joints)])
     links, joints = [], []
-    for frame in robot.frames:
-        name = taken.new(frame.name)
+    # The names of all links before those of joints, because users know the frames.
+    for frame, name in [(frame, taken.new(frame.name)) for frame in robot.frames]:
         joint = taken.new(f'{name}_joint')
         if frame.extension.sdf is not None:
             report.warn('frame', frame.name, frame.line, 'has other elements than a pose, which '

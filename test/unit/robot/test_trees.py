@@ -198,4 +198,5 @@ def test_names_of_links_for_frames() -> None:
     result = with_frame_links(robot, Report())
     names = [*(link.name for link in result.links), *(joint.name for joint in result.joints)]
     assert len(set(names)) == len(names) == 11
+    assert {'optical', 'optical_joint', 'axle', 'floor'} < {link.name for link in result.links}
     assert result.frames == ()
