@@ -109,5 +109,6 @@ class _HeldFrame:
             'version': 3}
 
     def __del__(self) -> None:
-        """Release the memory."""
+        """Release the memory, and only then count it as released: another thread may receive."""
+        del self._held
         self._views.discard(id(self))

@@ -117,6 +117,32 @@ def test_more_held_frames_are_copies(memory: FrameMemory) -> None:
     assert receive(reader).data.base is not None
 
 
+def test_frames_while_another_is_released(memory: FrameMemory) -> None:
+    writer = memory.create_writer(8)
+    reader = memory.open_reader(writer.service, 2)
+    received = []
+
+    class Views(set[int]):
+        """Views of which the first release receives, as another thread may do then."""
+
+        def discard(self, view: int) -> None:
+            super().discard(view)
+            if not received:
+                received.append(reader.receive())
+                received.append(reader.receive())
+
+    reader._views = Views()
+    held = []
+    for number in range(MAX_VIEWS):
+        publish(writer, np.full(8, number, np.uint8))
+        held.append(receive(reader))
+    for number in (98, 99):
+        publish(writer, np.full(8, number, np.uint8))
+    del held[0]
+    gc.collect()
+    assert [int(frame.data[0]) for frame in received if frame] == [98, 99]
+
+
 def test_view_outlives_reader_and_writer(memory: FrameMemory) -> None:
     writer = memory.create_writer(6)
     reader = memory.open_reader(writer.service, 1)
