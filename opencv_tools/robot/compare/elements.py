@@ -80,7 +80,8 @@ def _value(text: str) -> Value:
     if flag := _FLAGS.get(text.lower()):
         return flag
     try:
-        numbers = tuple(map(float, text.split()))
+        # Python reads 1_0 as a number, SDF does not.
+        numbers = tuple(map(float, text.replace('_', ' _').split()))
     except ValueError:
         return plain_uri(flat_name(' '.join(text.split())))
     return numbers if numbers and all(map(math.isfinite, numbers)) else text

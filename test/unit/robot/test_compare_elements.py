@@ -152,6 +152,13 @@ def test_single_change_is_found(tmp_path: Path, kind: str, text: str) -> None:
     assert robot_compare([str(first), str(second), '--all', '--samples', '1']) == 1
 
 
+def test_text_with_digits_is_no_number(tmp_path: Path) -> None:
+    paths = [tmp_path / f'{number}.urdf' for number in range(2)]
+    for path, text in zip(paths, ('1_0', '10')):
+        path.write_text(URDF.replace('<odom_rate>50<', f'<odom_rate>{text}<'))
+    assert robot_compare([*map(str, paths), '--all']) == 1
+
+
 def test_same_elements_in_another_way(original: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = original.read_text()
     same = original.with_name(f'same{original.suffix}')
