@@ -150,8 +150,9 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
 
     return replace(
         robot, links=tuple(merged[link.name] for link in robot.links if link.name in merged),
-        joints=tuple(replace(joint, parent=hosts[joint.parent]) for joint in robot.joints
-                     if lumped.get(joint.child) is not joint),
+        # The child of a joint that closes a loop may be lumped by another joint.
+        joints=tuple(replace(joint, parent=hosts[joint.parent], child=hosts[joint.child])
+                     for joint in robot.joints if lumped.get(joint.child) is not joint),
         frames=(*robot.frames, *frames), canonical_link=hosts.get(robot.canonical_link, '')
     ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
 

@@ -161,6 +161,26 @@ def test_lumped_link_has_each_setting_once() -> None:
     assert model.xpath('frame/physics') == []
 
 
+LOOP = """<sdf version="1.11"><model name="m"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="j" type="fixed"><parent>a</parent><child>b</child></joint>
+<joint name="k" type="revolute"><parent>b</parent><child>c</child><axis><xyz>0 0 1</xyz></axis>
+</joint><joint name="l" type="revolute"><pose>0 2 0 0 0 0</pose><parent>c</parent><child>b</child>
+<axis><xyz>0 0 1</xyz></axis></joint></model></sdf>
+"""
+
+
+def test_lumped_child_of_a_joint_that_closes_a_loop(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ('a.sdf', 'b.urdf', 'c.sdf')]
+    paths[0].write_text(LOOP)
+    assert sdf_to_urdf([str(paths[0]), '-o', str(paths[1])]) == 0
+    assert urdf_to_sdf([str(paths[1]), '-o', str(paths[2]), '--fixed', 'lump']) == 0
+    robot = read_robot(str(paths[2]), Report())[0]
+    assert [(joint.name, joint.parent, joint.child, joint.is_loop) for joint in robot.joints] == [
+        ('k', 'a', 'c', False), ('l', 'c', 'a', True)]
+    pose = Kinematics(robot).pose(FrameId('joint', 'l'))
+    assert pose.translation == pytest.approx((0, 2, 0))
+
+
 FRAMES = """<sdf version="1.9"><model name="m"><link name="base"/>
 <link name="arm"><pose>1 0 0 0 0 0.5</pose></link>
 <joint name="hinge" type="revolute"><parent>base</parent><child>arm</child>
