@@ -24,6 +24,7 @@ from opencv_tools.robot.model import Extension
 from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.sdf.values import pose_of
 from opencv_tools.robot.xml.document import DescriptionError, Element, local_name
+from opencv_tools.robot.xml.numbers import c_float
 
 _FLAGS = {'true': (1.0,), 'false': (0.0,)}
 
@@ -80,8 +81,7 @@ def _value(text: str) -> Value:
     if flag := _FLAGS.get(text.lower()):
         return flag
     try:
-        # Python reads 1_0 as a number, SDF does not.
-        numbers = tuple(map(float, text.replace('_', ' _').split()))
+        numbers = tuple(map(c_float, text.split()))
     except ValueError:
         return plain_uri(flat_name(' '.join(text.split())))
     return numbers if numbers and all(map(math.isfinite, numbers)) else text

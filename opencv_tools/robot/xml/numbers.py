@@ -36,7 +36,7 @@ def numbers(text: str | None, count: int, element: AnyElement, attribute: str = 
     :raises DescriptionError: the text is not as many finite numbers.
     """
     try:
-        values = tuple(map(_float, (text or '').split()))
+        values = tuple(map(c_float, (text or '').split()))
     except ValueError:
         values = ()
     if len(values) != count or not all(map(math.isfinite, values)):
@@ -60,7 +60,7 @@ def vector(text: str | None, element: AnyElement, attribute: str = ''
 def limit_number(text: str | None, element: AnyElement, attribute: str = '') -> float:
     """Read a limit; it is infinite from ``UNLIMITED`` on."""
     try:
-        value = _float((text or '').strip())
+        value = c_float((text or '').strip())
     except ValueError:
         value = math.nan
     if math.isnan(value):
@@ -80,7 +80,7 @@ def quoted(text: str | None) -> str:
     return repr(text if len(text) <= 60 else f'{text[:57]}...')
 
 
-def _float(word: str) -> float:
+def c_float(word: str) -> float:
     """Read a number as C does, without the underscores and foreign digits of Python."""
     if '_' in word or not word.isascii():
         raise ValueError
