@@ -79,6 +79,7 @@ def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
     :raises DescriptionError: URDF does not support the robot.
     """
     robot = with_inertials(select_root(robot, '', report), inertial, report)
+    report_inertials(robot, report)
     robot = with_mesh_uris(robot, mesh_uri)
     if frame_links:
         robot = with_frame_links(robot, report)

@@ -16,16 +16,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 import math
 import operator
+from pathlib import Path
 
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.meshes import mesh_solid, MeshError
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
-from opencv_tools.robot.pose import Pose, rotated_tensor, Vector
+from opencv_tools.robot.pose import Pose, rotated_tensor
 from opencv_tools.robot.sdf.values import flag, number_of
+from opencv_tools.robot.solids import cone, ellipsoid, Solid, solid_of
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import vector
 from opencv_tools.robot.xml.report import Report
@@ -33,70 +36,36 @@ from opencv_tools.robot.xml.tracked import detached
 
 _DENSITY = 1000.0  # of water in kg/m3, the default of SDF
 _ROUNDING = 1e-9  # relative, of numbers that were converted there and back
-# Volume, moments of inertia about the centre of mass for a mass of 1 kg, centre of mass along z.
-_Solid = tuple[float, Vector, float]
 
 
-def _box(x: float, y: float, z: float) -> _Solid:
-    return x * y * z, ((y * y + z * z) / 12, (x * x + z * z) / 12, (x * x + y * y) / 12), 0.0
+def _solid(shape: Shape, folders: Sequence[Path]) -> Solid:
+    """
+    Return the solid of a collision.
 
-
-def _ellipsoid(x: float, y: float, z: float) -> _Solid:
-    moments = (y * y + z * z) / 5, (x * x + z * z) / 5, (x * x + y * y) / 5
-    return 4 / 3 * math.pi * x * y * z, moments, 0.0
-
-
-def _sphere(radius: float) -> _Solid:
-    return _ellipsoid(radius, radius, radius)
-
-
-def _cylinder(radius: float, length: float) -> _Solid:
-    across = (3 * radius * radius + length * length) / 12
-    return math.pi * radius * radius * length, (across, across, radius * radius / 2), 0.0
-
-
-def _capsule(radius: float, length: float) -> _Solid:
-    """Return a cylinder with two hemispheres, whose centres are 3/8 radius from its ends."""
-    cylinder, (middle, _, around), _ = _cylinder(radius, length)
-    sphere = _sphere(radius)[0]
-    volume = cylinder + sphere
-    share = sphere / volume if volume else 0.0
-    ends = 0.4 * radius * radius + length * length / 4 + 0.375 * radius * length
-    across = (1 - share) * middle + share * ends
-    return volume, (across, across, (1 - share) * around + share * 0.4 * radius * radius), 0.0
-
-
-def _cone(radius: float, length: float) -> _Solid:
-    """Return a cone whose tip points along z and whose origin is halfway up."""
-    across = 0.0375 * (4 * radius * radius + length * length)
-    volume = math.pi * radius * radius * length / 3
-    return volume, (across, across, 0.3 * radius * radius), -length / 4
-
-
-_SOLIDS: Mapping[str, Callable[..., _Solid]] = {
-    'box': lambda size: _box(*size), 'sphere': _sphere, 'cylinder': _cylinder,
-    'capsule': _capsule}
-
-
-def _solid(shape: Shape) -> _Solid | None:
-    """Return the solid of a collision; None for a mesh and for a shape without a volume."""
+    :raises MeshError: it is not known; also for a shape without a volume.
+    """
     geometry, unread = shape.geometry, shape.extension.sdf
+    if isinstance(geometry, Mesh):
+        if unread is not None and unread.find('geometry/mesh/submesh') is not None:
+            raise MeshError('it is a part of a mesh')
+        return mesh_solid(geometry, folders)
     if geometry is not None:
-        return None if isinstance(geometry, Mesh) else (
-            _SOLIDS[type(geometry).__name__.lower()](*vars(geometry).values()))
-    ellipsoid, cone = (None if unread is None else unread.find(f'geometry/{tag}')
-                       for tag in ('ellipsoid', 'cone'))
-    if ellipsoid is not None:
-        return _ellipsoid(*vector(ellipsoid.findtext('radii', '1 1 1'), ellipsoid))
-    if cone is not None:
-        return _cone(number_of(cone, 'radius', 0.5), number_of(cone, 'length', 1.0))
-    return None
+        return solid_of(geometry)
+    ellipse, peak = (None if unread is None else unread.find(f'geometry/{tag}')
+                     for tag in ('ellipsoid', 'cone'))
+    if ellipse is not None:
+        return ellipsoid(*vector(ellipse.findtext('radii', '1 1 1'), ellipse))
+    if peak is not None:
+        return cone(number_of(peak, 'radius', 0.5), number_of(peak, 'length', 1.0))
+    raise MeshError('it is no solid')
 
 
-def auto_inertial(link: Link, kinematics: Kinematics, report: Report) -> Inertial | None:
+def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
+                  folders: Sequence[Path] = ()) -> Inertial | None:
     """
     Return the inertial of a link that SDF computes from the density of the collisions.
 
+    :param folders: folders in which meshes are searched.
     :param report: receives the collisions that have no share in it.
     :returns: mass 1 kg and moments 1 kg m2 if no collision has a volume; None if the inertial of
         the link is not ``auto``.
@@ -108,10 +77,11 @@ def auto_inertial(link: Link, kinematics: Kinematics, report: Report) -> Inertia
     density, mass = (number_of(element, tag, None) for tag in ('density', 'mass'))
     parts = []
     for shape in link.collisions:
-        solid = _solid(shape)
-        if solid is None:
+        try:
+            solid = _solid(shape, folders)
+        except MeshError as err:
             report.warn('collision', shape.name, shape.line, 'has no share in <inertial '
-                        f'auto="true"> of link {link.name!r}: its volume is not computed')
+                        f'auto="true"> of link {link.name!r}: {err}')
         else:
             parts.append(_inertial_of(solid, shape, _DENSITY if density is None else density))
     frame = FrameId('link', link.name)
@@ -136,15 +106,15 @@ def _auto_element(link: Link) -> Element | None:
     return element if element is not None and flag(element.get('auto'), element, 'auto') else None
 
 
-def _inertial_of(solid: _Solid, shape: Shape, density: float) -> Inertial:
-    volume, (xx, yy, zz), height = solid
+def _inertial_of(solid: Solid, shape: Shape, density: float) -> Inertial:
     if shape.extension.sdf is not None:
         density = number_of(shape.extension.sdf, 'density', density)
-    mass, placement = density * volume, shape.placement
-    if height:
-        centre = placement.pose.transform() @ Pose((0.0, 0.0, height)).transform()
+    mass, placement = density * solid.volume, shape.placement
+    if any(solid.centre):
+        centre = placement.pose.transform() @ Pose(solid.centre).transform()
         placement = replace(placement, pose=centre.pose())
-    return Inertial(placement, mass, (mass * xx, 0.0, 0.0, mass * yy, 0.0, mass * zz))
+    xx, xy, xz, yy, yz, zz = (mass * moment for moment in solid.moments)
+    return Inertial(placement, mass, (xx, xy, xz, yy, yz, zz))
 
 
 def without_auto(link: Link) -> Link:

@@ -33,9 +33,12 @@ _SMALLEST = 1e-6
 def report_inertials(robot: Robot, report: Report) -> None:
     """Report the inertials that are physically impossible."""
     for link in robot.links:
-        if link.inertial is not None and not is_physical(link.inertial):
-            report.warn('inertial', link.name, link.line, 'mass and moments of inertia are '
-                        'physically impossible, Gazebo rejects them; converted unchanged')
+        inertial = link.inertial
+        if inertial is not None and not is_physical(inertial):
+            impossible = (f'the mass {inertial.mass:g} is' if inertial.mass < 0 else
+                          'the moments of inertia are')
+            report.warn('inertial', link.name, link.line, f'{impossible} physically impossible, '
+                        'and Gazebo rejects the link; converted unchanged')
 
 
 def with_physical_inertials(robot: Robot, report: Report) -> Robot:
@@ -43,13 +46,17 @@ def with_physical_inertials(robot: Robot, report: Report) -> Robot:
     Return a robot in which physically impossible moments of inertia are the nearest possible ones.
 
     :param report: receives the former and the new moments.
-    :raises DescriptionError: a mass is not positive, or the moments are those of no body at all.
+    :raises DescriptionError: a mass is negative, or the moments are those of no body at all.
     """
     def changed(link: Link) -> Link:
         inertial = link.inertial
         if inertial is None or is_physical(inertial):
             return link
-        moments = nearest_moments(inertial.inertia) if inertial.mass > 0 else None
+        if inertial.mass < 0:
+            raise DescriptionError(f'link {link.name!r} has the negative mass {inertial.mass:g}; '
+                                   'correct it', source=robot.source, line=link.line,
+                                   tag='inertial')
+        moments = nearest_moments(inertial.inertia) if inertial.mass else None
         if moments is None or not is_physical(replace(inertial, inertia=moments)):
             raise DescriptionError(
                 f'link {link.name!r} has the mass {inertial.mass:g} and the moments of inertia '

@@ -36,6 +36,7 @@ from opencv_tools.robot.model import (
     Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name, with_original_names
+from opencv_tools.robot.xml.document import DescriptionError
 
 Key = tuple[str, str]  # element and name
 _Poses = Mapping[FrameId, Transform]
@@ -94,7 +95,7 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     :param seed: seed of the random positions.
     :param everything: whether all other elements are compared too, such as friction, sensors and
         plugins, and the presence of frames.
-    :raises DescriptionError: the frames or mimics of a robot have a cycle.
+    :raises DescriptionError: the frames or mimics of a robot have a cycle, or poses are too large.
     """
     sides = _Side(with_original_names(a)), _Side(with_original_names(b))
     base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), _ordered(*sides)
@@ -285,6 +286,9 @@ def _pose_differences(keys: Iterable[Key], name: str, items: Sequence[Mapping[Ke
     for key in keys:
         a, b = (pose[item[key].frame] @ item[key].offset for pose, item in zip(poses, items))
         distance = math.dist(a.translation, b.translation)
+        if not math.isfinite(distance):
+            raise DescriptionError(f'{key[0]} {key[1]!r} is too far away for floating-point '
+                                   'numbers')
         scale = max(1.0, math.hypot(*a.translation), math.hypot(*b.translation))
         # The distance of two rotation matrices is sin(angle / 2) * sqrt(8). Unlike the cosine,
         # it is exact for small angles.

@@ -44,6 +44,18 @@ _FUEL = re.compile(r'https?://([^/]+)/[^/]+/([^/]+)/models/([^/]+)(?:/([0-9]+|ti
 _NAMED_SCHEMES = ('model', 'package')
 
 
+def search_folders(folder: Path, search: Sequence[str] = ()) -> list[Path]:
+    """
+    Return the folders in which files of models are searched.
+
+    :param folder: folder of the file that names another one.
+    :param search: folders that are searched before those of the environment.
+    """
+    folders = [*search, *(found for variable in SEARCH_VARIABLES
+                          for found in os.environ.get(variable, '').split(os.pathsep))]
+    return [folder, folder.parent, *(Path(found) for found in folders if found)]
+
+
 class NoModelError(DescriptionError):
     """An included file without a model."""
 
@@ -94,9 +106,7 @@ class ModelLoader:
         :param search: folders that are searched before those of the environment.
         :param report: receives the warnings about included files.
         """
-        folders = [*search, *(folder for variable in SEARCH_VARIABLES
-                              for folder in os.environ.get(variable, '').split(os.pathsep))]
-        self._search = [Path(folder) for folder in folders if folder]
+        self._search = search
         self._report = report
         self._roots: dict[Path, tuple[Element, Version]] = {}
         self._include_count = 0
@@ -185,7 +195,7 @@ class ModelLoader:
         if scheme in _NAMED_SCHEMES:
             path = path.lstrip('/')
         # Joining keeps an absolute path unchanged.
-        return [base / path for base in (folder, folder.parent, *self._search)]
+        return [base / path for base in search_folders(folder, self._search)]
 
 
 def _downloaded(uri: str) -> list[Path]:
@@ -202,9 +212,8 @@ def _downloaded(uri: str) -> list[Path]:
     return [folder for folder in versions if match[4] in (None, 'tip', folder.name)]
 
 
-def first_file(root: Element) -> Path:
-    """Return the real path of the file that a root element comes from."""
-    source = source_of(root)
+def first_file(source: str) -> Path:
+    """Return the real path of the file that a robot comes from."""
     return Path(os.path.realpath(source)) if source else Path.cwd() / '<stdin>'
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from graphlib import CycleError
+from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.inertia import auto_inertial
@@ -27,7 +28,7 @@ from opencv_tools.robot.kinematics import (
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
-from opencv_tools.robot.sdf.includes import first_file, ModelLoader
+from opencv_tools.robot.sdf.includes import first_file, ModelLoader, search_folders
 from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
 from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
@@ -65,8 +66,8 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
         raise DescriptionError(f'model {top.file.name!r} has no links', top.element)
     # All names are registered before elements are read, because they may refer to later elements.
     registry = FrameRegistry(scopes)
-    folder = str(first_file(root).parent)
-    contexts = [ReadContext(scope, registry, report, folder) for scope in scopes]
+    folder = first_file(source_of(root)).parent
+    contexts = [ReadContext(scope, registry, report, str(folder)) for scope in scopes]
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)
     robot = Robot(name=top.file.name, links=links, joints=joints, frames=frames,
@@ -91,7 +92,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     # Mimics are parts of axes.
     check_mimic_cycles(robot)
     # The centres of collisions depend on the final poses, too.
-    robot = _with_auto_inertials(robot, kinematics, report)
+    robot = _with_auto_inertials(robot, kinematics, search_folders(folder, search), report)
     # Loops do not change poses or axes; only trees of the robot depend on them.
     robot = mark_loops(robot, canonical)
     # The extension is what no step has read, so it is last.
@@ -204,10 +205,11 @@ def _with_world(robot: Robot, pose_in_world: Pose) -> Robot:
     return replace(robot, links=(*links, replace(last, placement=placement)))
 
 
-def _with_auto_inertials(robot: Robot, kinematics: Kinematics, report: Report) -> Robot:
+def _with_auto_inertials(robot: Robot, kinematics: Kinematics, folders: Sequence[Path],
+                         report: Report) -> Robot:
     """Compute the inertials that the file leaves to the density of the collisions."""
     return replace(robot, links=tuple(
-        replace(link, inertial=auto_inertial(link, kinematics, report) or link.inertial)
+        replace(link, inertial=auto_inertial(link, kinematics, report, folders) or link.inertial)
         for link in robot.links))
 
 

@@ -25,7 +25,7 @@ from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, 
 from opencv_tools.robot.sdf.values import (
     file_version, flag, MODEL_FRAME, SEPARATOR, text_of)
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name)
+    DescriptionError, Element, line_of, local_name, required_name, source_of)
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.robot.xml.tracked import TrackedElement
 
@@ -116,7 +116,7 @@ def _select_model(root: Element, loader: ModelLoader, name: str, report: Report)
         raise DescriptionError(f'has no model {name!r}; select one of {", ".join(names)}', root)
     element = candidates[names.index(name) if name else 0][1]
     _report_outside(root, element, report)
-    files = (first_file(root),)
+    files = (first_file(source_of(root)),)
     if local_name(element) == 'include':
         return loader.load(TrackedElement(element), files)
     return ModelFile(TrackedElement(element), version, files)
@@ -128,7 +128,7 @@ def _candidate_models(root: Element, loader: ModelLoader) -> Iterator[tuple[str,
         for element in holder.iterchildren(*_MODELS):
             if local_name(element) == 'model':
                 yield required_name(element), element
-            elif name := _included_name(element, loader, first_file(root)):
+            elif name := _included_name(element, loader, first_file(source_of(root))):
                 yield name, element
 
 

@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
@@ -27,6 +29,7 @@ from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Frame, FrameId, INERTIA, Joint, Link, MODEL, Robot, Shape, WORLD)
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
+from opencv_tools.robot.sdf.includes import first_file, search_folders
 from opencv_tools.robot.sdf.values import (
     AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, number_element, pose_element, text_element,
     Version, written_version)
@@ -45,6 +48,7 @@ class _WriteContext:
     version: Version
     relative: bool  # whether each link is placed relative to its parent link
     report: Report
+    folders: Sequence[Path]  # where meshes are searched
 
     def write_extension(self, element: Element, written: Frame | Joint | Link | Shape) -> None:
         """Write what the model does not represent: merge SDF, and embed URDF."""
@@ -67,7 +71,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         world.
     """
     output = written_version(version)
-    context = _WriteContext(Kinematics(robot), output, relative, report)
+    context = _WriteContext(Kinematics(robot), output, relative, report,
+                            search_folders(first_file(robot.source).parent))
     _check_links(robot, context)
     root = etree.Element('sdf', version=str(output),
                          nsmap=namespaces(robot.extension_elements(), 'urdf'))
@@ -131,7 +136,7 @@ def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link
     frame, kinematics, inertial = FrameId('link', link.name), context.kinematics, link.inertial
     if inertial is None:
         return link
-    auto = auto_inertial(link, kinematics, Report())
+    auto = auto_inertial(link, kinematics, Report(), context.folders)
     if auto:
         is_same = is_same_inertial(auto, inertial, frame, kinematics)
         if is_same and context.version >= AUTO_INERTIA:

@@ -104,7 +104,14 @@ def number_text(value: float) -> str:
 
 
 def numbers_text(values: tuple[float, ...]) -> str:
-    """Return the texts of numbers with blanks between them."""
+    """
+    Return the texts of numbers with blanks between them.
+
+    :raises DescriptionError: a number is not finite, because those that it was computed from are
+        too large.
+    """
+    if not all(map(math.isfinite, values)):
+        raise DescriptionError('a converted pose or direction is not finite; use smaller numbers')
     return ' '.join(map(number_text, values))
 
 

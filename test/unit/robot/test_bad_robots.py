@@ -461,3 +461,21 @@ def _wait_until_asleep(pid: int) -> None:
     while _stat(f'{pid}')[0] != 'S':
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def test_poses_too_far_away(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    far = '<origin xyz="1.7e308 0 0"/>'
+    urdf = tmp_path / 'far.urdf'
+    urdf.write_text('<robot name="r"><link name="a"/><link name="b"/><link name="c"/>' + ''.join(
+        f'<joint name="{parent}{child}" type="fixed"><parent link="{parent}"/>'
+        f'<child link="{child}"/>{far}</joint>' for parent, child in ('ab', 'bc')) + '</robot>')
+    sdf = tmp_path / 'far.sdf'
+    sdf.write_text('<sdf version="1.9"><model name="m"><link name="a">'
+                   '<pose>-1.7e308 0 0 0 0 0</pose></link><link name="b">'
+                   '<pose>1.7e308 0 0 0 0 0</pose></link><joint name="j" type="fixed">'
+                   '<parent>a</parent><child>b</child></joint></model></sdf>')
+    for command, arguments in ((urdf_to_sdf, [urdf]), (sdf_to_urdf, [sdf]),
+                               (robot_frames, [urdf]), (robot_compare, [urdf, urdf])):
+        assert command(list(map(str, arguments))) == 2
+        told = capsys.readouterr().err.splitlines()
+        assert 'not finite' in told[-1] or 'too far away' in told[-1], told

@@ -147,7 +147,7 @@ def test_collision_without_a_volume_has_a_warning() -> None:
     robot = read(link('<inertial auto="true"/>', BOX, '<geometry><plane/></geometry>'),
                  report=report)
     assert inertial_of(robot).mass == 1000
-    assert "of link 'a': its volume is not computed" in report.warnings[0].message
+    assert "of link 'a': it is no solid" in report.warnings[0].message
 
 
 def test_density_without_a_finite_mass_is_refused() -> None:

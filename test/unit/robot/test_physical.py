@@ -91,5 +91,11 @@ def test_inertial_of_no_body(tmp_path: Path, mass: str, ixx: object, izz: object
     urdf.write_text(URDF.format(mass=mass, ixx=ixx, izz=izz))
     assert urdf_to_sdf([str(urdf), '--inertial', 'physical']) == 2
     told = capsys.readouterr().err
-    assert told.count('\n') == 1 and f'has the mass {mass} and the moments' in told
-    assert urdf_to_sdf([str(urdf)]) == 0
+    reason = 'the negative mass -1; correct it' if mass == '-1' else (
+        f'the mass {mass} and the moments')
+    assert told.count('\n') == 1 and f'has {reason}' in told
+    sdf = tmp_path / 'a.sdf'
+    for command, source, result in ((urdf_to_sdf, urdf, sdf), (sdf_to_urdf, sdf, urdf)):
+        assert command([str(source), '-o', str(result)]) == 0
+        subject = 'mass -1 is' if mass == '-1' else 'moments of inertia are'
+        assert f'the {subject} physically impossible' in capsys.readouterr().err
