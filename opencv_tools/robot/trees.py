@@ -135,24 +135,32 @@ def lump_fixed(robot: Robot, report: Report) -> Robot:
               for name, group in members.items()}
     new_ids: dict[FrameId, FrameId] = {}
     frames = []
-    for child, joint in lumped.items():
-        report.warn('joint', joint.name, joint.line,
-                    f'lumped: link {child!r} is now a frame of link {hosts[child]!r}')
+    # Joints that close a loop may connect two links that are one now.
+    for joint in robot.joints:
+        if hosts[joint.parent] != hosts[joint.child]:
+            continue
+        child = joint.child if lumped.get(joint.child) is joint else ''
+        host = FrameId('link', hosts[joint.child])
+        report.warn('joint', joint.name, joint.line, f'lumped: link {child!r} is now a frame of '
+                    f'link {host.name!r}' if child else
+                    f'lumped: both its links are link {host.name!r} now, so it is a frame')
         joint_frame = f'{joint.name}_joint' if joint.name == joint.child else joint.name
-        new_ids[FrameId('link', child)] = FrameId('frame', child)
         new_ids[FrameId('joint', joint.name)] = FrameId('frame', joint_frame)
-        host = FrameId('link', hosts[child])
-        pose, link = kinematics.between(host, FrameId('joint', joint.name)), links[child]
+        pose = kinematics.between(host, FrameId('joint', joint.name))
         frames.append(Frame(name=joint_frame, attached_to=host, placement=Placement(pose, host),
                             extension=replace(joint.extension, sdf=None), line=joint.line))
-        frames.append(Frame(name=child, attached_to=host, placement=link.placement,
-                            extension=replace(link.extension, sdf=None), line=link.line))
+        if child:
+            link = links[child]
+            new_ids[FrameId('link', child)] = FrameId('frame', child)
+            frames.append(Frame(name=child, attached_to=host, placement=link.placement,
+                                extension=replace(link.extension, sdf=None), line=link.line))
 
     return replace(
         robot, links=tuple(merged[link.name] for link in robot.links if link.name in merged),
         # The child of a joint that closes a loop may be lumped by another joint.
-        joints=tuple(replace(joint, parent=hosts[joint.parent], child=hosts[joint.child])
-                     for joint in robot.joints if lumped.get(joint.child) is not joint),
+        joints=_drop_orphan_mimics([
+            replace(joint, parent=hosts[joint.parent], child=hosts[joint.child])
+            for joint in robot.joints if hosts[joint.parent] != hosts[joint.child]], report),
         frames=(*robot.frames, *frames), canonical_link=hosts.get(robot.canonical_link, '')
     ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
 

@@ -181,6 +181,23 @@ def test_lumped_child_of_a_joint_that_closes_a_loop(tmp_path: Path) -> None:
     assert pose.translation == pytest.approx((0, 2, 0))
 
 
+def test_lumped_links_of_a_joint_that_closes_a_loop(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [tmp_path / name for name in ('a.sdf', 'b.urdf', 'c.sdf')]
+    paths[0].write_text(
+        '<sdf version="1.9"><model name="m"><link name="a"/><link name="b"/>' + ''.join(
+            f'<joint name="{name}" type="fixed"><pose>{x} 0 0 0 0 0</pose><parent>a</parent>'
+            '<child>b</child></joint>' for x, name in enumerate('jk')) + '</model></sdf>')
+    assert sdf_to_urdf([str(paths[0]), '-o', str(paths[1])]) == 0
+    assert urdf_to_sdf([str(paths[1]), '-o', str(paths[2]), '--fixed', 'lump']) == 0
+    assert "'k': lumped: both its links are link 'a' now" in capsys.readouterr().err
+    robot = read_robot(str(paths[2]), Report())[0]
+    assert ([link.name for link in robot.links], robot.joints) == (['a'], ())
+    kinematics = Kinematics(robot)
+    assert {frame.name: kinematics.pose(FrameId('frame', frame.name)).translation[0]
+            for frame in robot.frames} == pytest.approx({'b': 0, 'j': 0, 'k': 1})
+
+
 FRAMES = """<sdf version="1.9"><model name="m"><link name="base"/>
 <link name="arm"><pose>1 0 0 0 0 0.5</pose></link>
 <joint name="hinge" type="revolute"><parent>base</parent><child>arm</child>
