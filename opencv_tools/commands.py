@@ -20,31 +20,41 @@ This module imports nothing that takes long, so signals are handled before the l
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+import os
 import signal
+from typing import Any
 
 from opencv_tools.signals import end_at_signals
 
 
-def _run_node(module: str) -> int:
+def _load(module: str) -> Any:
+    """Import the module of an executable that multiplies no large matrices."""
+    # numpy's OpenBLAS would start a thread for each processor, which takes as long as its import.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    return import_module(module)
+
+
+def _run_node(module: str, load: Callable[[str], Any] = _load) -> int:
     # A shell script starts background processes with SIGINT ignored. A node ends in spite of it.
     return end_at_signals(
-        lambda: int(import_module(module).main()), status=0, ignorable=(signal.SIGHUP,))
+        lambda: int(load(module).main()), status=0, ignorable=(signal.SIGHUP,))
 
 
 def _run_robot_command(name: str) -> int:
     return end_at_signals(
-        lambda: int(getattr(import_module('opencv_tools.robot.cli'), name)()))
+        lambda: int(getattr(_load('opencv_tools.robot.cli'), name)()))
 
 
 def img_convert() -> int:
     """Run ``img_convert`` and return the exit status."""
-    return end_at_signals(
-        lambda: int(import_module('opencv_tools.convert.cli').main()), status=1)
+    return end_at_signals(lambda: int(_load('opencv_tools.convert.cli').main()), status=1)
 
 
-img_filter = partial(_run_node, 'opencv_tools.image_filter')
+# The user's function may multiply matrices.
+img_filter = partial(_run_node, 'opencv_tools.image_filter', import_module)
 img_publisher = partial(_run_node, 'opencv_tools.basic_image_publisher')
 img_subscriber = partial(_run_node, 'opencv_tools.basic_image_subscriber')
 img_viewer = partial(_run_node, 'opencv_tools.image_viewer')

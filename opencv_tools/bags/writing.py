@@ -27,7 +27,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 import hashlib
-from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
 from typing import Any
@@ -267,6 +266,7 @@ def _time(nanoseconds: int) -> int:
 
 
 def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # slow, and only for bags
     try:
         return version('opencv_tools')
     except PackageNotFoundError:  # used from its source

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import ast
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -44,3 +45,22 @@ def test_imports_before_signals_are_handled() -> None:
                               timeout=60, check=True)
     count, _, slow = finished.stdout.strip().partition(' ')
     assert int(count) < 30 and slow == 'set()'
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('command', 'asked', 'threads'), [
+    ('img_convert', '', '1'), ('img_viewer', '', '1'), ('robot_frames', '', '1'),
+    ('img_filter', '', 'as numpy chooses'), ('img_publisher', '2', '2')])
+def test_threads_of_numpy(command: str, asked: str, threads: str) -> None:
+    script = ('import os, sys, opencv_tools.commands as commands\n'
+              'sys.argv[1:] = ["--help"]\n'
+              'try:\n    getattr(commands, sys.argv[0])()\n'
+              'except SystemExit:\n    pass\n'
+              'print(os.environ.get("OPENBLAS_NUM_THREADS", "as numpy chooses"))')
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': asked}
+    if not asked:
+        del environment['OPENBLAS_NUM_THREADS']
+    finished = subprocess.run(
+        [sys.executable, '-c', f'import sys; sys.argv[0] = {command!r}\n{script}'],
+        env=environment, capture_output=True, text=True, timeout=60, check=True)
+    assert finished.stdout.splitlines()[-1] == threads

@@ -410,7 +410,7 @@ def test_missing_library_is_named_with_its_remedy(
 @pytest.mark.parametrize('name', ['clip.mkv', 'clip.mcap', '{seq}.png'])
 def test_account_of_an_interrupted_conversion(tmp_path: Path, name: str) -> None:
     # Two signals at another moment of each conversion: each frame that was taken is written.
-    for moment in range(8):
+    for moment in (0, 1, 3, 7):
         folder = tmp_path / str(moment)
         folder.mkdir()
         with subprocess.Popen(
