@@ -150,10 +150,10 @@ class NodeProcess:
 
 def created_segments(pid: int) -> set[Path]:
     """
-    Return the shared memory files of Fast DDS that a process has created; it holds their locks.
+    Return the segments of Fast DDS that a process has created; it holds their locks.
 
-    It maps more: the ports for data are numbered across all domains, so a node that takes the port
-    of a killed one still gets messages for that.
+    It maps more, and it holds the locks of ports. The ports for data are numbered across all
+    domains: a node that takes the port of a killed one still gets messages for that.
     """
     files = set[Path]()
     with suppress(OSError):  # it has ended
@@ -161,7 +161,7 @@ def created_segments(pid: int) -> set[Path]:
             with suppress(FileNotFoundError):  # closed meanwhile
                 files.add(link.readlink())
     return {path.with_name(path.name.removesuffix('_el')) for path in files
-            if path.parent == _LOCKS and re.fullmatch('fastrtps_.*_el', path.name)}
+            if path.parent == _LOCKS and re.fullmatch('fastrtps_[0-9a-f]{16}_el', path.name)}
 
 
 def mapped_segments(pid: int) -> set[Path]:

@@ -48,9 +48,8 @@ def test_clean_exit_of_both_nodes(
     publisher = start('img_publisher', source='pattern:640x480@60', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for(' Hz, ')
-    segments = {path for path in subscriber.segments() | publisher.segments()
-                if re.fullmatch('fastrtps_[0-9a-f]{16}', path.name)}
-    assert segments  # a port may be made again by who sends to it last
+    segments = subscriber.segments() | publisher.segments()
+    assert segments
 
     subscriber.interrupt(number)
     assert subscriber.finish() == 0, subscriber.output
