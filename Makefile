@@ -39,7 +39,7 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
 # The tests mostly wait for processes. Five workers keep two processors busy.
-WORKERS ?= 5
+WORKERS ?= 8
 
 # $(1): environment of the command; $(2): number of workers. Empty if xdist is not installed.
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\
