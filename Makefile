@@ -38,8 +38,8 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
-# The tests mostly wait for processes. Five workers keep two processors busy.
-WORKERS ?= 8
+# The tests mostly wait for processes. Six workers keep two processors busy.
+WORKERS ?= 6
 
 # $(1): environment of the command; $(2): number of workers. Empty if xdist is not installed.
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\

@@ -224,7 +224,10 @@ def _no_unmarked_process(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests with ``process`` by their fixtures and folders."""
+    """Mark tests with ``process`` by their fixtures and folders, and mix the files for workers."""
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        # Tests that wait for processes run beside tests that compute.
+        items.sort(key=lambda item: hashlib.sha256(item.path.name.encode()).digest())
     for item in items:
         if item.path.parent.name in OWN_COMMAND or (
                 {'start', 'count', 'prefix', 'shared'} & set(getattr(item, 'fixturenames', ()))):
