@@ -163,8 +163,9 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         if not texts:
             continue
         if len(texts) > 1 or not all(leaves):
+            place = 'all collisions of the link' if kind == 'collision' else f'the whole {kind}'
             report.warn(setting.tag, owner.name, owner.line, 'is preserved without effect: URDF '
-                        f'has one value of <{setting.paths[0]}> for the whole {kind}')
+                        f'has one value of <{setting.paths[0]}> for {place}')
             continue
         element = etree.Element(setting.tag)
         element.text = setting.converted(texts.pop())
