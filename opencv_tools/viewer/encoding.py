@@ -37,6 +37,8 @@ _BRIDGE = CvBridge()
 _SMALL = 200_000
 _SAMPLING_444 = 0x111111  # IMWRITE_JPEG_SAMPLING_FACTOR_444, which old versions of OpenCV lack
 _SAMPLING_FACTOR = 7  # IMWRITE_JPEG_SAMPLING_FACTOR, which they leave out
+# Colour of pixels without depth: a dark blue, which no depth has.
+_NO_DATA = (110, 0, 0)
 # Factor above which a mean of all pixels is needed against false patterns.
 _AREA_FACTOR = 2
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
@@ -146,7 +148,7 @@ def _encode_pixels(
     """Scale, convert and encode an array."""
     if not image.size:
         raise CodecError(f'the image is empty ({size[0]}x{size[1]})')
-    limits = None
+    limits, missing = None, None
     if encoding.kind in ('bayer', 'yuv'):
         target = find_encoding('bgr8')
         if np.dtype(encoding.dtype).itemsize > 1:
@@ -160,11 +162,16 @@ def _encode_pixels(
     else:
         image = _pick(image, width)
         if encoding.channels == 1 and encoding.name != '32SC1':
-            limits = options.limits or _limits(image, encoding)
+            missing = _missing(image, encoding)
+            limits = options.limits or finite_limits(
+                image if missing is None else image[~missing])
     name = 'mono8' if encoding.channels == 1 and encoding.name != '32SC1' else 'bgr8'
     low, high = limits or (0.0, 0.0)
     shown = (np.full(image.shape[:2], 128, np.uint8) if limits and low == high else
              cvtColorForDisplay(image, encoding.name, name, False, low, high))
+    if missing is not None and missing.any():
+        shown = cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR)
+        shown[missing] = _NO_DATA
     return Picture(data=_encode_jpeg(shown, options.quality),
                    width=shown.shape[1], height=shown.shape[0], source_size=size,
                    encoding=described, limits=limits)
@@ -184,10 +191,11 @@ def _encode_jpeg(image: NDArray[Any], quality: int) -> bytes:
     return content.tobytes()
 
 
-def _limits(image: NDArray[Any], encoding: Encoding) -> tuple[float, float]:
-    """Return the smallest and largest number; 0 in an image of integers means no depth."""
-    measured = image[image > 0] if encoding.name == '16UC1' else image
-    return finite_limits(measured)
+def _missing(image: NDArray[Any], encoding: Encoding) -> NDArray[np.bool_] | None:
+    """Return which pixels have no number; 0 in an image of 16UC1 means no depth."""
+    if encoding.name == '16UC1':
+        return image == 0
+    return ~np.isfinite(image) if image.dtype.kind == 'f' else None
 
 
 def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:

@@ -114,10 +114,10 @@ def test_depth_is_scaled_from_the_frame_or_the_given_range() -> None:
     depth[0] = 0  # no depth was measured
     picture = encode_picture(wire(depth, '16UC1'), FULL)
     assert picture.limits == (1000, 3000)
-    shown = pixels(picture)[24]
-    assert shown[0] < 6 and shown[-1] > 249 and abs(int(shown[32]) - 128) < 8
+    shown = pixels(picture)[24].astype(int)
+    assert shown[0].max() < 6 and shown[-1].min() > 249 and np.abs(shown[32] - 128).max() < 8
     given = pixels(encode_picture(wire(depth, '16UC1'), PictureOptions(0, 95, limits=(0, 6000))))
-    assert abs(int(given[24, -1]) - 128) < 6
+    assert np.abs(given[24, -1].astype(int) - 128).max() < 6
 
 
 def test_floats_with_holes_are_scaled() -> None:
@@ -125,13 +125,28 @@ def test_floats_with_holes_are_scaled() -> None:
     depth[:8], depth[8:16], depth[16:24] = np.nan, np.inf, -np.inf
     picture = encode_picture(wire(depth, '32FC1'), FULL)
     assert picture.limits == (0.5, 4.5)
-    assert pixels(picture)[40, -1] > 249
+    assert pixels(picture)[40, -1].min() > 249
 
 
-def test_constant_depth_and_no_depth_are_gray() -> None:
-    for value in (0, 700):
-        picture = encode_picture(wire(np.full((48, 64), value, np.uint16), '16UC1'), FULL)
-        assert (pixels(picture) == 128).all()
+@pytest.mark.parametrize(('encoding', 'value'), [
+    ('16UC1', 0), ('32FC1', np.nan), ('32FC1', np.inf), ('64FC1', -np.inf)])
+@pytest.mark.parametrize('size', [(48, 64), (480, 640)])
+def test_pixels_without_depth_are_blue(
+        encoding: str, value: float, size: tuple[int, int]) -> None:
+    depth = np.full(size, 700, f'{encoding[2].lower()}{int(encoding[:2]) // 8}')
+    depth[:, size[1] // 2:] = 2000
+    depth[:size[0] // 2] = value
+    shown = pixels(encode_picture(wire(depth, encoding), FULL)).astype(int)
+    missing, near, far = shown[5, 5], shown[-5, 5], shown[-5, -5]
+    assert missing[0] - missing[1:].max() > 80
+    assert near.max() < 6 and far.min() > 249
+
+
+def test_constant_depth_is_gray_and_no_depth_is_blue() -> None:
+    near, none = (pixels(encode_picture(wire(np.full((48, 64), value, np.uint16), '16UC1'), FULL))
+                  for value in (700, 0))
+    assert near.shape == (48, 64) and (near == 128).all()
+    assert np.abs(none.astype(int) - (110, 0, 0)).max() < 8
 
 
 def test_exif_orientation_is_applied_like_in_a_browser() -> None:
