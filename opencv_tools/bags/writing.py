@@ -38,6 +38,7 @@ from opencv_tools.bags.index import (
 )
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import try_lock, write_buffer
+from opencv_tools.version import package_version
 
 BAG_SUFFIX = '.mcap'
 # Bytes after which the pages of the file are written to the disk, and number of such parts after
@@ -93,7 +94,7 @@ class BagWriter:
         self._status = os.fstat(self._file.fileno())
         try:
             try_lock(self._file.fileno())
-            header = Header(profile=PROFILE, library=f'{LIBRARY} {_version()}'.rstrip())
+            header = Header(profile=PROFILE, library=f'{LIBRARY} {package_version()}'.rstrip())
             self._append(MAGIC + encode_record(header))
         except BaseException:
             self._file.close()
@@ -263,11 +264,3 @@ class BagWriter:
 
 def _time(nanoseconds: int) -> int:
     return min(max(0, nanoseconds), MAX_TIME)
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # slow, and only for bags
-    try:
-        return version('opencv_tools')
-    except PackageNotFoundError:  # used from its source
-        return ''

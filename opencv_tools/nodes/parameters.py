@@ -269,13 +269,16 @@ def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Pa
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
-    """Return the lines of ``--help`` for a table: name, description and default."""
+    """Return the lines of ``--help`` for a table: name, description, values and default."""
     width = max(len(parameter.name) for parameter in table)
     lines = []
     for parameter in table:
-        choices = f': {_listed(parameter.choices)}' if parameter.choices else ''
-        lines.append(f'  {parameter.name:{width}}  {parameter.description}{choices} '
-                     f'[{parameter.default!r}]')
+        values = _listed(parameter.choices)
+        if parameter.bounds:
+            values = ' to '.join(f'{bound:.15g}' for bound in parameter.bounds)
+        facts = ', '.join(filter(None, (values, 'at run time' if parameter.changeable else '')))
+        lines.append(f'  {parameter.name:{width}}  {parameter.description}'
+                     f'{f" ({facts})" if facts else ""} [{parameter.default!r}]')
     return '\n'.join(lines)
 
 

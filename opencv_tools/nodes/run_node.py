@@ -40,6 +40,7 @@ from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import (
     configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup)
 from opencv_tools.transport.scheduling import explain_refusal
+from opencv_tools.version import add_version
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -264,6 +265,7 @@ def _parse_arguments(
         epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
                f'parameters [default]:\n{describe_parameters(parameters)}\n\n'
                f'{ENVIRONMENT_HELP}')
+    add_version(parser)
     _, unknown = parser.parse_known_args(args[1:])
     if unknown:
         parser.error(
@@ -271,7 +273,7 @@ def _parse_arguments(
 
 
 def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
-    """Return how to write a parameter that was given as an option such as ``--source 0``."""
+    """Return how to write a parameter that was given as an option or as a word alone."""
     names = {parameter.name for parameter in parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
@@ -279,7 +281,10 @@ def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
         if option.startswith('-') and name in names:
             value = value or ('' if following.startswith('-') else following) or 'VALUE'
             return f'; write --ros-args -p {name}:={value}'
-    return ''
+    words = [word for word in words if not word.startswith('-')]
+    if words and 'source' in names:
+        return f'; write --ros-args -p source:={words[0]}'
+    return '; a parameter is written --ros-args -p NAME:=VALUE'
 
 
 def _run(node: ClosableNode, signals: _Signals) -> int:

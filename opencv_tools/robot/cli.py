@@ -30,6 +30,7 @@ from typing import NoReturn, TYPE_CHECKING
 
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import open_standard_streams
+from opencv_tools.version import add_version
 
 if TYPE_CHECKING:
     from opencv_tools.robot.model import Robot
@@ -119,10 +120,12 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
 
 def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.ArgumentParser:
     statuses = ['0  success', *([f'1  {failure}'] if failure else []), '2  error']
-    return argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         prog=name, description=text, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='\n  '.join(['example:', f'{name} {example}\n\nexit status:', *statuses]))
+    add_version(parser)
+    return parser
 
 
 def _add_input(parser: argparse.ArgumentParser, name: str, formats: str) -> None:

@@ -103,7 +103,7 @@ def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
     if values is None:
         if without:
             verb = 'has' if len(without) == 1 else 'have'
-            report.warn('link', without[0].name, without[0].line, (
+            report.warn('link', '', without[0].line, (
                 f'{shortened([link.name for link in without])} {verb} no <inertial>: massless in '
                 'URDF, 1 kg in SDF; choose with --inertial zero or --inertial default'))
         return robot

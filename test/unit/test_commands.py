@@ -17,12 +17,19 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
+from functools import partial
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
+from opencv_tools import (
+    basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
 import opencv_tools.commands
+from opencv_tools.convert.cli import main as convert
+from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
 import pytest
 
 SETUP = Path(__file__).parents[2] / 'setup.py'
@@ -45,6 +52,20 @@ def test_imports_before_signals_are_handled() -> None:
                               timeout=60, check=True)
     count, _, slow = finished.stdout.strip().partition(' ')
     assert int(count) < 30 and slow == 'set()'
+
+
+@pytest.mark.parametrize('main', [
+    basic_image_publisher.main, basic_image_subscriber.main, image_filter.main, image_viewer.main,
+    lambda words: convert(words[1:]), *(
+        partial(lambda command, words: command(words[1:]), command)
+        for command in (robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf))])
+def test_version(
+        main: Callable[[list[str]], int], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(['command', '--version'])
+    assert ended.value.code in (None, 0)
+    assert re.fullmatch(r'[a-z]+(_[a-z]+)+ ([0-9]+\.[0-9]+\.[0-9]+|from its source)\n',
+                        capsys.readouterr().out)
 
 
 @pytest.mark.process
