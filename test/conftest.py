@@ -36,6 +36,7 @@ from typing import Any
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 import cv2
 import numpy as np
+from opencv_tools.signals import END_SIGNALS
 import pytest
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -291,6 +292,14 @@ def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
     if request.node.get_closest_marker('process'):
         request.getfixturevalue('domain')
+
+
+@pytest.fixture(autouse=True)
+def _kept_signal_handlers() -> Iterator[None]:
+    """Check that a test leaves no signal ignored, because later processes would inherit that."""
+    before = list(map(signal.getsignal, END_SIGNALS))
+    yield
+    assert list(map(signal.getsignal, END_SIGNALS)) == before
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from opencv_tools import basic_image_publisher, basic_image_subscriber
 from opencv_tools.nodes.command_line import check_params_file, check_ros_arguments, load_parameters
 from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.version import package_version
 import pytest
 import yaml
 
@@ -216,6 +217,8 @@ def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: 
     ('img_publisher', ['--help'], 0, 'image in pixels; 0 for the default (640) '
      '(0 to 65536, at run time) [0]'),
     ('img_publisher', ['--help'], 0, 'to compare'),
+    ('img_publisher', ['--version'], 0, f'img_publisher {package_version() or "from"}'),
+    ('img_subscriber', ['--version'], 0, f'img_subscriber {package_version() or "from"}'),
     ('img_subscriber', ['--help'], 0, 'Folder of the recorded files; created if'),
     ('img_subscriber', ['--help'], 0, 'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, '),
     ('img_publisher', ['0'], BAD_USAGE, 'img_publisher: error: unrecognized arguments: 0; '
