@@ -58,7 +58,8 @@ class ImageViewer(ClosableNode):
             log, self._fail)
         for name in unknown_parameters(self, PARAMETERS):
             log.warning(describe_unknown(name, PARAMETERS))
-        invitation = f'Open {self._server.url} in a browser'
+        url, *others = self._server.urls
+        invitation = ', or '.join([f'Open {url} in a browser', *others])
         if self._server.has_token:
             with suppress(OSError):  # nobody reads; log files and /rosout would keep the token
                 print(invitation, file=sys.stderr, flush=True)
@@ -73,6 +74,7 @@ class ImageViewer(ClosableNode):
         """
         self._server.close()
         self._graph.close_all()
+        self.get_logger().info('Closed all pages')
         return super().close()
 
     def _fail(self) -> None:

@@ -107,15 +107,16 @@ class ViewerServer:
         return bool(self._access.token)
 
     @property
-    def url(self) -> str:
-        """Return the address of the page with its token, for browsers of other machines."""
+    def urls(self) -> list[str]:
+        """Return the addresses of the page with its token, for browsers of other machines."""
         address = self._settings.address
         if address in ('0.0.0.0', '::'):
-            address = socket.gethostname()
-        elif ':' in address:
-            address = f'[{address}]'
+            hosts = [socket.gethostname(), *_own_address()]
+        else:
+            hosts = [f'[{address}]' if ':' in address else address]
         token = f'?token={self._access.token}' if self._access.token else ''
-        return f'{"https" if self._tls else "http"}://{address}:{self._port}/{token}'
+        scheme = 'https' if self._tls else 'http'
+        return [f'{scheme}://{host}:{self._port}/{token}' for host in hosts]
 
     def close(self) -> None:
         """Close all connections and end the thread."""
@@ -239,3 +240,11 @@ def _pass_on_errors(log: Log) -> None:
         logger = logging.getLogger(name)
         logger.handlers = [_NodeHandler(log)]
         logger.propagate = False
+
+
+def _own_address() -> list[str]:
+    """Return the address of this machine in its network; empty without one. Nothing is sent."""
+    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(('192.0.2.1', 9))  # an address of no machine, see RFC 5737
+        return [str(probe.getsockname()[0])]
+    return []

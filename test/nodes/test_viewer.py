@@ -521,6 +521,7 @@ def test_idle_viewer_ends_at_a_signal(viewer: NodeProcess, number: int) -> None:
     address_of(viewer)
     viewer.interrupt(number)
     assert viewer.finish() == 0
+    assert viewer.output.splitlines()[-1].endswith('Closed all pages')
 
 
 def test_port_in_use(start: Start, viewer: NodeProcess) -> None:

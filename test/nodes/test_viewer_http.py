@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+import ipaddress
 import itertools
 import json
 import os
@@ -212,6 +213,11 @@ def test_other_addresses_have_a_token(start: Start) -> None:
     assert found[0] and found[1]
     assert found[0][1] == socket.gethostname()
     assert found[0][2] != found[1][2]
+    others = re.findall(rf', or http://([0-9.]+):\d+/\?token={found[0][2]}$', viewers[0].output,
+                        re.MULTILINE)
+    route = Path('/proc/net/route').read_text().splitlines()[1:]
+    assert len(others) == any(line.split()[1] == '00000000' for line in route)
+    assert others == [] or ipaddress.ip_address(others[0])
 
 
 @pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', 'localhost.evil.example'])
