@@ -21,12 +21,11 @@ Run ``python3 docs/write_parameters.py`` after each change of a table. ``make do
 from __future__ import annotations
 
 from collections.abc import Sequence
-import json
 from pathlib import Path
 
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
-from opencv_tools.nodes.parameters import Parameter
+from opencv_tools.nodes.parameters import literal, Parameter
 
 PAGE = Path(__file__).with_name('parameters.md')
 
@@ -55,7 +54,8 @@ Parameters of the node `{node}`:
 |---|---|---|---|---|---|
 """
 
-_TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
+# Values that are too many for a cell.
+_LISTS = {('img_publisher', 'encoding'): '[encodings](publisher.md#encodings)'}
 
 
 def parameters_page() -> str:
@@ -70,38 +70,19 @@ def parameters_page() -> str:
 
 def _section(executable: str, node: str, table: Sequence[Parameter]) -> str:
     return _HEADING.format(executable=executable, node=node) + ''.join(
-        f'| {" | ".join(_row(parameter))} |\n' for parameter in table)
+        f'| {" | ".join(_row(executable, parameter))} |\n' for parameter in table)
 
 
-def _row(parameter: Parameter) -> tuple[str, ...]:
+def _row(executable: str, parameter: Parameter) -> tuple[str, ...]:
     cells = (
-        f'`{parameter.name}`', _TYPES[type(parameter.default)], _literal(parameter.default),
-        _values(parameter), 'yes' if parameter.changeable else 'no', parameter.description)
+        f'`{parameter.name}`', parameter.type_name, _code(literal(parameter.default)),
+        _LISTS.get((executable, parameter.name)) or parameter.values(_code),
+        'yes' if parameter.changeable else 'no', parameter.description)
     return tuple(cell.replace('|', r'\|') for cell in cells)
 
 
-def _values(parameter: Parameter) -> str:
-    """Return the valid values of a parameter; '' if it has neither choices nor bounds."""
-    if parameter.choices:
-        return ', '.join(map(_literal, parameter.choices))
-    if isinstance(parameter.default, bool):
-        return '`false`, `true`'
-    if not parameter.bounds:
-        return ''
-    low, high = parameter.bounds
-    span = f'`{_number(low)}` to `{_number(high)}`'
-    return span if parameter.step == 1 else f'{span}, in steps of `{parameter.step}`'
-
-
-def _literal(value: str | int | float) -> str:
-    """Return a value as a parameter file has it."""
-    if value == '':
-        return "`''`"
-    return f'`{value}`' if isinstance(value, str) else f'`{json.dumps(value)}`'
-
-
-def _number(value: float) -> str:
-    return str(value) if isinstance(value, int) else f'{value:.15g}'
+def _code(text: str) -> str:
+    return f'`{text}`'
 
 
 if __name__ == '__main__':

@@ -12,32 +12,31 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Version of the installed package, and the option ``--version`` of all commands."""
+"""Version of the package, and the option ``--version`` of its commands."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 
 def package_version() -> str:
-    """Return the version of the installed package; '' if it is used from its source."""
-    from importlib.metadata import PackageNotFoundError, version  # slow, and seldom needed
+    """Return the version of the installed package; ``unknown`` if it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # slow
     try:
         return version('opencv_tools')
-    except PackageNotFoundError:
-        return ''
+    except PackageNotFoundError:  # used from its source
+        return 'unknown'
 
 
-class _Version(argparse.Action):
-    """Print the version and exit; unlike argparse's own action, it is looked up only then."""
+def add_version_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--version``, which prints the name of the command and the version."""
+    parser.add_argument('--version', action=_PrintVersion, nargs=0, dest=argparse.SUPPRESS,
+                        help='show the version and exit')
 
-    def __call__(self, parser: argparse.ArgumentParser, *_arguments: Any) -> None:
-        print(f'{parser.prog} {package_version() or "from its source"}')
+
+class _PrintVersion(argparse.Action):
+    """Look up the version only if it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        print(f'{parser.prog} {package_version()}')
         parser.exit()
-
-
-def add_version(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--version`` to a command."""
-    parser.add_argument('--version', action=_Version, nargs=0, dest=argparse.SUPPRESS,
-                        default=argparse.SUPPRESS, help='print the version and exit')

@@ -94,7 +94,7 @@ class BagWriter:
         self._status = os.fstat(self._file.fileno())
         try:
             try_lock(self._file.fileno())
-            header = Header(profile=PROFILE, library=f'{LIBRARY} {package_version()}'.rstrip())
+            header = Header(profile=PROFILE, library=f'{LIBRARY} {package_version()}')
             self._append(MAGIC + encode_record(header))
         except BaseException:
             self._file.close()

@@ -26,7 +26,7 @@ import sys
 
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import add_version
+from opencv_tools.version import add_version_option
 
 _INTERRUPTED = 1
 _USAGE_ERROR = 2
@@ -71,7 +71,7 @@ exit status:
   1  a frame or file failed, or a signal ended the conversion
   2  invalid arguments, also those that do not suit the source
 """)
-    add_version(parser)
+    add_version_option(parser)
     parser.add_argument(
         'source', metavar='SOURCE', help='bag (.mcap, .db3 or folder of rosbag2), video file, '
         'image file, folder or glob of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]')

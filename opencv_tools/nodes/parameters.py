@@ -20,7 +20,9 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, KW_ONLY
 import difflib
+import json
 import math
+from textwrap import TextWrapper
 from typing import Any
 
 from opencv_tools.image.text import HIDDEN, printable, without_password
@@ -34,6 +36,8 @@ from rclpy.node import Node
 
 # Names and prefixes of parameters that ROS itself reads.
 _ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+_TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
+_HELP_COLUMNS = 99
 
 
 class UnknownParameterError(ParameterNotDeclaredException):
@@ -88,6 +92,21 @@ class Parameter:
             descriptor.integer_range = [
                 IntegerRange(from_value=low, to_value=high, step=self.step)]
         return descriptor
+
+    @property
+    def type_name(self) -> str:
+        """Name of the type in ROS."""
+        return _TYPES[type(self.default)]
+
+    def values(self, quote: Callable[[str], str] = str) -> str:
+        """Return a list of the valid values, each quoted; '' without choices and bounds."""
+        choices = (False, True) if isinstance(self.default, bool) else self.choices
+        if choices or not self.bounds:
+            return ', '.join(quote(literal(choice)) for choice in choices)
+        low, high = (quote(str(bound) if isinstance(bound, int) else f'{bound:.15g}')
+                     for bound in self.bounds)
+        steps = '' if self.step == 1 else f', in steps of {quote(str(self.step))}'
+        return f'{low} to {high}{steps}'
 
     def accept(self, value: Any) -> str | int | float:
         """
@@ -269,17 +288,26 @@ def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Pa
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
-    """Return the lines of ``--help`` for a table: name, description, values and default."""
+    """Return the lines of ``--help`` for a table: descriptions, types, values and defaults."""
     width = max(len(parameter.name) for parameter in table)
-    lines = []
+    lines = ['parameters, with type: values [default]; at run time if changeable while the node '
+             'runs:']
     for parameter in table:
-        values = _listed(parameter.choices)
-        if parameter.bounds:
-            values = ' to '.join(f'{bound:.15g}' for bound in parameter.bounds)
-        facts = ', '.join(filter(None, (values, 'at run time' if parameter.changeable else '')))
-        lines.append(f'  {parameter.name:{width}}  {parameter.description}'
-                     f'{f" ({facts})" if facts else ""} [{parameter.default!r}]')
+        wrapper = TextWrapper(
+            _HELP_COLUMNS, f'  {parameter.name:{width}}  ', ' ' * (width + 4),
+            break_long_words=False, break_on_hyphens=False)
+        lines += wrapper.wrap(parameter.description)
+        wrapper.initial_indent = wrapper.subsequent_indent
+        values = f': {parameter.values()}' if parameter.values() else ''
+        changes = '; at run time' if parameter.changeable else ''
+        lines += wrapper.wrap(
+            f'{parameter.type_name}{values} [{literal(parameter.default)}]{changes}')
     return '\n'.join(lines)
+
+
+def literal(value: str | int | float) -> str:
+    """Return a value as a parameter file has it."""
+    return (value or "''") if isinstance(value, str) else json.dumps(value)
 
 
 def _listed(choices: Sequence[str | int]) -> str:

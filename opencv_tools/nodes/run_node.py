@@ -40,7 +40,7 @@ from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import (
     configured_fastdds, ENVIRONMENT_HELP, FastDdsSetup)
 from opencv_tools.transport.scheduling import explain_refusal
-from opencv_tools.version import add_version
+from opencv_tools.version import add_version_option
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -257,15 +257,15 @@ def _start(
 def _parse_arguments(
     args: list[str], executable: Executable, parameters: Sequence[Parameter],
 ) -> None:
-    """Handle ``--help``; exit on arguments that are not ROS arguments."""
+    """Handle ``--help`` and ``--version``; exit on arguments that are not ROS arguments."""
     parser = argparse.ArgumentParser(
         prog=executable.name, description=executable.description,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{executable.name} [--ros-args -p NAME:=VALUE ...]',
         epilog=f'example:\n  {executable.name} --ros-args {executable.example}\n\n'
-               f'parameters [default]:\n{describe_parameters(parameters)}\n\n'
+               f'{describe_parameters(parameters)}\n\n'
                f'{ENVIRONMENT_HELP}')
-    add_version(parser)
+    add_version_option(parser)
     _, unknown = parser.parse_known_args(args[1:])
     if unknown:
         parser.error(
@@ -273,7 +273,7 @@ def _parse_arguments(
 
 
 def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
-    """Return how to write a parameter that was given as an option or as a word alone."""
+    """Return how to write a parameter, or a source, that was given as ``--source 0`` or ``0``."""
     names = {parameter.name for parameter in parameters}
     for word, following in zip(words, [*words[1:], '']):
         option, _, value = word.partition('=')
@@ -281,10 +281,9 @@ def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
         if option.startswith('-') and name in names:
             value = value or ('' if following.startswith('-') else following) or 'VALUE'
             return f'; write --ros-args -p {name}:={value}'
-    words = [word for word in words if not word.startswith('-')]
-    if words and 'source' in names:
+    if len(words) == 1 and 'source' in names and re.match('(?!-|.*:=).', words[0]):
         return f'; write --ros-args -p source:={words[0]}'
-    return '; a parameter is written --ros-args -p NAME:=VALUE'
+    return '; parameters are written --ros-args -p NAME:=VALUE'
 
 
 def _run(node: ClosableNode, signals: _Signals) -> int:

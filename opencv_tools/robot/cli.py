@@ -30,7 +30,7 @@ from typing import NoReturn, TYPE_CHECKING
 
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import open_standard_streams
-from opencv_tools.version import add_version
+from opencv_tools.version import add_version_option
 
 if TYPE_CHECKING:
     from opencv_tools.robot.model import Robot
@@ -124,7 +124,7 @@ def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.A
         prog=name, description=text, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='\n  '.join(['example:', f'{name} {example}\n\nexit status:', *statuses]))
-    add_version(parser)
+    add_version_option(parser)
     return parser
 
 

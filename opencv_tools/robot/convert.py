@@ -102,10 +102,11 @@ def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:
     values = INERTIALS[choice]
     if values is None:
         if without:
-            verb = 'has' if len(without) == 1 else 'have'
-            report.warn('link', '', without[0].line, (
-                f'{shortened([link.name for link in without])} {verb} no <inertial>: massless in '
-                'URDF, 1 kg in SDF; choose with --inertial zero or --inertial default'))
+            others = [link.name for link in without[1:]]
+            like = f', like {shortened(others)}' if others else ''
+            report.warn('link', without[0].name, without[0].line, (
+                f'has no <inertial>{like}: massless in URDF, 1 kg in SDF; '
+                'choose with --inertial zero or --inertial default'))
         return robot
     return replace(robot, links=tuple(
         replace(link, inertial=Inertial(Placement(Pose(), FrameId('link', link.name)), *values))

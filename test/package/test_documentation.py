@@ -43,7 +43,9 @@ from conftest import DEADLINE, executable
 from documentation import (
     Block, matches, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
 from documentation_runs import copy_project, run
-from documented_commands import check_command, check_span
+from documented_commands import check_command, check_span, PARAMETERS
+from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.nodes.parameters import describe_parameters
 import pytest
 
 TEXTS = (*PAGES, *map(Path, ('CONTRIBUTING.md', 'RELEASING.md', 'SECURITY.md')))
@@ -214,3 +216,24 @@ def test_parameter_page_is_up_to_date() -> None:
     spec.loader.exec_module(module)
     assert module.PAGE.read_text() == module.parameters_page(), (
         'docs/parameters.md is not that of the tables: run python3 docs/write_parameters.py')
+
+
+@pytest.mark.parametrize('name', PARAMETERS)
+def test_parameter_page_is_in_the_help(name: str) -> None:
+    page = (ROOT / 'docs' / 'parameters.md').read_text()
+    section = page.partition(f'\n## {name}\n')[2].partition('\n## ')[0]
+    rows = re.findall(r'^\| `(.*)` \| (.*) \| (.*) \| (.*) \| (yes|no) \| (.*) \|$', section,
+                      re.MULTILINE)
+    assert [row[0] for row in rows] == [parameter.name for parameter in PARAMETERS[name]]
+    lines = describe_parameters(PARAMETERS[name]).splitlines()
+    assert max(map(len, lines)) < 100
+    words = ' '.join(' '.join(lines[1:]).split())
+    for title, kind, default, values, changes, description in rows:
+        if values.startswith('[encodings]'):
+            values = ', '.join((*ENCODINGS, "''"))
+        facts = f'{kind}: {values}' if values else kind
+        at_run_time = '; at run time' if changes == 'yes' else ''
+        start = f'{title} {description} {facts} [{default}]{at_run_time}'.replace('`', '')
+        assert words.startswith(start)
+        words = words.removeprefix(start).lstrip()
+    assert not words

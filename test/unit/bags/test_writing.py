@@ -34,6 +34,7 @@ from opencv_tools.image.cdr import (
     message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage, WireMessage,
 )
 from opencv_tools.image.encodings import ENCODINGS
+from opencv_tools.version import package_version
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -112,7 +113,7 @@ def test_metadata_of_file_channels_and_messages(tmp_path: Path) -> None:
         reader = SeekingReader(file)
         header, summary = reader.get_header(), reader.get_summary()
         messages = [message for *_, message in reader.iter_messages(log_time_order=False)]
-    assert header.profile == 'ros2' and header.library.startswith('opencv_tools')
+    assert header.profile == 'ros2' and header.library == f'opencv_tools {package_version()}'
     assert summary.channels[1].metadata == {
         'offered_qos_profiles': '- history: 1\n', 'topic_type_hash': 'RIHS01_0'}
     assert summary.channels[1].message_encoding == 'cdr'

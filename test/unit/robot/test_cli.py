@@ -204,11 +204,14 @@ def test_exit_status_with_strict(arm: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('choice', 'mass'), [('keep', None), ('zero', '0'), ('default', '1')])
-def test_inertial_option(choice: str, mass: str | None, tmp_path: Path) -> None:
+def test_inertial_option(
+        choice: str, mass: str | None, tmp_path: Path, capsys: Text) -> None:
     output = tmp_path / 'out.sdf'
     assert urdf_to_sdf([str(MY_ROBOT), '-o', str(output), '--inertial', choice]) == 0
     links = ElementTree.parse(output).findall('model/link')
     assert [link.findtext('inertial/mass') for link in links] == [mass, mass]
+    warning = "<link> 'base_footprint': has no <inertial>, like 'base_link': massless in URDF"
+    assert (warning in capsys.readouterr().err) == (choice == 'keep')
 
 
 @pytest.mark.parametrize(('choice', 'uri'), [
