@@ -138,7 +138,7 @@ def test_nodes_run_as_modules(module: str) -> None:
     finished = subprocess.run([sys.executable, '-m', f'opencv_tools.{module}', '--help'],
                               capture_output=True, text=True, timeout=30, check=False)
     assert finished.returncode == 0, finished.stderr
-    assert 'parameters [default]:' in finished.stdout
+    assert 'parameters, with type' in finished.stdout
 
 
 def project_texts() -> dict[Path, str]:
