@@ -18,10 +18,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import suppress
 from dataclasses import dataclass
 import json
 import re
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 from conftest import DEADLINE, NodeProcess
 import cv2
@@ -109,6 +111,52 @@ class Page:
         while await asyncio.wait_for(self.socket.read_message(), DEADLINE) is not None:
             pass
         return self.socket.close_code
+
+
+class PausedPage:
+    """A page that stops reading where a picture begins."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+
+    @classmethod
+    async def connect(cls, url: str) -> PausedPage:
+        """Connect to a server, given the address that it has printed; it reads 128 KB ahead."""
+        address = urlsplit(url)
+        reader, writer = await asyncio.open_connection(address.hostname, address.port)
+        writer.write(f'GET /ws HTTP/1.1\r\nHost: {address.netloc}\r\nUpgrade: websocket\r\n'
+                     'Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+                     f'Sec-WebSocket-Key: {"A" * 22}==\r\n\r\n'.encode())
+        assert b' 101 ' in await reader.readuntil(b'\r\n\r\n')
+        return cls(reader, writer)
+
+    def send(self, **message: Any) -> None:
+        content = json.dumps(message).encode()
+        self._writer.write(bytes((0x81, 0x80 | len(content), 0, 0, 0, 0)) + content)  # RFC 6455
+
+    async def begin_of(self, text: bytes = b'') -> None:
+        """Read until a text with some words has come, or up to the content of a picture."""
+        while True:
+            first, second = await self._read(2)
+            size = second & 127
+            if size > 125:
+                size = int.from_bytes(await self._read(2 if size == 126 else 8), 'big')
+            if first & 15 == 2:
+                assert not text, 'a picture came first'
+                return
+            content = await self._read(size)
+            if text and text in content:
+                return
+
+    async def end(self) -> None:
+        """Read until the server has closed the connection."""
+        with suppress(ConnectionError):
+            while await asyncio.wait_for(self._reader.read(1 << 16), DEADLINE):
+                pass
+        self._writer.close()
+
+    async def _read(self, size: int) -> bytes:
+        return await asyncio.wait_for(self._reader.readexactly(size), DEADLINE)
 
 
 def address_of(viewer: NodeProcess) -> str:
