@@ -66,6 +66,7 @@ endef
 # $(1): environment of the command; $(2): further options of Sphinx
 define build_docs
 @$(1) python3 docs/write_parameters.py
+@$(1) python3 docs/write_imports.py
 @$(1) python3 -m sphinx -M html docs build/docs --quiet --fresh-env --nitpicky \
   --keep-going $(2)
 @echo 'The documentation is build/docs/html/index.html'

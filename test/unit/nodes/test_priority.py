@@ -21,6 +21,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from threading import get_native_id
 
 from conftest import NodeProcess
 from opencv_tools.nodes.priority import given_priority
@@ -135,12 +136,22 @@ def test_normal_scheduling_by_default(start: Start) -> None:
     assert real_time_threads(publisher.pid) == []
 
 
-def test_calling_thread_is_not_changed() -> None:
-    before = os.sched_getscheduler(0)
-    explain_refusal(PRIORITY)
+def test_calling_thread_is_not_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads = []
+    monkeypatch.setattr(os, 'sched_setscheduler',
+                        lambda *wanted: threads.append((get_native_id(), wanted[1])))
+    assert explain_refusal(PRIORITY) == ''
+    ((thread, policy),) = threads
+    assert policy == REAL_TIME
+    assert thread != get_native_id()
+
+
+def test_priority_0_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[object] = []
+    monkeypatch.setattr(os, 'sched_setscheduler', lambda *wanted: calls.append(wanted))
     assert explain_refusal(0) == ''
     use_priority(0)
-    assert os.sched_getscheduler(0) == before
+    assert calls == []
 
 
 @pytest.mark.process
