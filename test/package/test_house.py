@@ -1,0 +1,130 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Size of the modules, circles of imports, and the pictures of the imports."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = {path.relative_to(ROOT).as_posix(): path.read_text()
+           for path in sorted((ROOT / 'opencv_tools').rglob('*.py'))}
+
+
+def _load_write_imports() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        'write_imports', ROOT / 'docs' / 'write_imports.py')
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+WRITE_IMPORTS = _load_write_imports()
+
+
+def nodes_of(kind: type | tuple[type, ...]) -> Iterator[tuple[str, ast.AST]]:
+    """Yield each definition of a kind with a name for it: ``file:name``."""
+    for path, text in SOURCES.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, kind):
+                yield f'{path}:{getattr(node, "name", "")}', node
+
+
+def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    for name, node in nodes_of((ast.FunctionDef, ast.AsyncFunctionDef)):
+        assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        yield name, node
+
+
+def test_lines_by_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    folders: Counter[str] = Counter()
+    for path, text in SOURCES.items():
+        _, *folder, _ = path.split('/')
+        folders[folder[0] if folder else '(no folder)'] += text.count('\n')
+    with capsys.disabled():
+        print('\nlines of opencv_tools by folder:', ', '.join(
+            f'{name} {lines}' for name, lines in folders.most_common()),
+            f'; all {sum(folders.values())}')
+    assert set(folders) >= {'capture', 'image', 'recording', 'robot', 'topics', 'viewer'}
+
+
+def test_modules_have_at_most_300_lines() -> None:
+    assert {path: text.count('\n') for path, text in SOURCES.items()
+            if text.count('\n') > 300} == {}
+
+
+def test_functions_have_at_most_50_lines() -> None:
+    lengths = {name: (node.end_lineno or 0) - node.lineno + 1 for name, node in functions()}
+    assert len(lengths) > 1000
+    assert {name: length for name, length in lengths.items() if length > 50} == {}
+
+
+def test_few_signatures_have_more_than_6_parameters() -> None:
+    long = {}
+    for name, node in functions():
+        names = [one.arg for one in (
+            *node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+        count = len(names) - (names[:1] in (['self'], ['cls']))
+        if count > 6:
+            long[name] = count
+    assert len(long) <= 5, long
+
+
+def test_few_classes_have_more_than_12_methods() -> None:
+    large = {}
+    for name, node in nodes_of(ast.ClassDef):
+        count = sum(isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)
+                    for one in ast.iter_child_nodes(node))
+        if count > 12:
+            large[name] = count
+    assert len(large) <= 8, large
+
+
+def test_few_modules_import_more_than_8_of_ours() -> None:
+    graph = WRITE_IMPORTS.module_imports()
+    many = {name: len(others) for name, others in graph.items() if len(others) > 8}
+    assert len(many) <= 20, many
+
+
+def test_imports_have_no_circle() -> None:
+    graph = WRITE_IMPORTS.module_imports()
+    assert len(graph) > 100
+    assert WRITE_IMPORTS.circles(graph) == []
+
+
+def test_circle_is_found() -> None:
+    graph = {'a': frozenset('b'), 'b': frozenset('c'), 'c': frozenset('b'), 'd': frozenset()}
+    assert WRITE_IMPORTS.circles(graph) == ['b', 'c']
+
+
+def test_picture_of_a_graph() -> None:
+    graph = {'low': frozenset(), 'a': frozenset({'low'}), 'b': frozenset({'low', 'a'}),
+             'alone': frozenset()}
+    assert WRITE_IMPORTS.picture(graph) == 'b     -> a\n\na     -> low\n\nlow\nalone\n'
+
+
+def test_pictures_of_the_imports_are_up_to_date() -> None:
+    assert WRITE_IMPORTS.PAGE.read_text() == WRITE_IMPORTS.page(), (
+        'the imports in docs/architecture.md are not those of the code: run '
+        'python3 docs/write_imports.py')
+    assert WRITE_IMPORTS.PAGE.read_text().count('written by docs/write_imports.py') == 2
