@@ -21,6 +21,7 @@ from collections import Counter
 from collections.abc import Iterator
 import importlib.util
 from pathlib import Path
+import re
 from types import ModuleType
 
 import pytest
@@ -121,6 +122,24 @@ def test_picture_of_a_graph() -> None:
     graph = {'low': frozenset(), 'a': frozenset({'low'}), 'b': frozenset({'low', 'a'}),
              'alone': frozenset()}
     assert WRITE_IMPORTS.picture(graph) == 'b     -> a\n\na     -> low\n\nlow\nalone\n'
+
+
+def test_threads_and_locks_are_on_the_page() -> None:
+    page = WRITE_IMPORTS.PAGE.read_text()
+    threads, locks = set(), set()
+    for path, text in SOURCES.items():
+        threads |= {*re.findall(r"Thread\(.*?name=f?'([a-z ]+)", text, re.DOTALL),
+                    *re.findall(r"ThreadPoolExecutor\(\w+, '(\w+)'", text)}
+        owner = ''
+        for line in text.splitlines():
+            owner = (re.match(r'class (\w+)', line) or ['', owner])[1]
+            lock = re.search(r'(\w+) = (?:\w+\.)?(?:Lock|RLock|Condition)\(\)', line)
+            if lock:
+                locks.add(f'{owner if line[0] == " " else Path(path).stem}.{lock[1]}')
+    assert len(threads) > 6 and len(locks) > 10
+    assert [name for name in sorted(threads) if f'| `{name}' not in page] == []
+    assert [name for name in sorted(locks) if f'| `{name}` |' not in page] == []
+    assert sorted(re.findall(r'^\| `(\w+\.\w+)` \|', page, re.MULTILINE)) == sorted(locks)
 
 
 def test_pictures_of_the_imports_are_up_to_date() -> None:
