@@ -36,9 +36,9 @@ from typing import Any
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, main as run_frame_node
-from opencv_tools.nodes.publisher import loop, parameters as publisher_parameters
-from opencv_tools.nodes.run_node import Executable, EXIT_USAGE, run
-from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
+from opencv_tools.nodes.publisher import loop
+from opencv_tools.nodes.executable import Executable
+from opencv_tools.nodes.run_node import EXIT_USAGE, run
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.topics.message_reader import ImageReader
 from transport_parts import Ages, Camera, Flip, FRAMES, listen, Load, RESULTS
@@ -94,9 +94,8 @@ def publish(load: Load) -> None:
     camera = Camera(load)
     loop.open_source = lambda *_: camera
     executable = Executable(
-        name='img_publisher', node='image_publisher', description='', example='',
-        parameters=publisher_parameters.PARAMETERS, frame_bytes=lambda _: load.frame_bytes,
-        priority=lambda _: load.priority)
+        name='img_publisher', node='image_publisher', priority=load.priority,
+        frame_bytes=load.frame_bytes)
     listen(camera.begin, _interrupt)
     run(executable, ImagePublisher, [
         'img_publisher', *load.arguments, '-p', 'publish_rate:=0.0'], failures=())
@@ -107,8 +106,7 @@ def subscribe(load: Load) -> None:
     """Run img_subscriber."""
     ages, stages = OurSubscriber.ages, OurSubscriber.stages = Ages(), Stages()
     executable = Executable(
-        name='img_subscriber', node='image_subscriber', description='', example='',
-        parameters=subscriber_parameters.PARAMETERS, priority=lambda _: load.priority)
+        name='img_subscriber', node='image_subscriber', priority=load.priority)
     listen(lambda: None, _interrupt)
     with tempfile.TemporaryDirectory() as folder:
         status = run(executable, lambda _: OurSubscriber(), [

@@ -22,15 +22,14 @@ from threading import Thread
 
 from opencv_tools.capture.source import is_camera
 from opencv_tools.logs import Log
+from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import declare_parameters, watch_parameters
-from opencv_tools.nodes.priority import given_priority
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.camera_info import create_camera_info_service, open_calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.loop import PublishLoop
-from opencv_tools.nodes.publisher.parameters import (
-    expected_frame_bytes, PARAMETERS, PublisherSettings)
-from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, run
+from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
+from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
 from opencv_tools.transport.fastdds.profile import FastDdsSetup, NOT_CONFIGURED
 from opencv_tools.transport.scheduling import use_priority
 from std_srvs.srv import SetBool
@@ -98,10 +97,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        name='img_publisher', node='image_publisher', parameters=PARAMETERS,
+        name='img_publisher', node='image_publisher', settings=PublisherSettings,
         description='Publish frames as sensor_msgs/Image on video_frames.',
-        example='-p source:=clip.mp4 -p publish_rate:=0', frame_bytes=expected_frame_bytes,
-        priority=lambda args: given_priority(args, 'image_publisher'))
+        example='-p source:=clip.mp4 -p publish_rate:=0')
     return run(executable, ImagePublisher, args, failures=())
 
 

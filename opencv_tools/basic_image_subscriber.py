@@ -24,9 +24,9 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.logs import log_if_slow
 from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.nodes.priority import given_priority
-from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, EXIT_OK, run
+from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.bag_messages import BagMessages
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
@@ -172,10 +172,9 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        name='img_subscriber', node='image_subscriber', parameters=PARAMETERS,
+        name='img_subscriber', node='image_subscriber', settings=RecorderSettings,
         description='Record the images on video_frames as files.',
-        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg',
-        priority=lambda args: given_priority(args, 'image_subscriber'))
+        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
     return run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
 
 

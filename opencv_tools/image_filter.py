@@ -27,12 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
-from opencv_tools.frames.node import FRAME_SIZE, FrameNode
+from opencv_tools.frames.node import FrameNode
 from opencv_tools.logs import Log
+from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import (
     declare_parameters, describe_unknown, parameter, parameter_table, unknown_parameters)
-from opencv_tools.nodes.priority import given_priority, priority_parameter
-from opencv_tools.nodes.run_node import Executable, EXIT_FAILURE, EXIT_OK, run
+from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK, run
+from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.progress import Progress
 from opencv_tools.rate_limit import MAX_RATE
 from opencv_tools.topics.errors import ParameterError
@@ -42,7 +43,7 @@ import yaml
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterSettings:
+class FilterSettings(NodeSettings):
     """Values of the parameters of ``img_filter``."""
 
     function: str = parameter(
@@ -62,6 +63,7 @@ class FilterSettings:
         0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',
         bounds=(0, MAX_RATE))
     priority: int = priority_parameter()
+    FRAME_BYTES = FULL_HD_BYTES
 
 
 #: Parameters of ``img_filter``.
@@ -208,13 +210,10 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if a frame failed, 2 for invalid parameters or arguments.
     """
-    width, height = FRAME_SIZE
     executable = Executable(
-        name='img_filter', node='image_filter', parameters=PARAMETERS,
+        name='img_filter', node='image_filter', settings=FilterSettings,
         description='Apply a function to the images on video_frames; publish filtered_frames.',
-        example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8",
-        frame_bytes=lambda _: width * height * 3,
-        priority=lambda args: given_priority(args, 'image_filter'))
+        example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8")
     return run(executable, lambda _: ImageFilter(), args, failures=())
 
 

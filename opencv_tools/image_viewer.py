@@ -21,8 +21,9 @@ from contextlib import suppress
 import sys
 
 from opencv_tools.logs import Log
+from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
-from opencv_tools.nodes.run_node import ClosableNode, Executable, EXIT_FAILURE, run
+from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
 from opencv_tools.remedies import installation
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import ViewerError
@@ -89,7 +90,7 @@ def main(args: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if the server cannot start, 2 for invalid parameters or arguments.
     """
     executable = Executable(
-        name='img_viewer', node='image_viewer', parameters=PARAMETERS,
+        name='img_viewer', node='image_viewer', settings=ViewerSettings,
         description='Show image topics in a browser.',
         example='-p address:=0.0.0.0 -p port:=8080')
     return run(executable, lambda _: ImageViewer(), args, failures=(ViewerError,))

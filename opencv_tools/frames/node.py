@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
-from opencv_tools.nodes.run_node import ClosableNode, Executable, run
+from opencv_tools.nodes.executable import Executable
+from opencv_tools.nodes.run_node import ClosableNode, run
 from opencv_tools.transport.fastdds.profile import FastDdsSetup
 from opencv_tools.transport.scheduling import use_priority
 
@@ -109,8 +110,7 @@ def main(
     name = getattr(create_node, '__name__', 'node')
     width, height = frame_size
     executable = Executable(
-        name=name, node=name, description=create_node.__doc__ or '', parameters=None, example='',
-        frame_bytes=lambda _: width * height * _CHANNELS, priority=lambda _: priority)
+        name=name, node=name, priority=priority, frame_bytes=width * height * _CHANNELS)
 
     def create(_: FastDdsSetup) -> FrameNode:
         node = create_node()

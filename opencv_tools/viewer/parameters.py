@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.settings import NodeSettings
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.viewer.access import AUTOMATIC, check_origins, check_token
@@ -30,7 +31,7 @@ def _check_address(text: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewerSettings:
+class ViewerSettings(NodeSettings):
     """Values of the parameters of ``img_viewer``, in the order of ``--help``."""
 
     port: int = parameter(

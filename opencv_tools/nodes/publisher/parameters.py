@@ -16,10 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any
 
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import MAX_RATE
@@ -35,17 +34,14 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log, log_if_slow
-from opencv_tools.nodes.command_line import given_parameters
 from opencv_tools.nodes.parameters import parameter, parameter_table
-from opencv_tools.nodes.priority import priority_parameter
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.publisher.stamps import STAMPS
+from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from rclpy.logging import get_logger
-import yaml
 
 _UNKNOWN_SIZE = (1920, 1080)
-_COLOUR = 'bgr8'
 
 
 def _parse_reconnect(text: str) -> float:
@@ -66,7 +62,7 @@ def _check_camera_name(name: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PublisherSettings:
+class PublisherSettings(NodeSettings):
     """Values of the parameters of ``img_publisher``, in the order of ``--help``."""
 
     source: str = parameter(
@@ -140,6 +136,25 @@ class PublisherSettings:
         bounds=(0, 1000))
     priority: int = priority_parameter()
 
+    FRAME_BYTES = FULL_HD_BYTES
+
+    def frame_bytes(self) -> int:
+        """
+        Estimate the bytes of the frames that will be published.
+
+        Patterns and cameras report their size. A file is opened to read its first frame. The size
+        of a stream, or of a source that the node will refuse, is assumed to be 1920x1080 in
+        colour.
+        """
+        try:
+            with log_if_slow(Log(get_logger('img_publisher')), describe_opening(self.source)):
+                size = expected_size(self.source, self.camera_request(), self.bag_topic)
+            width, height = size or _UNKNOWN_SIZE
+            encoding = find_encoding(self.encoding or 'bgr8')
+            return max(1, encoding.rows(height) * width * encoding.pixel_bytes)
+        except (CaptureError, ImageError, OSError):
+            return self.FRAME_BYTES
+
     def playback(self) -> PlaybackSettings:
         """Return the playback settings."""
         for_ever = self.on_end == 'loop' and self.loop == 1
@@ -198,35 +213,3 @@ class PublisherSettings:
 
 #: Parameters of ``img_publisher``.
 PARAMETERS = parameter_table(PublisherSettings)
-
-
-def expected_frame_bytes(args: Sequence[str]) -> int:
-    """
-    Estimate the size of the frames that ``img_publisher`` will publish.
-
-    The profile of Fast DDS depends on the frame size, and is read before the node exists.
-    Patterns and cameras report their size. A file is opened to read its first frame. The size of
-    streams, and of arguments that the node will refuse, is assumed to be 1920x1080 in colour.
-
-    :param args: command line.
-    :returns: bytes per frame, at least 1.
-    """
-    try:
-        given = given_parameters(args, 'image_publisher')
-        values: dict[str, Any] = {
-            parameter.name: parameter.accept(given[parameter.name])
-            for parameter in PARAMETERS if parameter.name in given}
-        settings = PublisherSettings(**values)
-        log = Log(get_logger('img_publisher'))
-        with log_if_slow(log, describe_opening(settings.source)):
-            size = expected_size(
-                settings.source, settings.camera_request(), settings.bag_topic)
-        return max(1, _frame_bytes(size or _UNKNOWN_SIZE, settings.encoding or _COLOUR))
-    except (CaptureError, ImageError, OSError, RecursionError, ValueError, yaml.YAMLError):
-        return _frame_bytes(_UNKNOWN_SIZE, _COLOUR)
-
-
-def _frame_bytes(size: tuple[int, int], encoding: str) -> int:
-    width, height = size
-    found = find_encoding(encoding)
-    return int(found.rows(height) * width * found.pixel_bytes)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table
-from opencv_tools.nodes.priority import priority_parameter
+from opencv_tools.nodes.settings import NodeSettings, priority_parameter
 from opencv_tools.rate_limit import MAX_RATE
 from opencv_tools.recording.naming import check_folder, FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
@@ -46,7 +46,7 @@ def _check_folder(text: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecorderSettings:
+class RecorderSettings(NodeSettings):
     """Values of the parameters of ``img_subscriber``, in the order of ``--help``."""
 
     output_dir: str = parameter(

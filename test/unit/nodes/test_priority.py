@@ -24,7 +24,8 @@ import sys
 from threading import get_native_id
 
 from conftest import NodeProcess
-from opencv_tools.nodes.priority import given_priority
+from opencv_tools.nodes.executable import Executable
+from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.transport.scheduling import explain_refusal, use_priority
 import pytest
 
@@ -174,7 +175,8 @@ def test_priority_of_the_command_line(tmp_path: Path, words: list[str], priority
     file = tmp_path / 'mine.yaml'
     file.write_text('/**/mine:\n  ros__parameters:\n    priority: 3\n')
     args = ['node', '--ros-args', *(word.format(file=file) for word in words)]
-    assert given_priority(args, 'mine') == priority
+    mine = Executable(name='recorder', node='mine', settings=RecorderSettings)
+    assert mine.read_start(args) == (priority, 0)
 
 
 def test_refused_priority(start: Start) -> None:

@@ -1,0 +1,105 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An executable before its node exists: its name, its settings and its command line."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+import re
+
+from opencv_tools.nodes.command_line import check_ros_arguments
+from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
+from opencv_tools.nodes.settings import NodeSettings, read_settings
+from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
+from opencv_tools.version import add_version_option
+from rclpy.utilities import remove_ros_args
+
+
+@dataclass(frozen=True, kw_only=True)
+class Executable:
+    """
+    Properties of an executable that are needed before its node exists.
+
+    :param name: name of the executable.
+    :param node: name of the node.
+    :param settings: parameters of the node; None if they are not known, and other arguments may
+        be given as well.
+    :param description: purpose of the executable, for ``--help``.
+    :param example: example of ROS arguments, for ``--help``.
+    :param priority: real-time priority of an executable without settings, see `NodeSettings`.
+    :param frame_bytes: bytes of a published frame of an executable without settings.
+    """
+
+    name: str
+    node: str
+    settings: type[NodeSettings] | None = None
+    description: str = ''
+    example: str = ''
+    priority: int = 0
+    frame_bytes: int = 0
+
+    def check_arguments(self, args: Sequence[str]) -> list[str]:
+        """
+        Handle ``--help`` and ``--version``, and exit on arguments that are no ROS arguments.
+
+        :param args: command line, program name first.
+        :returns: sentences about ROS arguments that have no effect.
+        :raises ParameterError: a ROS argument is certainly a mistake.
+        """
+        if self.settings is None:
+            return []
+        table = parameter_table(self.settings)
+        mistakes = check_ros_arguments(args, self.name, self.node, table)
+        self._parse(remove_ros_args(args), table)
+        return mistakes
+
+    def read_start(self, args: Sequence[str]) -> tuple[int, int]:
+        """Return the real-time priority and the bytes of a frame of a command line."""
+        if self.settings is None:
+            return self.priority, self.frame_bytes
+        settings = read_settings(self.settings, args, self.node)
+        if settings is None:
+            return 0, self.settings.FRAME_BYTES
+        return settings.priority, settings.frame_bytes()
+
+    def _parse(self, args: list[str], table: Sequence[Parameter]) -> None:
+        parser = argparse.ArgumentParser(
+            prog=self.name, description=self.description,
+            formatter_class=argparse.RawTextHelpFormatter,
+            usage=f'{self.name} [--ros-args -p NAME:=VALUE ...]',
+            epilog=f'example:\n  {self.name} --ros-args {self.example}\n\n'
+                   f'{describe_parameters(table)}\n\n'
+                   f'{ENVIRONMENT_HELP}')
+        add_version_option(parser)
+        _, unknown = parser.parse_known_args(args[1:])
+        if unknown:
+            parser.error(
+                f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, table)}')
+
+
+def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
+    """Return how to write a parameter, or a source, that was given as ``--source 0`` or ``0``."""
+    names = {parameter.name for parameter in parameters}
+    for word, following in zip(words, [*words[1:], '']):
+        option, _, value = word.partition('=')
+        name = option.lstrip('-').removesuffix(':').replace('-', '_')
+        if option.startswith('-') and name in names:
+            value = value or ('' if following.startswith('-') else following) or 'VALUE'
+            return f'; write --ros-args -p {name}:={value}'
+    if len(words) == 1 and 'source' in names and re.match('(?!-|.*:=).', words[0]):
+        return f'; write --ros-args -p source:={words[0]}'
+    return '; parameters are written --ros-args -p NAME:=VALUE'

@@ -1,0 +1,71 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the start of a node needs of its parameters before the node exists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+from opencv_tools.nodes.command_line import given_parameters
+from opencv_tools.nodes.parameters import parameter, parameter_table
+import yaml
+
+S = TypeVar('S', bound='NodeSettings')
+
+#: Bytes of a frame of 1920x1080 in colour.
+FULL_HD_BYTES = 1920 * 1080 * 3
+
+
+class NodeSettings:
+    """
+    Values of the parameters of a node; subclasses are frozen dataclasses of `parameter` fields.
+
+    The node reads its parameters from ROS. Before, the middleware is configured for these values.
+    """
+
+    #: Real-time priority of the threads that carry frames, 1 to 99; 0 for normal scheduling.
+    priority: int = 0
+    #: Bytes of a published frame whose size is not known; 0 for a node that publishes none.
+    FRAME_BYTES = 0
+
+    def frame_bytes(self) -> int:
+        """Return the expected bytes of a published frame."""
+        return self.FRAME_BYTES
+
+
+def priority_parameter() -> Any:
+    """Return the field ``priority`` of a settings class."""
+    return parameter(
+        0, 'Real-time priority (SCHED_RR) of the threads that carry frames, from 1 (lowest) to 99 '
+        '(highest); 0 for normal scheduling', bounds=(0, 99))
+
+
+def read_settings(settings: type[S], args: Sequence[str], node: str) -> S | None:
+    """
+    Read the parameters of a command line and its parameter files.
+
+    :param settings: settings class of the node.
+    :param args: command line, program name first.
+    :param node: name of the node, unless it is remapped.
+    :returns: the settings; None if the node will refuse one of the values.
+    """
+    try:
+        given = given_parameters(args, node)
+        return settings(**{
+            parameter.name: parameter.accept(given[parameter.name])
+            for parameter in parameter_table(settings) if parameter.name in given})
+    except (OSError, RecursionError, ValueError, yaml.YAMLError):
+        return None
