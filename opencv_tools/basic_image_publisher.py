@@ -22,8 +22,8 @@ from threading import Thread
 
 from opencv_tools.capture.source import is_camera
 from opencv_tools.logs import Log
+from opencv_tools.nodes.declaration import declare_settings, watch_parameters
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import declare_parameters, watch_parameters
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.camera_info import create_camera_info_service, open_calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -49,7 +49,7 @@ class ImagePublisher(ClosableNode):
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)
         self._log = Log(self.get_logger())
-        settings = PublisherSettings(**declare_parameters(self, PARAMETERS))
+        settings = declare_settings(self, PublisherSettings)
         settings.check()
         calibration = open_calibration(self, settings)
         self._topics = topics = ImageTopics(

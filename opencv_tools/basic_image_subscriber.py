@@ -24,8 +24,8 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.logs import log_if_slow
 from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.bag_messages import BagMessages
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
@@ -55,7 +55,7 @@ class ImageSubscriber(ClosableNode):
         :raises RecordingError: the output folder cannot be used.
         """
         super().__init__('image_subscriber', automatically_declare_parameters_from_overrides=True)
-        settings = RecorderSettings(**declare_parameters(self, PARAMETERS))
+        settings = declare_settings(self, RecorderSettings)
         self.br = CvBridge()
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings.max_frames)
@@ -73,8 +73,7 @@ class ImageSubscriber(ClosableNode):
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None
-        for name in unknown_parameters(self, PARAMETERS):
-            self._log.warning(describe_unknown(name, PARAMETERS))
+        warn_unknown_parameters(self, PARAMETERS, self._log)
         self._log.info(
             f'Waiting for {self.subscription.topic_name}, writing to {self._session.folder}')
         use_priority(settings.priority)

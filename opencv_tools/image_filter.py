@@ -29,9 +29,9 @@ from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.frames.node import FrameNode
 from opencv_tools.logs import Log
+from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import (
-    declare_parameters, describe_unknown, parameter, parameter_table, unknown_parameters)
+from opencv_tools.nodes.parameters import parameter, parameter_table
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.progress import Progress
@@ -80,7 +80,7 @@ class ImageFilter(FrameNode):
         :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_filter', automatically_declare_parameters_from_overrides=True)
-        settings = FilterSettings(**declare_parameters(self, PARAMETERS))
+        settings = declare_settings(self, FilterSettings)
         self._function = load_function(settings.function)
         self._arguments, self._keywords = parse_arguments(settings.arguments)
         self._failed = self._unfiltered = 0
@@ -90,8 +90,7 @@ class ImageFilter(FrameNode):
         self._subscriber = self.receive_frames(
             'video_frames', self.listener_callback, encoding=settings.encoding,
             every=settings.every, transport=settings.transport, max_rate=settings.max_rate)
-        for name in unknown_parameters(self, PARAMETERS):
-            self._log.warning(describe_unknown(name, PARAMETERS))
+        warn_unknown_parameters(self, PARAMETERS, self._log)
         self._log.info(
             f'Waiting for {self._subscriber.topic_name}, publishing to '
             f'{self._publisher.topic_name}')

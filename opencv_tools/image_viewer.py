@@ -21,8 +21,8 @@ from contextlib import suppress
 import sys
 
 from opencv_tools.logs import Log
+from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import declare_parameters, describe_unknown, unknown_parameters
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
 from opencv_tools.remedies import installation
 from opencv_tools.viewer.control import Control
@@ -50,15 +50,14 @@ class ImageViewer(ClosableNode):
                 raise
             raise ViewerError('img_viewer needs Tornado; '
                               f'{installation("tornado", "python3-tornado")}') from err
-        settings = ViewerSettings(**declare_parameters(self, PARAMETERS))
+        settings = declare_settings(self, ViewerSettings)
         log = Log(self.get_logger())
         self._graph = Graph(self, settings.patterns, settings.transport, log,
                             Control(self) if settings.control else None)
         self._server = ViewerServer(
             settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self, log),
             log, self._fail)
-        for name in unknown_parameters(self, PARAMETERS):
-            log.warning(describe_unknown(name, PARAMETERS))
+        warn_unknown_parameters(self, PARAMETERS, log)
         url, *others = self._server.urls
         invitation = ', or '.join([f'Open {url} in a browser', *others])
         if self._server.has_token:

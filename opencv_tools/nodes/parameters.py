@@ -16,36 +16,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, KW_ONLY
-import difflib
 import json
 import math
 from textwrap import TextWrapper
 from typing import Any
 
-from opencv_tools.image.text import HIDDEN, printable, without_password
+from opencv_tools.image.text import without_password
 from opencv_tools.topics.errors import ParameterError
-from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult,
-)
-import rclpy
-from rclpy.exceptions import ParameterNotDeclaredException
-from rclpy.node import Node
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-# Names and prefixes of parameters that ROS itself reads.
-_ROS_PARAMETERS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 _TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
 _HELP_COLUMNS = 99
-
-
-class UnknownParameterError(ParameterNotDeclaredException):
-    """A change of an undeclared parameter; rclpy replies with the message."""
-
-    def __init__(self, message: str) -> None:
-        """Store the message instead of rclpy's own."""
-        Exception.__init__(self, message)
 
 
 @dataclass(frozen=True)
@@ -170,121 +153,6 @@ def parameter(default: str | int | float, description: str, **options: Any) -> A
 def parameter_table(settings: type) -> tuple[Parameter, ...]:
     """Return the parameters of a settings class, whose fields ``parameter`` has created."""
     return tuple(Parameter(found.name, **found.metadata) for found in fields(settings))
-
-
-def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """
-    Declare a table of parameters and return their values.
-
-    :param node: node created with ``automatically_declare_parameters_from_overrides``, so that
-        given values can be read and checked before their descriptors apply.
-    :param table: parameters of the node.
-    :returns: values by name.
-    :raises ParameterError: a given value is invalid, or the name of a parameter that ends the
-        node is misspelt.
-    """
-    values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
-    by_name = {parameter.name: parameter for parameter in table}
-    for name in unknown_parameters(node, table):
-        similar = closest_name(name, by_name)
-        if similar and by_name[similar].ends:
-            raise ParameterError(
-                f'there is no parameter {printable(name)}: did you mean {similar}?')
-    return values
-
-
-def declare_parameter(node: Node, parameter: Parameter) -> Any:
-    """
-    Declare one parameter and return its value.
-
-    :param node: node, as for ``declare_parameters``.
-    :param parameter: parameter to declare.
-    :returns: its value.
-    :raises ParameterError: the given value is invalid.
-    """
-    value = parameter.default
-    if node.has_parameter(parameter.name):
-        value = parameter.accept(node.get_parameter(parameter.name).value)
-        node.undeclare_parameter(parameter.name)
-    shown = HIDDEN if parameter.secret and value not in ('', parameter.default) else value
-    node.declare_parameter(parameter.name, shown, parameter.descriptor(), ignore_override=True)
-    return value
-
-
-def unknown_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Return the given parameters that are not in a table, as values by name."""
-    names = {parameter.name for parameter in table}
-    given: dict[str, Any] = node.get_parameters_by_prefix('')  # rclpy's own type is wrong
-    return {name: parameter.value for name, parameter in given.items()
-            if name not in names and not name.startswith(_ROS_PARAMETERS)}
-
-
-def closest_name(name: str, names: Iterable[str]) -> str:
-    """Return the name that a misspelt name resembles, or ''."""
-    return next(iter(difflib.get_close_matches(name, names, 1)), '')
-
-
-def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
-    """Return a message about an unknown parameter, with the name that it resembles."""
-    names = [parameter.name for parameter in table]
-    close = closest_name(name, names)
-    hint = f'did you mean {close}?' if close else f'the parameters are {", ".join(names)}'
-    return f'unknown parameter {printable(name)} is not used; {hint}'
-
-
-def watch_parameters(
-    node: Node, table: Sequence[Parameter], apply: Callable[[dict[str, Any]], object],
-    more: Callable[[], Sequence[Parameter]] = tuple,
-) -> None:
-    """
-    Apply changes of parameters while the node runs; refuse invalid ones with the reason.
-
-    Values are converted as at startup, for example 5 to 5.0.
-
-    :param node: node of the parameters.
-    :param table: parameters that can be changed.
-    :param apply: called with the changed values by name.
-    :param more: returns further parameters, which other callbacks apply.
-    """
-    by_name = {parameter.name: parameter for parameter in table}
-
-    def convert(changes: list[rclpy.Parameter]) -> list[rclpy.Parameter]:
-        parameters = {**by_name, **{parameter.name: parameter for parameter in more()}}
-        for change in changes:
-            if not node.has_parameter(change.name):
-                raise UnknownParameterError(
-                    describe_unknown(change.name, tuple(parameters.values())))
-        return [_converted(change, parameters.get(change.name)) for change in changes]
-
-    def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
-        try:
-            for change in changes:
-                if change.name in by_name:
-                    by_name[change.name].accept(change.value)
-        except ParameterError as err:
-            return SetParametersResult(successful=False, reason=str(err))
-        return SetParametersResult(successful=True)
-
-    def apply_changes(changes: list[rclpy.Parameter]) -> None:
-        changed = {change.name: change.value for change in changes if change.name in by_name}
-        if changed:
-            apply(changed)
-
-    node.add_pre_set_parameters_callback(convert)
-    node.add_on_set_parameters_callback(check)
-    node.add_post_set_parameters_callback(apply_changes)
-
-
-def _converted(change: rclpy.Parameter, parameter: Parameter | None) -> rclpy.Parameter:
-    """Convert a change to the type of its parameter; return an invalid change unmodified."""
-    if parameter is None:
-        return change
-    value = change.value
-    if isinstance(parameter.default, float) and type(value) is int:
-        value = float(value)  # even if out of range, which is the better reason for a refusal
-    with suppress(ParameterError):
-        value = parameter.accept(value)
-    return rclpy.Parameter(change.name, value=value)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:

@@ -23,8 +23,9 @@ from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.controls import Control, ControlType
 from opencv_tools.logs import Log
-from opencv_tools.nodes.parameters import (
-    closest_name, declare_parameter, describe_unknown, Parameter, unknown_parameters)
+from opencv_tools.nodes.declaration import (
+    closest_name, declare_parameter, describe_unknown, unknown_parameters)
+from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.timers import create_steady_timer
 from rcl_interfaces.msg import SetParametersResult

@@ -30,7 +30,7 @@ from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.image.text import printable, without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
-from opencv_tools.nodes.parameters import describe_unknown
+from opencv_tools.nodes.declaration import describe_unknown
 from opencv_tools.nodes.publisher.parameters import PARAMETERS
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.folder import Folder

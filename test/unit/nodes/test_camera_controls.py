@@ -23,7 +23,8 @@ from dataclasses import replace
 from conftest import spin_until
 from opencv_tools.capture.errors import UnavailableError
 from opencv_tools.capture.v4l2.controls import Control, ControlType
-from opencv_tools.nodes.parameters import declare_parameters, Parameter, watch_parameters
+from opencv_tools.nodes.declaration import declare_parameters, watch_parameters
+from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 import pytest
 import rclpy

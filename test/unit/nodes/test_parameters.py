@@ -19,8 +19,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 
-from opencv_tools.nodes.parameters import (
-    declare_parameters, Parameter, UnknownParameterError, watch_parameters)
+from opencv_tools.nodes.declaration import (
+    declare_parameters, UnknownParameterError, watch_parameters)
+from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.nodes.publisher import parameters as publisher_parameters
 from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
 from opencv_tools.topics.errors import ParameterError
