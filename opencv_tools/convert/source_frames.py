@@ -26,7 +26,7 @@ from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import WireCompressedImage
-from opencv_tools.recording.bag_sink import RecordedMessage
+from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
 

@@ -16,24 +16,24 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 import os
 from pathlib import Path
 import time
-from typing import Generic, TypeVar
+from typing import Generic
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.errors import error_text, LimitReached
+from opencv_tools.recording.file_format import FileFormat, P
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.open_file import OpenFile, W
-from opencv_tools.recording.recorder import Prepared, SinkCounts
+from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.stored_files import StoredFiles
 
 # Delay after an error of the disk before a new file begins.
 _RETRY_SECONDS = 2.0
@@ -43,28 +43,28 @@ _CHECK_SECONDS = 1.0
 _ROOM = 2
 
 
-P = TypeVar('P', bound=Prepared)
-
-
-class FileSink(ABC, Generic[W, P]):
+class FileSink(Generic[W, P]):
     """Write frames to files, which have their final names from the start."""
 
     def __init__(
         self, folder: Folder, numbering: Numbering, limits: Limits,
-        monotonic: Callable[[], float] = time.monotonic,
+        file_format: FileFormat[W, P], monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Create a sink; the first file begins with the first frame.
 
         :param folder: output folder, closed together with this sink.
         :param numbering: source of the file names.
-        :param limits: limits of the recording.
+        :param limits: limits of the recording; a ring deletes its oldest files.
+        :param file_format: format of the files.
         :param monotonic: monotonic clock in seconds.
         """
         self.counts = SinkCounts()
         self._folder = folder
         self._limits = limits
         self._limits_of_one = limits.of_one_file()
+        self._ring = StoredFiles(folder, numbering, limits) if limits.ring else None
+        self._format = file_format
         self._bytes = 0
         self._numbering = numbering
         self._monotonic = monotonic
@@ -76,41 +76,9 @@ class FileSink(ABC, Generic[W, P]):
         self._needed = 0  # bytes of free space required for a new file
         self._paths: set[Path] = set()
 
-    @abstractmethod
     def prepare(self, frame: ReceivedFrame) -> P:
-        """
-        Convert a frame for the writer; thread-safe.
-
-        :param frame: frame to convert.
-        :returns: the converted frame.
-        :raises ImageError: no file can hold the frame.
-        """
-
-    @abstractmethod
-    def _open(self, path: Path, frame: ReceivedFrame, prepared: P, room: int) -> W:
-        """Create a file of at most ``room`` bytes, 0 for any size; the frame is not written."""
-
-    @abstractmethod
-    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> ManifestEntry:
-        """Return the manifest entry of a file that begins with a frame."""
-
-    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame) -> bool:
-        """Return whether a file has reached the limits of one file."""
-        limits, writer = self._limits_of_one, file.writer
-        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
-                or 0 < limits.max_ns <= frame.arrival_ns - file.began_ns)
-
-    @abstractmethod
-    def _fits(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
-        """Return whether a frame can continue a file."""
-
-    @abstractmethod
-    def _write(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
-        """Write a frame; return False if it would exceed the maximum size."""
-
-    def _measured(self, file: OpenFile[W]) -> ManifestEntry:
-        """Return the manifest entry of a closed file."""
-        return file.entry.measured(self._folder.path)
+        """Convert a frame for the writer; see `FileFormat`."""
+        return self._format.prepare(frame)
 
     def commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         """
@@ -143,7 +111,10 @@ class FileSink(ABC, Generic[W, P]):
         """
         try:
             if self._file:
-                self._end(self._file)
+                try:
+                    self._format.write_others(self._file.writer, None)
+                finally:
+                    self._end(self._file)
             self._folder.write_deferred()
         finally:
             self._count()
@@ -152,17 +123,38 @@ class FileSink(ABC, Generic[W, P]):
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         file = self._file
         if file and (self._is_over(file, frame) or not (
-                self._is_at_path(file) and self._fits(file, frame, prepared))):
+                self._is_at_path(file) and self._format.continues(file, frame, prepared))):
             self._end(file)
         if not self._is_full:
-            file = self._file = self._file or self._numbering.claim(
-                frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
-            self._is_full = not self._write(file, frame, prepared)
-        if self._is_full or not file:
+            is_written = self._write(frame, prepared)
+            if not is_written and self._ring and self._file:
+                full = self._file.writer  # the next file of the ring has room
+                self._end(self._file)
+                is_written = full.flushed > 0 and self._write(frame, prepared)
+            self._is_full = not is_written
+        if self._is_full or not self._file:
             raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
-        if file.writer.flushed:
+        if self._file.writer.flushed:
             self._outage, self._needed = None, 0
-        return file.path
+        return self._file.path
+
+    def _write(self, frame: ReceivedFrame, prepared: P) -> bool:
+        """Write a frame to the file, or to a new one; return False if that has no room."""
+        file = self._file = self._file or self._numbering.claim(
+            frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
+        self._format.write_others(file.writer, prepared)
+        if self._ring:
+            size = self._format.size_with(file.writer, prepared)
+            entry = replace(file.entry, size=size, frames=file.writer.frames + 1)
+            self._ring.make_room(entry, frame.arrival_ns)
+        file.last_ns = frame.arrival_ns
+        return self._format.write(file, frame, prepared)
+
+    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame) -> bool:
+        """Return whether a file has reached the limits of one file."""
+        limits, writer = self._limits_of_one, file.writer
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+                or 0 < limits.max_ns <= frame.arrival_ns - file.began_ns)
 
     def _has_room(self) -> bool:
         """Return whether to retry now, and the disk has room for the data that did not fit."""
@@ -207,9 +199,10 @@ class FileSink(ABC, Generic[W, P]):
         if self._numbering.replaces and path not in self._paths:
             path.unlink(missing_ok=True)
             self._folder.remove_stale_lines(self._numbering.names)
-        room = max(1, self._limits.max_bytes - self._bytes) if self._limits.max_bytes else 0
-        writer = self._open(path, frame, prepared, room)
-        entry = self._entry(seq, name, frame, prepared)
+        room = max(1, self._limits.max_bytes - self._bytes) if (
+            self._limits.max_bytes and not self._ring) else 0
+        writer = self._format.open(path, frame, prepared, room)
+        entry = self._format.entry(seq, name, frame, prepared)
         try:
             self._folder.write_journal(entry)
         except OSError:
@@ -240,7 +233,7 @@ class FileSink(ABC, Generic[W, P]):
             kept = 0 if problem else writer.flushed
             lost = writer.frames - writer.skipped - kept
             self._ended += kept
-            self._is_full = self._is_full or writer.is_full
+            self._is_full = self._is_full or (writer.is_full and not self._ring)
             self.counts.skipped += writer.skipped
             if lost:
                 self.counts.lost += lost
@@ -251,16 +244,19 @@ class FileSink(ABC, Generic[W, P]):
         if not file.writer.flushed:
             return ''
         try:
-            entry = self._measured(file)
+            entry = self._format.measured(file, self._folder.path)
         except FileNotFoundError:
             return file.removed_text()
         except OSError as err:
             return error_text(err)
         self._bytes += entry.size
+        if self._ring:
+            self._ring.add(replace(entry, frames=file.writer.frames), file.last_ns)
         self._folder.defer_line(replace(entry, frames=file.writer.flushed))
         with suppress(OSError):  # the line is added before the next file, or at the end
             self._folder.write_deferred()
         return ''
 
     def _count(self) -> None:
+        self.counts.warning = self._format.warning
         self.counts.kept = self._ended + (self._file.writer.flushed if self._file else 0)

@@ -16,31 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 import errno
-import itertools
 import os
 from pathlib import Path
-import re
-import secrets
 from threading import Lock
+from types import MappingProxyType
 from typing import Any
 
-from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.finishing import finish_bag
-from opencv_tools.bags.writing import BAG_SUFFIX
-from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
+from opencv_tools.recording.journal import Journal
+from opencv_tools.recording.manifest import Manifest, ManifestEntry
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.regular_files import (
-    is_same_file, open_regular, RefusedFileError, try_lock, write_new)
-
-# Each recording has a journal. The names of its temporary files begin with the same prefix.
-_PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'
-_OWN = re.compile(r'\.recording-[0-9a-z]+-')
-_LINE = 1 << 24
+from opencv_tools.regular_files import RefusedFileError, write_new
 
 # Maximum number of manifest lines that wait because the disk is full. Few lines wait, because a
 # new file begins only if the disk has room for it.
@@ -49,40 +38,47 @@ _MAX_DEFERRED = 100
 # Files of killed recordings that are larger have no digest, because a start must not take minutes.
 _MAX_HASHED_BYTES = 1 << 30
 
-_BAG_HEADER_BYTES = 64  # a bag that was cut off in its header is not longer
-
 # Errors of a file system without hard links, or with too many links to a file.
 _NO_LINKS = frozenset((errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK))
+
+#: Functions that finish a file of a killed recording, by its extension. They return the number of
+#: its frames: 0 for a file that is to be removed, None if the number is unknown.
+Finishers = Mapping[str, Callable[[Path], int | None]]
 
 
 class Folder:
     """
     Write files under temporary names, then rename them and add their lines to the manifest.
 
-    The journal is locked while this object is open. It holds the lines that the manifest could
-    not take, and the line of the file that is renamed next. The next recording reads an unlocked
-    journal, removes the temporary files and completes the manifest.
+    The journal holds the lines that the manifest could not take, and the line of the file that is
+    renamed next. The next recording removes the temporary files of a killed one and completes the
+    manifest.
     """
 
-    def __init__(self, path: Path, sync: bool = False) -> None:
+    def __init__(
+        self, path: Path, sync: bool = False, finishers: Finishers = MappingProxyType({}),
+    ) -> None:
         """
         Create the folder if needed and remove leftovers of killed recordings.
 
         :param path: output folder.
         :param sync: whether each file is flushed to disk before it gets its final name.
+        :param finishers: what finishes the files of killed recordings.
         :raises OSError: the folder cannot be created or written to.
         """
         self.path = path
         self.manifest = Manifest(path)
         self._sync = sync
-        self._journal = -1
+        self._finishers = finishers
         self._deferred: list[ManifestEntry] = []
-        self._numbers = itertools.count()
         self._lock = Lock()
+        path.mkdir(parents=True, exist_ok=True)
+        self._journal = Journal(path)
         try:
-            path.mkdir(parents=True, exist_ok=True)
-            self._open_journal()
-            self._recover()
+            for entries in self._journal.killed():
+                for entry in entries:
+                    with suppress(FileNotFoundError, RefusedFileError):
+                        self._complete_file(entry)
         except OSError:
             self.close()
             raise
@@ -134,9 +130,7 @@ class Folder:
         """
         with self._lock:
             self.path.mkdir(exist_ok=True)
-            if not self._journal_path.exists():
-                os.close(self._journal)
-                self._open_journal()
+            self._journal.recreate()
 
     def write_journal(self, entry: ManifestEntry) -> None:
         """
@@ -145,7 +139,7 @@ class Folder:
         :param entry: manifest entry, without a digest if the content is not written yet.
         :raises OSError: the journal cannot be written.
         """
-        self._overwrite_journal(*self._deferred, entry)
+        self._journal.write(*self._deferred, entry)
 
     def defer_line(self, entry: ManifestEntry) -> None:
         """
@@ -194,68 +188,17 @@ class Folder:
 
     def close(self) -> None:
         """Remove the journal, unless it holds an entry that the manifest does not have."""
-        if self._journal >= 0:
-            with suppress(OSError):  # the disk is gone; the next recording removes the journal
-                if self._deferred:
-                    self._overwrite_journal(*self._deferred)
-                else:
-                    self._journal_path.unlink(missing_ok=True)
-            os.close(self._journal)
-            self._journal = -1
-
-    def _overwrite_journal(self, *entries: ManifestEntry) -> None:
-        """Overwrite the journal with entries; an empty line marks the end."""
-        os.pwrite(self._journal, b''.join(entry.line() for entry in entries) + b'\n', 0)
+        self._journal.close(*self._deferred)
 
     def _write(self, parts: Iterable[Any]) -> Path:
-        temporary = self.path / f'{self._prefix}{next(self._numbers)}{_TEMPORARY}'
+        temporary = self._journal.temporary_path()
         write_new(temporary, parts, self._sync)
         return temporary
 
-    def _open_journal(self) -> None:
-        while True:
-            self._prefix = f'{_PREFIX}{secrets.token_hex(4)}-'
-            self._journal_path = self.path / f'{self._prefix}{_JOURNAL}'
-            self._journal = os.open(
-                self._journal_path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-            try_lock(self._journal)
-            if is_same_file(self._journal, self._journal_path):
-                return
-            os.close(self._journal)  # another recording removed the journal before the lock
-
-    def _recover(self) -> None:
-        """Remove leftovers of killed recordings and add their missing lines to the manifest."""
-        hidden = [path.name for path in self.path.glob(f'{_PREFIX}*')]
-        for name in hidden:
-            prefix = name.removesuffix(_JOURNAL)
-            if prefix == name or prefix == self._prefix or not _OWN.fullmatch(prefix):
-                continue
-            try:
-                journal = open_regular(self.path / name, os.O_RDWR, follow=False)
-            except FileNotFoundError:
-                continue  # another recording removed it
-            try:
-                if try_lock(journal):
-                    self._complete(os.pread(journal, min(os.fstat(journal).st_size, _LINE), 0))
-                    for other in hidden:
-                        if other.startswith(prefix):
-                            (self.path / other).unlink(missing_ok=True)
-            finally:
-                os.close(journal)
-
-    def _complete(self, journal: bytes) -> None:
-        """Write the entries of the journal of a killed recording to the manifest."""
-        for line in journal.split(b'\n'):
-            try:
-                entry = parse_line(line)
-            except ValueError:
-                return  # the end of the entries, or a recording that was killed before the first
-            with suppress(FileNotFoundError, RefusedFileError):
-                self._complete_file(entry)
-
     def _complete_file(self, entry: ManifestEntry) -> None:
         path = self.path / entry.name
-        frames = None if entry.sha256 else _finished_frames(path)
+        finish = None if entry.sha256 else self._finishers.get(path.suffix.lower())
+        frames = finish(path) if finish else None
         found = self._measured(entry)
         # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(
@@ -280,18 +223,6 @@ class Folder:
         if not entry.sha256 and size > _MAX_HASHED_BYTES:
             return replace(entry, size=size)
         return entry.measured(self.path)
-
-
-def _finished_frames(path: Path) -> int | None:
-    """Finish a bag, and count the frames of a bag or video; None if they are unknown."""
-    if path.suffix.lower() != BAG_SUFFIX:
-        return count_frames(path)
-    try:
-        frames = finish_bag(path)
-        is_empty = frames is None and path.stat().st_size <= _BAG_HEADER_BYTES
-        return 0 if is_empty else frames
-    except BagError:  # damaged, or the library of bags is not installed
-        return None
 
 
 def _move(source: Path, target: Path) -> None:

@@ -29,10 +29,11 @@ from opencv_tools.recording.image_encoder import encode_frame, EncodedImage, Enc
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import SinkCounts
-from opencv_tools.recording.selection import Limits, Retention
+from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.stored_files import StoredFiles
 
-# The manifest is compacted when so many lines, and more than half of them, have no file.
-_MIN_STALE_LINES = 100
+# The manifest is compacted when more lines, and more than half of them, have no file.
+_MAX_STALE_LINES = 100
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,7 @@ class ImageSink:
         self._folder = folder
         self._numbering = numbering
         self._settings = settings
-        self._removes_files = limits.ring or numbering.replaces
-        self._stale_lines = 0
-        self._compact()
-        earlier = folder.manifest.entries() if limits.ring else []
-        self._retention = Retention(limits, [
-            entry for entry in earlier if numbering.names.matches(entry.name)])
+        self._files = StoredFiles(folder, numbering, limits, _MAX_STALE_LINES)
 
     def prepare(self, frame: ReceivedFrame) -> PreparedImage:
         """
@@ -124,30 +120,19 @@ class ImageSink:
                 seq, name, frame, content.encoding, (content.width, content.height),
                 size=image.size, sha256=image.sha256, frames=1), frame.arrival_ns))
         self.counts.kept += 1
-        if self._stale_lines > max(_MIN_STALE_LINES, self._retention.count):
-            self._compact()
         return path
 
     def close(self) -> None:
         """Remove the lines of deleted files from the manifest, and close the folder."""
         try:
-            if self._stale_lines:
-                self._compact()
+            self._files.close()
         finally:
             self._folder.close()
 
     def _publish(self, temporary: Path, entry: ManifestEntry, arrival_ns: int) -> Path:
-        deleted = self._retention.make_room(entry, arrival_ns)
-        for name in deleted:
-            (self._folder.path / name).unlink(missing_ok=True)
+        self._files.make_room(entry, arrival_ns)
         path = self._folder.publish(temporary, entry, self._numbering.replaces)
-        self._stale_lines += len(deleted) or self._numbering.replaces
-        self._retention.remove(deleted)
-        self._retention.add(entry, arrival_ns)
+        self._files.add(entry, arrival_ns)
+        if self._numbering.replaces:
+            self._files.remove_lines(1)
         return path
-
-    def _compact(self) -> None:
-        """Remove the lines of deleted and replaced files from the manifest."""
-        self._stale_lines = 0
-        if self._removes_files:
-            self._folder.remove_stale_lines(self._numbering.names)

@@ -24,7 +24,7 @@ from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 
 
-class FrameWriter(Protocol):
+class FileWriter(Protocol):
     """
     The writer of one file with many frames.
 
@@ -53,7 +53,7 @@ class FrameWriter(Protocol):
         """Finish the file; remove it if it has no frame."""
 
 
-W = TypeVar('W', bound=FrameWriter)
+W = TypeVar('W', bound=FileWriter)
 
 
 @dataclass(kw_only=True)
@@ -66,6 +66,7 @@ class OpenFile(Generic[W]):
     :param writer: writer of the file.
     :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
+    :param last_ns: the same of the last frame.
     """
 
     path: Path
@@ -73,6 +74,7 @@ class OpenFile(Generic[W]):
     writer: W
     offset_ns: int
     began_ns: int
+    last_ns: int = 0
 
     def time_ns(self, frame: ReceivedFrame) -> int:
         """Return the time of a frame, independent of changes of the system clock."""

@@ -26,8 +26,10 @@ from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.open_bag import BAG_SUFFIXES
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.recording.bag_sink import BagSink, finish_bags
+from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError, VideoError
+from opencv_tools.recording.file_sink import FileSink
+from opencv_tools.recording.finishing import finish_bags, FINISHERS
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.image_encoder import EncoderSettings, IMAGE_FORMATS
 from opencv_tools.recording.image_sink import ImageSink
@@ -35,7 +37,7 @@ from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import Sink
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.video.sink import VideoSink
+from opencv_tools.recording.video.format import VideoFormat
 from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS
 
 # Remedies for errors of the output folder, where the text of the system error names none.
@@ -71,11 +73,8 @@ def check_limits(suffix: str, limits: Limits) -> None:
 
     :param suffix: file name extension with its dot, in lower case.
     :param limits: limits of the recording.
-    :raises ValueError: a video is in a ring, or an image file is to be split.
+    :raises ValueError: an image file is to be split.
     """
-    if limits.ring and suffix in VIDEO_FORMATS:
-        raise ValueError(f'ring deletes the oldest files, but a {suffix} recording is one file; '
-                         'set the extension of file_name to .png or .jpg')
     if (limits.split_bytes or limits.split_seconds) and suffix in IMAGE_FORMATS:
         raise ValueError(f'a {suffix} file has one frame and cannot be split; remove split_bytes '
                          'and split_duration')
@@ -104,13 +103,14 @@ def open_sink(
     is_video, is_bag = settings.suffix in VIDEO_FORMATS, settings.suffix == BAG_SUFFIX
     try:
         check_format(settings.suffix)
-        folder = Folder(path, sync)
+        folder = Folder(path, sync, FINISHERS)
         try:
             if is_bag:
                 finish_bags(folder)
             numbering = Numbering(names, folder, on_exists)
             if is_video:
-                return VideoSink(folder, numbering, settings, limits, monotonic)
+                return FileSink(
+                    folder, numbering, limits, VideoFormat(settings, limits), monotonic)
             if is_bag:
                 return BagSink(folder, numbering, settings, limits, monotonic)
             return ImageSink(folder, numbering, settings, limits)

@@ -40,7 +40,8 @@ class Prepared(Protocol):
     """A prepared frame that is not committed yet."""
 
     def discard(self) -> None:
-        """Release the prepared frame."""
+        """Release the prepared frame; there is nothing to do for one that is only in memory."""
+        return
 
 
 P = TypeVar('P', bound=Prepared)

@@ -60,11 +60,17 @@ class Limits:
 
     def of_one_file(self) -> Limits:
         """Return the limits of a video or bag: those of a split, and a tenth of a ring."""
-        parts = _RING_FILES if self.ring else 0
+        if not self.ring:
+            return Limits(0, self.split_seconds, self.split_bytes)
         return Limits(
-            _least(-(-self.max_frames // parts) if parts else 0),
-            _least(self.split_seconds, self.max_seconds / parts if parts else 0),
-            _least(self.split_bytes, -(-self.max_bytes // parts) if parts else 0))
+            -(-self.max_frames // _RING_FILES),
+            _least(self.split_seconds, self.max_seconds / _RING_FILES),
+            _least(self.split_bytes, self.ring_part))
+
+    @property
+    def ring_part(self) -> int:
+        """Bytes of a video or bag of a ring, of which a ring has ten; 0 for no limit."""
+        return -(-self.max_bytes // _RING_FILES) if self.ring else 0
 
     @property
     def max_ns(self) -> int:

@@ -27,7 +27,7 @@ from opencv_tools.bags.schemas import (
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.logs import Log, Throttle
-from opencv_tools.recording.bag_sink import RecordedMessage
+from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import ArrivalClock, MessageFrame
 from opencv_tools.recording.naming import FrameMetadata, NANO
 from opencv_tools.topics.qos import following_qos

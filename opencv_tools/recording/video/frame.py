@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image_codecs import convert_image
 from opencv_tools.recording.errors import VideoError
+from opencv_tools.recording.recorder import Prepared
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
@@ -41,7 +42,7 @@ _MATRICES = {'rgb': np.hstack([_RGB, _OFFSETS]), 'bgr': np.hstack([_RGB[:, ::-1]
 
 
 @dataclass(frozen=True)
-class VideoFrame:
+class VideoFrame(Prepared):
     """A frame for the encoder, as an ``av.VideoFrame``."""
 
     frame: Any
@@ -50,9 +51,6 @@ class VideoFrame:
     def stream_format(self) -> tuple[int, int, str]:
         """Properties that all frames of a file share: width, height and pixel format."""
         return self.frame.width, self.frame.height, self.frame.format.name
-
-    def discard(self) -> None:
-        """Do nothing, because nothing is on the disk."""
 
 
 def to_video_frame(

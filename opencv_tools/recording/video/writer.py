@@ -134,6 +134,7 @@ class VideoWriter:
         self._last, self._next_key = -1, 0  # ticks
         self._packets = self._keys = 0
         self._last_packet = -1  # ticks
+        self._largest = 0  # bytes of a packet
         self._max_bytes = max_bytes
         self._whole = 0
         self._container: Any = None
@@ -166,6 +167,10 @@ class VideoWriter:
         step = time_ns - self._last_ns
         return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
+
+    def has_room(self) -> bool:
+        """Return whether another frame, and the one in the encoder, fit if they are no larger."""
+        return self._has_room(2 * self._largest, self._last + 1)
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -251,6 +256,7 @@ class VideoWriter:
             if self.is_full:
                 continue
             size, self._last_packet = self.file.size, packet.pts
+            self._largest = max(self._largest, added)
             self._packets += 1
             self._keys += packet.is_keyframe
             self._container.mux(packet)

@@ -253,7 +253,7 @@ def test_next_recording_adds_the_deferred_lines(tmp_path: Path) -> None:
         folder.defer_line(entry)
     folder.write_journal(entries[2])
     folder.write_journal(replace(entries[2], frame_id=''))  # shorter than the previous content
-    os.close(folder._journal)  # like a process that ends
+    os.close(folder._journal._file)  # like a process that ends
     Folder(tmp_path).close()
     assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1, 2]
     assert not list(tmp_path.glob('.*'))
@@ -268,7 +268,7 @@ def test_rest_of_a_longer_journal_is_ignored(tmp_path: Path) -> None:
     folder.write_journal(entries[1])
     folder.write_deferred()
     folder.write_journal(entries[0])
-    os.close(folder._journal)
+    os.close(folder._journal._file)
     Folder(tmp_path).close()
     assert [entry.seq for entry in Manifest(tmp_path).entries()] == [0]
 

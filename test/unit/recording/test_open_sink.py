@@ -64,12 +64,6 @@ def test_unreadable_manifest_is_refused(tmp_path: Path, suffix: str) -> None:
     assert not list(tmp_path.glob('.*'))
 
 
-def test_ring_of_videos_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r'^ring deletes the oldest .* a \.mp4 recording'):
-        open_videos(tmp_path / 'out', 'x.mp4', limits=Limits(max_frames=2, ring=True))
-    assert not (tmp_path / 'out').exists()
-
-
 def test_missing_pyav_refuses_videos_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def find_nothing() -> None:
         raise VideoError('install it')

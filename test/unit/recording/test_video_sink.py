@@ -441,3 +441,76 @@ def test_error_of_a_refused_frame_names_other_formats(
     assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
                                  f'set the extension of file_name to {suffixes}')
     videos.close()
+
+
+def kept_numbers(folder: Path) -> list[int]:
+    """Return the numbers of the frames in the videos of the manifest; check that all can play."""
+    numbers: list[int] = []
+    for line in read_manifest(folder):
+        video = folder / line['file']
+        assert play(video) == line['frames'] and video.stat().st_size == line['bytes']
+        stamp = line['stamp']
+        first = (stamp['sec'] * NANO + stamp['nanosec'] - NANO) * 20 // NANO
+        numbers += range(first, first + line['frames'])
+    assert {line['file'] for line in read_manifest(folder)} == {
+        path.name for path in recorded_files(folder)}
+    return numbers
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+@pytest.mark.parametrize(('limits', 'least'), [
+    (Limits(max_bytes=300_000, ring=True), 50),
+    (Limits(max_bytes=300_000, split_bytes=20_000, ring=True), 50),
+    (Limits(max_frames=60, ring=True), 54),
+    (Limits(max_seconds=2.5, ring=True), 45)])
+def test_ring_keeps_the_newest_videos(
+        tmp_path: Path, suffix: str, limits: Limits, least: int) -> None:
+    videos = open_videos(tmp_path, f'{{seq:03d}}{suffix}', limits=limits)
+    for number in range(300):
+        frame = noise(number, (48, 48))
+        put(videos, replace(frame, arrival_ns=frame.metadata.stamp_ns))
+        assert not limits.max_bytes or limits.max_bytes >= sum(
+            path.stat().st_size for path in recorded_files(tmp_path))
+    videos.close()
+    kept = kept_numbers(tmp_path)
+    assert kept == [*range(kept[0], 300)]
+    assert least <= len(kept) < 250
+    assert (videos.counts.lost, videos.counts.skipped) == (0, 0)
+
+
+def test_ring_deletes_videos_of_earlier_recordings_only(tmp_path: Path) -> None:
+    other = tmp_path / 'other.mp4'
+    other.write_bytes(b'of another program')
+    for begin in (0, 30):
+        videos = open_videos(
+            tmp_path, '{seq:03d}.mp4', limits=Limits(max_frames=40, ring=True))
+        assert put_all(videos, range(begin, begin + 30)) == 0
+        videos.close()
+    assert other.read_bytes() == b'of another program'
+    other.unlink()
+    kept = kept_numbers(tmp_path)
+    assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
+
+
+def test_frame_larger_than_its_part_of_a_ring(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, limits=Limits(max_bytes=20_000, ring=True))
+    with pytest.raises(LimitReached, match='max_bytes is 20000'):
+        for number in range(5):
+            put(videos, noise(number, (200, 200)))
+    videos.close()
+    assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 20_000
+    assert videos.counts.kept + videos.counts.skipped + videos.counts.lost <= 5
+
+
+def test_ring_after_a_killed_recording(tmp_path: Path) -> None:
+    limits = Limits(max_frames=40, ring=True)
+    if not os.fork():
+        videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=limits)
+        put_all(videos, range(60))
+        os._exit(0)
+    os.wait()
+    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=limits)
+    assert put_all(videos, range(60, 80)) == 0
+    videos.close()
+    kept = kept_numbers(tmp_path)
+    assert kept[-20:] == [*range(60, 80)] and len(kept) <= 40

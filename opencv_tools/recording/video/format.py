@@ -12,23 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of frames as videos; a new video begins when a frame does not fit."""
+"""Videos as files of a recording; a new video begins when a frame does not fit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-import time
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.errors import UnwritableError, VideoError
-from opencv_tools.recording.file_sink import FileSink
-from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.file_format import FileFormat
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.open_file import OpenFile
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
@@ -38,25 +34,23 @@ from opencv_tools.recording.video.writer import VideoWriter
 _MANY_CHANGES = 3
 
 
-class VideoSink(FileSink[VideoWriter, VideoFrame]):
+class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
     """Write frames to videos, which always play."""
 
-    def __init__(
-        self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
-        monotonic: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, settings: EncoderSettings, limits: Limits) -> None:
         """
-        Create a sink; see ``FileSink``.
+        Create the format.
 
         :param settings: format and encoder settings of the videos.
+        :param limits: limits of the recording.
         """
-        super().__init__(folder, numbering, limits, monotonic)
         self._settings = settings
+        self._part = limits.ring_part  # a video of a ring ends before a frame exceeds it
         self._size = (0, 0)
         self._changes = 0  # of the size
 
     def prepare(self, frame: ReceivedFrame) -> VideoFrame:
-        """Convert a frame for the encoder; see ``FileSink``."""
+        """Convert a frame for the encoder; see `FileFormat`."""
         raw = frame.decode()
         try:
             return to_video_frame(
@@ -65,10 +59,31 @@ class VideoSink(FileSink[VideoWriter, VideoFrame]):
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
 
-    def _open(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
-              ) -> VideoWriter:
+    def open(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
+             ) -> VideoWriter:
+        """Create a video with the size and pixel format of a frame; see `FileFormat`."""
         self._count_changes(prepared.stream_format[:2])
-        return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
+        return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, self._part or room)
+
+    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: VideoFrame,
+              ) -> ManifestEntry:
+        """Return the manifest entry of a video; see `FileFormat`."""
+        return file_entry(seq, name, frame, 'h264', prepared.stream_format[:2])
+
+    def size_with(self, writer: VideoWriter, prepared: VideoFrame) -> int:
+        """Return the largest size of a video of a ring; see `FileFormat`."""
+        return self._part or writer.size
+
+    def write(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
+              ) -> bool:
+        """Encode a frame; see `FileFormat`."""
+        return file.writer.write(prepared, file.time_ns(frame))
+
+    def continues(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
+                  ) -> bool:
+        """Return whether a frame fits a video, which has room in a ring; see `FileFormat`."""
+        return (not self._part or file.writer.has_room()) and file.writer.fits(
+            prepared, file.time_ns(frame))
 
     def _count_changes(self, size: tuple[int, int]) -> None:
         """Warn once of frames that change their size again and again."""
@@ -77,22 +92,10 @@ class VideoSink(FileSink[VideoWriter, VideoFrame]):
             return
         self._changes += 1
         if self._changes == _MANY_CHANGES:
-            self.counts.warning = (
+            self.warning = (
                 f'the size of the frames changed {self._changes} times, now from {width}x{height} '
                 f'to {size[0]}x{size[1]}, and each change begins another video; record images, '
                 'or one publisher with one size')
-
-    def _entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: VideoFrame,
-               ) -> ManifestEntry:
-        return file_entry(seq, name, frame, 'h264', prepared.stream_format[:2])
-
-    def _fits(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
-              ) -> bool:
-        return file.writer.fits(prepared, file.time_ns(frame))
-
-    def _write(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
-               ) -> bool:
-        return file.writer.write(prepared, file.time_ns(frame))
 
 
 def _image_type(frame: RawFrame) -> str:
