@@ -21,18 +21,18 @@ that can be finished again.
 
 from __future__ import annotations
 
-from io import BytesIO
 import os
 from pathlib import Path
 import struct
-from typing import Any
 
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK, CHUNK_BYTES, CHUNK_CODE, DATA_END_CODE, encode_record,
-    FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE,
-    OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
-)
+from opencv_tools.bags.index import BagIndex, CHUNK_BYTES, LIBRARY, OpenChunk, PROFILE
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_START_BYTES, DATA_END_CODE, encode_record, HEADER_CODE,
+    INDEX_ENTRY, LENGTH, MAGIC, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD,
+    SCHEMA_CODE)
+from opencv_tools.bags.mcap_records import (
+    file_reader, message_head, MESSAGE_HEAD_BYTES, read_definition, Record, records, summary_start)
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
@@ -40,7 +40,6 @@ from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
 _MAX_RECORDS = 1000  # schemas and channels
-_FOOTER_BYTES = 29
 _NAMES = (PROFILE.encode(), LIBRARY.encode())
 
 
@@ -79,14 +78,9 @@ def has_footer(path: Path) -> bool:
     """
     file = open_regular(path, follow=False)
     try:
-        return _has_footer(file, os.fstat(file).st_size)
+        return summary_start(file_reader(file), os.fstat(file).st_size) is not None
     finally:
         os.close(file)
-
-
-def _has_footer(file: int, size: int) -> bool:
-    end = os.pread(file, _FOOTER_BYTES + len(MAGIC), max(0, size - _FOOTER_BYTES - len(MAGIC)))
-    return end[:1] == bytes((FOOTER_CODE,)) and end.endswith(MAGIC)
 
 
 def _has_own_header(file: int) -> bool:
@@ -136,7 +130,7 @@ class _Scan:
         self.end = len(MAGIC)
         self.is_finished = False
         self.image_channels: set[int] = set()
-        self._file = file
+        self._read = file_reader(file)
         self._name = printable(path.name)
         self._size = os.fstat(file).st_size
         self._image_schemas: set[int] = set()
@@ -150,8 +144,9 @@ class _Scan:
 
         :raises BagError: a record is not one that ``BagWriter`` writes there.
         """
-        while self._read_record():
-            pass
+        for record in records(self._read, self.end, self._size):
+            if not self._take(record):
+                break
         if self.chunk:
             self.end = self.chunk.end  # without incomplete message indexes
 
@@ -161,111 +156,106 @@ class _Scan:
         return sum(self.index.counts.get(channel_id, 0) + counts.get(channel_id, 0)
                    for channel_id in self.image_channels)
 
-    def _read_record(self) -> bool:
-        """Read the next record; return whether it is complete and another one may follow."""
-        start = os.pread(self._file, RECORD.size, self.end)
-        if len(start) < RECORD.size:
-            return False
-        code, length = RECORD.unpack(start)
-        end = self.end + RECORD.size + length
-        if not code:
-            return self._skip_zeros()
-        if code == CHUNK_CODE and not self.chunk:
-            return self._read_chunk(end)
-        if code == MESSAGE_CODE and self.chunk and not self._index_offsets:
+    def _take(self, record: Record) -> bool:
+        """Take the next record; return whether it is complete and another one may follow."""
+        if not record.opcode:
+            return self._is_end(record)
+        if record.opcode == CHUNK_CODE and not self.chunk:
+            return self._take_chunk(record)
+        if record.opcode == MESSAGE_CODE and self.chunk and not self._index_offsets:
             # The recorder was killed before it wrote the longer header of the chunk.
-            return self._read_message(end)
-        if end > self._size and length <= _MAX_RECORD:
+            return self._take_message(self.chunk, record, record.end)
+        is_long = record.end - record.begin > _MAX_RECORD
+        if record.end > self._size and not is_long:
             return False
-        if code == MESSAGE_INDEX_CODE and self.chunk:
-            self._read_message_index(self.chunk, length)
-        elif code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk and length <= _MAX_RECORD:
-            self._read_text(code, end)
-        elif code == DATA_END_CODE and not self.chunk:
-            self.is_finished = _has_footer(self._file, self._size)
+        if record.opcode == MESSAGE_INDEX_CODE and self.chunk:
+            self._take_message_index(self.chunk, record)
+        elif record.opcode in (SCHEMA_CODE, CHANNEL_CODE) and not (self.chunk or is_long):
+            self._take_definition(record)
+        elif record.opcode == DATA_END_CODE and not self.chunk:
+            self.is_finished = summary_start(self._read, self._size) is not None
             return False
-        elif code != HEADER_CODE or self.end != len(MAGIC):
+        elif record.opcode != HEADER_CODE or self.end != len(MAGIC):
             raise self._damaged()
-        self.end = end
+        self.end = record.end
         return True
 
-    def _read_chunk(self, end: int) -> bool:
-        """Read a chunk, of which the file may have only the first messages."""
-        start = os.pread(self._file, CHUNK.size, self.end)
-        if len(start) < CHUNK.size:
+    def _take_chunk(self, record: Record) -> bool:
+        """Take a chunk, of which the file may have only the first messages."""
+        start = self._read(self.end, CHUNK_START_BYTES)
+        if len(start) < CHUNK_START_BYTES:
             return False
-        _, length, _, _, size, crc, compression, data_bytes = CHUNK.unpack(start)
-        if crc or compression or not size == data_bytes == length - CHUNK.size + RECORD.size:
+        _, length, _, _, size, crc, compression = CHUNK.unpack_from(start)
+        data_bytes, = LENGTH.unpack_from(start, CHUNK.size)
+        if crc or compression or not (
+                size == data_bytes == length - CHUNK_START_BYTES + RECORD.size):
             raise self._damaged()
         self.chunk, self._index_offsets = OpenChunk(self.end), {}
         self.end = self.chunk.end
-        while self.end < end and self._read_message(end):
-            pass
-        is_complete = self.end == end
+        for message in records(self._read, self.end, record.end):
+            if not self._take_message(self.chunk, message, record.end):
+                break
+        is_complete = self.end == record.end
         if not self.chunk.size:
             self.end, self.chunk = self.chunk.offset, None
         return is_complete
 
-    def _read_message(self, limit: int) -> bool:
-        """Read a message of the chunk, without its data."""
-        start = os.pread(self._file, MESSAGE.size, self.end)
-        if len(start) < MESSAGE.size:
+    def _take_message(self, chunk: OpenChunk, record: Record, limit: int) -> bool:
+        """Take a message of the chunk, without its data."""
+        if record.begin + MESSAGE_HEAD_BYTES > self._size:
             return False
-        if not start[0]:
-            return self._skip_zeros()
-        code, length, channel_id, _, log_ns, _ = MESSAGE.unpack(start)
-        size = RECORD.size + length
-        chunk = self.chunk
-        if (not chunk or code != MESSAGE_CODE or size < MESSAGE.size or self.end + size > limit
-                or channel_id not in self._channels
+        if not record.opcode:
+            return self._is_end(record)
+        head = message_head(self._read, record)
+        size = record.end - self.end
+        if (head is None or record.opcode != MESSAGE_CODE or record.end > limit
+                or head.channel not in self._channels
                 or (chunk.size and chunk.size + size > CHUNK_BYTES)):
             raise self._damaged()
-        if self.end + size > self._size:
+        if record.end > self._size:
             return False
-        self.chunk = chunk.extended(log_ns, size)
-        self.chunk.enter(channel_id, log_ns, size)
-        self.end += size
+        self.chunk = chunk.extended(head.log_ns, size)
+        self.chunk.enter(head.channel, head.log_ns, size)
+        self.end = record.end
         return True
 
-    def _read_message_index(self, chunk: OpenChunk, length: int) -> None:
-        """Read which channel an index is of; the index of the last channel ends the chunk."""
-        channel_id, entry_bytes = struct.unpack(
-            '<HI', os.pread(self._file, 6, self.end + RECORD.size).ljust(6, b'\0'))
+    def _take_message_index(self, chunk: OpenChunk, record: Record) -> None:
+        """Take the index of a channel; that of the last channel ends the chunk."""
+        start = bytes(self._read(self.end, MESSAGE_INDEX.size)).ljust(MESSAGE_INDEX.size, b'\0')
+        _, length, channel_id, entry_bytes = MESSAGE_INDEX.unpack(start)
         entries = chunk.entries.get(channel_id, ())
-        if not length - 6 == entry_bytes == 16 * len(entries) > 0:
+        if not length - 6 == entry_bytes == INDEX_ENTRY.size * len(entries) > 0:
             raise self._damaged()
         self._index_offsets[channel_id] = self.end
         if len(self._index_offsets) == len(chunk.entries):
-            self.index.add_chunk(chunk, chunk.counts(), self._index_offsets,
-                                 self.end + RECORD.size + length - chunk.end)
+            self.index.add_chunk(
+                chunk, chunk.counts(), self._index_offsets, record.end - chunk.end)
             self.chunk = None
 
-    def _read_text(self, code: int, end: int) -> None:
-        """Read a schema or a channel."""
-        from mcap.data_stream import ReadDataStream
+    def _take_definition(self, record: Record) -> None:
+        """Take a schema or a channel, which the summary repeats."""
         from mcap.records import Channel, Schema
-        record = os.pread(self._file, end - self.end, self.end)
-        kind: Any = Channel if code == CHANNEL_CODE else Schema
-        try:
-            found = kind.read(ReadDataStream(BytesIO(record[RECORD.size:])))
-        except Exception as err:  # noqa: B902 - the library has no error of its own for it
-            raise self._damaged() from err
+        found: Channel | Schema | None = (
+            read_definition(Schema, self._read, record) if record.opcode == SCHEMA_CODE
+            else read_definition(Channel, self._read, record))
+        content = bytes(self._read(self.end, record.end - self.end))
         self._record_count += 1
-        if self._record_count > _MAX_RECORDS or encode_record(found) != record:
+        if (found is None or self._record_count > _MAX_RECORDS
+                or encode_record(found) != content):
             raise self._damaged()
-        if code == SCHEMA_CODE and found.name in (IMAGE, COMPRESSED_IMAGE):
-            self._image_schemas.add(found.id)
-        elif code == CHANNEL_CODE:
+        if isinstance(found, Channel):
             self._channels.add(found.id)
             if found.schema_id in self._image_schemas:
                 self.image_channels.add(found.id)
-        self.index.add_record(code, record)
+        elif found.name in (IMAGE, COMPRESSED_IMAGE):
+            self._image_schemas.add(found.id)
+        self.index.add_record(record.opcode, content)
 
-    def _skip_zeros(self) -> bool:
+    def _is_end(self, record: Record) -> bool:
         """Return False at zeros up to the end of the file, which a power cut can leave."""
         position = self.end
-        while block := os.pread(self._file, _BLOCK, position):
-            if block.strip(b'\0'):
+        while record.begin <= self._size and (block := self._read(position, _BLOCK)):
+            if bytes(block).strip(b'\0'):
                 raise self._damaged()
             position += len(block)
         return False

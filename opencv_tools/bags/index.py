@@ -17,45 +17,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-import struct
-from typing import Any
 import zlib
 
-MAGIC = b'\x89MCAP0\r\n'
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, CHUNK_START_BYTES,
+    COUNT_BYTES, count_records, DATA_END_BYTES, encode_record, FOOTER, INDEX_ENTRY, LENGTH, MAGIC,
+    MAX_TIME, MESSAGE_INDEX, OFFSET_BYTES, RECORD, SCHEMA_CODE, STATISTICS_BYTES, STATISTICS_CODE)
+
 PROFILE = 'ros2'
 #: Name at the start of a file, by which ``finish_bag`` recognises the files of this package.
 LIBRARY = 'opencv_tools'
 #: Size in bytes at which a chunk ends, as in rosbag2. A larger message has a chunk of its own.
 CHUNK_BYTES = 786432
-#: Opcode and length of a record.
-RECORD = struct.Struct('<BQ')
-#: Opcode, length, channel, sequence, log time and publish time of a message record.
-MESSAGE = struct.Struct('<BQHIQQ')
-#: Opcode, length, first and last time, size, CRC, length of the compression, size of the data.
-CHUNK = struct.Struct('<BQQQQIIQ')
-MAX_TIME = 2**63 - 1  # larger ones are legal, but some readers have signed times
-
-HEADER_CODE, FOOTER_CODE, SCHEMA_CODE, CHANNEL_CODE, MESSAGE_CODE, CHUNK_CODE = range(1, 7)
-MESSAGE_INDEX_CODE, CHUNK_INDEX_CODE = 7, 8
-STATISTICS_CODE, DATA_END_CODE = 11, 15
-
-# Sizes of the records at the end of a file.
-_DATA_END_BYTES, _FOOTER_BYTES, _OFFSET_BYTES = 13, 29, 26
-_STATISTICS_BYTES = 55
-#: Size of the count of messages of a channel.
-COUNT_BYTES = 10
-_MESSAGE_INDEX_BYTES, _INDEX_ENTRY_BYTES, _CHUNK_INDEX_BYTES = 15, 16, 73
-#: Largest number of bytes that a message adds to a file, without its data.
-MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + _MESSAGE_INDEX_BYTES + _INDEX_ENTRY_BYTES
-                 + _CHUNK_INDEX_BYTES + COUNT_BYTES)
-
-
-def encode_record(record: Any) -> bytes:
-    """Return the bytes of a record of the library mcap."""
-    from mcap.data_stream import RecordBuilder
-    builder: Any = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())
 
 
 @dataclass
@@ -87,8 +60,9 @@ class OpenChunk:
 
     def header(self) -> bytes:
         """Return the bytes of the chunk record before its messages."""
-        return CHUNK.pack(CHUNK_CODE, CHUNK.size - RECORD.size + self.size, self.start_ns,
-                          self.end_ns, self.size, 0, 0, self.size)
+        length = CHUNK_START_BYTES - RECORD.size + self.size
+        return CHUNK.pack(CHUNK_CODE, length, self.start_ns, self.end_ns, self.size, 0, 0) + (
+            LENGTH.pack(self.size))
 
     def counts(self) -> dict[int, int]:
         """Return the number of messages by channel."""
@@ -106,14 +80,14 @@ class OpenChunk:
     @property
     def end(self) -> int:
         """Offset in the file after the last message."""
-        return self.offset + CHUNK.size + self.size
+        return self.offset + CHUNK_START_BYTES + self.size
 
     @property
     def index_bytes(self) -> int:
         """Size of the message indexes of the chunk, and of its record in the summary."""
         entries = sum(map(len, self.entries.values()))
-        return (_CHUNK_INDEX_BYTES + entries * _INDEX_ENTRY_BYTES
-                + len(self.entries) * (_MESSAGE_INDEX_BYTES + COUNT_BYTES))
+        return (CHUNK_INDEX_BYTES + entries * INDEX_ENTRY.size
+                + len(self.entries) * (MESSAGE_INDEX.size + COUNT_BYTES))
 
 
 class BagIndex:
@@ -151,7 +125,7 @@ class BagIndex:
         self._chunk_count += 1
         self._records[CHUNK_INDEX_CODE] += encode_record(ChunkIndex(
             message_start_time=chunk.start_ns, message_end_time=chunk.end_ns,
-            chunk_start_offset=chunk.offset, chunk_length=CHUNK.size + chunk.size,
+            chunk_start_offset=chunk.offset, chunk_length=CHUNK_START_BYTES + chunk.size,
             message_index_offsets=offsets, message_index_length=length, compression='',
             compressed_size=chunk.size, uncompressed_size=chunk.size))
 
@@ -160,9 +134,8 @@ class BagIndex:
         """Size of the bytes that ``end`` returns, of a file with a message in each channel."""
         sizes = [len(records) for records in self._records.values()]
         channels = self._records[CHANNEL_CODE]
-        return (_DATA_END_BYTES + sum(sizes) + _STATISTICS_BYTES + _FOOTER_BYTES + len(MAGIC)
-                + COUNT_BYTES * count_records(channels)
-                + _OFFSET_BYTES * len(self._records))
+        return (DATA_END_BYTES + sum(sizes) + STATISTICS_BYTES + FOOTER.size
+                + COUNT_BYTES * count_records(channels) + OFFSET_BYTES * len(self._records))
 
     def end(self, position: int) -> bytes:
         """
@@ -192,11 +165,3 @@ class BagIndex:
         footer.summary_crc = zlib.crc32(summary + encode_record(footer)[:-4])
         return data_end + summary + encode_record(footer) + MAGIC
 
-
-def count_records(records: bytes | bytearray) -> int:
-    """Count the records in a buffer."""
-    count = position = 0
-    while position < len(records):
-        position += RECORD.size + RECORD.unpack_from(records, position)[1]
-        count += 1
-    return count

@@ -23,22 +23,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+import io
 import os
 import struct
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING, TypeVar
 import zlib
 
 from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.index import CHUNK_CODE, RECORD
+from opencv_tools.bags.mcap_format import (
+    CHUNK, CHUNK_CODE, FOOTER, FOOTER_CODE, LENGTH, MAGIC, MESSAGE, RECORD)
 from opencv_tools.bags.reading import Damage, MAX_BYTES
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+T = TypeVar('T', 'Channel', 'Schema')
 
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-#: Channel, sequence, log time and publish time of a message.
-MESSAGE_HEAD = struct.Struct('<HIQQ')
-_CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
+#: Bytes of a message record between its opcode and length and its data.
+MESSAGE_HEAD_BYTES = MESSAGE.size - RECORD.size
+_MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
 _LONGEST_NAME = 16  # characters of the name of a compression
 
 
@@ -80,6 +87,22 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
         begin += length
 
 
+def summary_start(read: Read, size: int) -> int | None:
+    """
+    Return the offset of the summary of a file; None if the file does not end with a footer.
+
+    :param read: function that reads the file.
+    :param size: size of the file in bytes.
+    """
+    tail = read(max(0, size - FOOTER.size), FOOTER.size)
+    if len(tail) < FOOTER.size:
+        return None
+    code, length, start, _, _, magic = FOOTER.unpack(tail)
+    is_footer = (code, length, magic) == (
+        FOOTER_CODE, FOOTER.size - RECORD.size - len(MAGIC), MAGIC)
+    return int(start) if is_footer else None
+
+
 class MessageHead(NamedTuple):
     """
     The fields of a message before its data.
@@ -98,12 +121,26 @@ class MessageHead(NamedTuple):
 
 def message_head(read: Read, record: Record) -> MessageHead | None:
     """Return the head of a message; None if the record is too short."""
-    if record.end - record.begin < MESSAGE_HEAD.size:
+    if record.end - record.begin < MESSAGE_HEAD_BYTES:
         return None
-    head = read(record.begin, MESSAGE_HEAD.size)
-    if len(head) < MESSAGE_HEAD.size:
+    head = read(record.begin - RECORD.size, MESSAGE.size)
+    if len(head) < MESSAGE.size:
         return None
-    return MessageHead(*MESSAGE_HEAD.unpack(head))
+    _, _, *fields = MESSAGE.unpack(head)
+    return MessageHead(*fields)
+
+
+def read_definition(kind: type[T], read: Read, record: Record) -> T | None:
+    """Return the schema or channel in a record; None if it is damaged or too large."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    size = record.end - record.begin
+    if size > _MAX_DEFINITION:
+        return None
+    try:
+        return kind.read(ReadDataStream(io.BytesIO(read(record.begin, size))))
+    except (McapError, ValueError, struct.error):
+        return None
 
 
 def flat_records(
@@ -153,16 +190,17 @@ def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
 
     :raises BagError: the chunk cannot be read; the message does not name the file.
     """
-    head = read(record.begin, min(_CHUNK.size + _LONGEST_NAME + 8, record.end - record.begin))
-    if len(head) < _CHUNK.size:
+    start = record.begin - RECORD.size
+    head = read(start, min(CHUNK.size + _LONGEST_NAME + LENGTH.size, record.end - start))
+    if len(head) < CHUNK.size:
         raise BagError('its head is cut off')
-    _, _, size, crc, name_bytes = _CHUNK.unpack_from(head)
-    begin = _CHUNK.size + name_bytes + 8
-    if name_bytes > _LONGEST_NAME or len(head) < begin:
+    *_, size, crc, name_bytes = CHUNK.unpack_from(head)
+    name_end = CHUNK.size + name_bytes
+    if name_bytes > _LONGEST_NAME or len(head) < name_end + LENGTH.size:
         raise BagError('its head is damaged')
-    compression = bytes(head[_CHUNK.size:begin - 8]).decode(errors='replace')
-    length = int.from_bytes(head[begin - 8:begin], 'little')
-    begin += record.begin
+    compression = bytes(head[CHUNK.size:name_end]).decode(errors='replace')
+    length, = LENGTH.unpack_from(head, name_end)
+    begin = start + name_end + LENGTH.size
     is_cut = record.end > end
     if not compression and is_cut:
         return read, begin, min(begin + length, end)

@@ -32,10 +32,10 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.bags.errors import check_mcap
-from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK_BYTES, COUNT_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME,
-    MESSAGE, MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
-)
+from opencv_tools.bags.index import BagIndex, CHUNK_BYTES, LIBRARY, OpenChunk, PROFILE
+from opencv_tools.bags.mcap_format import (
+    ADDED_BYTES, CHANNEL_CODE, COUNT_BYTES, encode_record, MAGIC, MAX_TIME, MESSAGE, MESSAGE_CODE,
+    RECORD, SCHEMA_CODE)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import try_lock, write_buffer
 from opencv_tools.version import package_version
@@ -115,7 +115,7 @@ class BagWriter:
         """
         missing = self._missing_records(channel)
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
-        return self._final_size() + added + MESSAGE_BYTES + data_bytes
+        return self._final_size() + added + ADDED_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
