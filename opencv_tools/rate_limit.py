@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
+from opencv_tools.units import NANO
+
 #: Highest maximum rate in Hz.
 MAX_RATE = 1e6
 
-_NANO = 10**9
 _LONGEST_NS = 1 << 62
 # Jitter tolerance: a frame this fraction of a period early still counts as on time.
 _JITTER_TOLERANCE = 0.25
@@ -34,7 +35,7 @@ class RateLimit:
 
         :param max_rate: maximum rate of the selected frames in Hz; 0 for all frames.
         """
-        self._period_ns = int(min(_NANO / max_rate, _LONGEST_NS)) if max_rate else 0
+        self._period_ns = int(min(NANO / max_rate, _LONGEST_NS)) if max_rate else 0
         self._due_ns = 0
 
     def selects(self, time_ns: int) -> bool:

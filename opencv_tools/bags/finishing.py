@@ -33,7 +33,7 @@ from opencv_tools.bags.mcap_format import (
     SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
     file_reader, message_head, MESSAGE_HEAD_BYTES, read_definition, Record, records, summary_start)
-from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 

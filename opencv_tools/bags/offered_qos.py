@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-_NANO = 10**9
+from opencv_tools.units import NANO
+
 #: The longest duration, which stands for no limit.
 INFINITE_NS = 2**63 - 1
 
@@ -70,5 +71,5 @@ def offered_qos_text(offers: Iterable[OfferedQos]) -> str:
 
 
 def _duration(nanoseconds: int) -> str:
-    sec, nsec = divmod(min(max(0, nanoseconds), INFINITE_NS), _NANO)
+    sec, nsec = divmod(min(max(0, nanoseconds), INFINITE_NS), NANO)
     return f'    sec: {sec}\n    nsec: {nsec}\n'

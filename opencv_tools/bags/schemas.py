@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-IMAGE = 'sensor_msgs/msg/Image'
-COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 _SEPARATOR = 80 * '=' + '\nMSG: '

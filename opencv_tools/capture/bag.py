@@ -27,15 +27,17 @@ from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
-from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
+from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, Recorded
 from opencv_tools.capture.image_files import natural_order
-from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image, WireMessage
+from opencv_tools.image.cdr import (
+    cdr_to_compressed_image, cdr_to_image, COMPRESSED_IMAGE, WireMessage)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
-from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.image.text import enumerated, MAX_PATH, printable
+from opencv_tools.units import NANO
 
 _REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
 _MAX_LISTED = 10  # topics in an error message
@@ -226,12 +228,11 @@ class BagSource:
 
 def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:
     """Return a list of topics with their types and numbers of messages."""
-    shown = [f'{printable(topic.name)} ({printable(topic.type_name)}'
+    texts = [f'{printable(topic.name)} ({printable(topic.type_name)}'
              + ('' if topic.serialization == CDR else f' in {printable(topic.serialization)}')
              + f', {counts[topic]} messages)' for topic in sorted(
-                 topics, key=lambda topic: topic.name)[:_MAX_LISTED]]
-    more = f' and {len(topics) - len(shown)} more' if len(topics) > len(shown) else ''
-    return ', '.join(shown) + more
+                 topics, key=lambda topic: topic.name)]
+    return enumerated(texts, _MAX_LISTED)
 
 
 def _stamp(serialized: Any) -> bytes:

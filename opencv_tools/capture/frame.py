@@ -21,8 +21,8 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.units import NANO
 
-NANO = 10**9  # nanoseconds in a second
 MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
 #: Encoding of a frame that is compressed; its image is the bytes of the JPEG of a camera, or of

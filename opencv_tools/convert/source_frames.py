@@ -20,15 +20,16 @@ from collections.abc import Callable, Iterator
 from itertools import count
 import time
 
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import Frame, JPEG, LiveSource, NANO, Recorded, Source
+from opencv_tools.capture.frame import Frame, JPEG, LiveSource, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
-from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.units import NANO
 
 # Names of the publisher, for sources that have none.
 _TOPIC = '/video_frames'

@@ -29,10 +29,10 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.units import NANO
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-_NANO = 10**9
 # Names of targets that mean the encoding of the message.
 _UNCHANGED = ('', 'passthrough')
 _BRIDGE = CvBridge()
@@ -129,7 +129,7 @@ class Frame:
     @property
     def stamp_ns(self) -> int:
         """Stamp of the image in nanoseconds."""
-        return self._message.header.sec * _NANO + self._message.header.nanosec
+        return self._message.header.sec * NANO + self._message.header.nanosec
 
     @property
     def frame_id(self) -> str:

@@ -30,12 +30,12 @@ from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from opencv_tools.units import NANO
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 _ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
-_NANO = 10**9
 # Encodings that JPEG stores; all others become PNG.
 _FOR_JPEG = ('mono8', 'bgr8', 'rgb8')
 
@@ -110,7 +110,7 @@ class FramePublisher:
         if isinstance(source, Frame):
             return source.wire_header
         if source is None:
-            return WireHeader(*divmod(self._node.get_clock().now().nanoseconds, _NANO), '')
+            return WireHeader(*divmod(self._node.get_clock().now().nanoseconds, NANO), '')
         if not isinstance(source, Header):
             raise TypeError(f'the source of a frame is {source!r}: give a Frame, a Header or None')
         return WireHeader(source.stamp.sec, source.stamp.nanosec, source.frame_id)

@@ -34,6 +34,10 @@ from typing import Any
 from opencv_tools.image.errors import CdrError, EncapsulationError
 from opencv_tools.image.text import printable
 
+#: Names of the message types.
+IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _HEAD_SIZE = len(_LITTLE_ENDIAN)
 _MAX_TEXT = 40  # characters of a text in a description

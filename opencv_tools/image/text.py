@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import re
 
 _MAX_TEXT = 200
@@ -43,6 +44,18 @@ def printable(text: object, longest: int = _MAX_TEXT) -> str:
         shown = ''.join(
             letter if letter.isprintable() else repr(letter)[1:-1] for letter in shown)
     return shown if len(shown) <= longest else shown[:max(0, longest - len(_MORE))] + _MORE
+
+
+def enumerated(texts: Sequence[str], most: int = 5, further: int = 0) -> str:
+    """
+    Return a list of the first few texts, and the number of the others.
+
+    :param texts: printable texts.
+    :param most: largest number of texts that are named.
+    :param further: number of others that are not among the texts.
+    """
+    others = max(0, len(texts) - most) + further
+    return ', '.join(texts[:most]) + (f' and {others} more' if others else '')
 
 
 def without_password(url: str) -> str:

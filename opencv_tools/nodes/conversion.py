@@ -23,7 +23,8 @@ from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
-from opencv_tools.recording.naming import FrameMetadata, NANO
+from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.units import NANO
 
 
 class FrameConverter:

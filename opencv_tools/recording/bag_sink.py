@@ -23,11 +23,10 @@ from dataclasses import replace
 from pathlib import Path
 import time
 
-from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
-    message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage, WireMessage,
-)
+    COMPRESSED_IMAGE, IMAGE, message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage,
+    WireMessage)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import image_size
@@ -41,10 +40,10 @@ from opencv_tools.recording.frames import CompressedFrame, MessageFrame, Receive
 from opencv_tools.recording.image_encoder import (
     COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.open_file import OpenFile
 from opencv_tools.recording.selection import Limits
+from opencv_tools.units import NANO
 
 _MAX_WAITING = 1000  # other messages between two frames
 

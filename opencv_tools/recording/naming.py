@@ -23,7 +23,8 @@ import re
 from string import Formatter
 from typing import Any
 
-NANO = 10**9  # nanoseconds in a second
+from opencv_tools.units import NANO
+
 _COPY = re.compile(r'_[0-9]+(\.[^.]*)$')
 _MAX_TEXT = 64  # characters of a text in a file name, which may have 255 bytes
 

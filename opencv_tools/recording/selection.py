@@ -25,7 +25,7 @@ from opencv_tools.rate_limit import RateLimit
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
-from opencv_tools.recording.naming import NANO
+from opencv_tools.units import NANO
 
 # Arrival time in nanoseconds of files whose age is unknown.
 _UNKNOWN_AGE_NS = -1 << 62

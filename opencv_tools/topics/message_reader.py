@@ -20,10 +20,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.cdr import IMAGE, WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.messages import IMAGE, MESSAGE_TYPES, read_message
+from opencv_tools.topics.messages import MESSAGE_TYPES, read_message
 from opencv_tools.topics.topic_discovery import ImageTopic
 from opencv_tools.transport.zero_copy import (
     MessageInfo, SerializedMessage, take_image, take_serialized)

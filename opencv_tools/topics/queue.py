@@ -24,9 +24,9 @@ from typing import Any
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.order import FrameOrder, Position, Way
+from opencv_tools.units import NANO
 from sensor_msgs.msg import CameraInfo
 
-_NANO = 10**9
 _MAX_INFOS = 30  # calibrations that wait for their image
 _MAX_UNPAIRED = 2  # images that wait for their calibration, beside the capacity
 
@@ -52,7 +52,7 @@ class ReceivedMessage:
     @property
     def stamp_ns(self) -> int:
         """Stamp in nanoseconds."""
-        return self.message.header.sec * _NANO + self.message.header.nanosec
+        return self.message.header.sec * NANO + self.message.header.nanosec
 
 
 #: A frame that waits: a message, or the error of one that cannot be read.
@@ -140,7 +140,7 @@ class FrameQueue:
 
     def put_info(self, info: CameraInfo) -> None:
         """Add a calibration."""
-        stamp = info.header.stamp.sec * _NANO + info.header.stamp.nanosec
+        stamp = info.header.stamp.sec * NANO + info.header.stamp.nanosec
         with self.lock:
             self._infos[stamp] = info
             while len(self._infos) > _MAX_INFOS:

@@ -22,11 +22,11 @@ from threading import current_thread, Lock, Thread
 import time
 from typing import NamedTuple
 
+from opencv_tools.image.cdr import IMAGE
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.topics.image_source import ImageSource
 from opencv_tools.topics.message_reader import ImageReader, MessageReader, WakeUps
-from opencv_tools.topics.messages import IMAGE
 from opencv_tools.topics.mixed_publishers import MixedPublishers
 from opencv_tools.topics.no_frames_warning import NoFramesWarning
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage

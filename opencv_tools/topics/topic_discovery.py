@@ -20,9 +20,10 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass
 import re
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.text import enumerated, printable
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.messages import COMPRESSED_IMAGE, IMAGE, MESSAGE_TYPES
+from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
 from opencv_tools.transport.fastdds.shared_memory import find_other_user
 from rclpy.node import Node
@@ -34,7 +35,6 @@ TRANSPORTS = {
     'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,),
     'shm': (IMAGE,)}
 
-_NAMED_TOPICS = 5
 # What rmw allows, less the longest suffix that a topic gets here.
 _MAX_NAME = 247 - len('/compressed')
 # What rcl adds to its errors: the failed step, and the line of its source.
@@ -125,7 +125,7 @@ class TopicDiscovery:
 
     def describe_publishers(self, image_topic: ImageTopic, publishers: Set[bytes]) -> str:
         """Return the names of the nodes of some publishers of a topic."""
-        return _enumerate(sorted(
+        return enumerated(sorted(
             _describe_node(info) for info in self.publishers(image_topic)
             if bytes(info.endpoint_gid) in publishers))
 
@@ -192,7 +192,7 @@ class TopicDiscovery:
         remedy = f'-r {self._topic}:={example or next(iter(topics))}'
         if not example:
             remedy += ' -p transport:=auto'
-        return f'images are published on {_enumerate(list(topics))} in {domain}; ' \
+        return f'images are published on {enumerated([*map(printable, topics)])} in {domain}; ' \
                f'receive one with {remedy}'
 
 
@@ -215,7 +215,7 @@ def _describe_silent(
         info, mismatch = mismatches[0]
         return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the requested '
                 f'quality of service: {mismatch}; change that of the publisher')
-    nodes = _enumerate(sorted({_describe_node(info) for info in offers}))
+    nodes = enumerated(sorted({_describe_node(info) for info in offers}))
     user = find_other_user()
     if user:
         return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
@@ -230,8 +230,3 @@ def _describe_node(info: TopicEndpointInfo) -> str:
     if info.node_name == UNKNOWN_NODE:
         return 'not a ROS node'
     return 'node ' + printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
-
-
-def _enumerate(names: Sequence[str]) -> str:
-    more = f' and {len(names) - _NAMED_TOPICS} more' if len(names) > _NAMED_TOPICS else ''
-    return ', '.join(map(printable, names[:_NAMED_TOPICS])) + more

@@ -25,9 +25,9 @@ from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.text import printable
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
+from opencv_tools.units import NANO
 from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
 
-_NANO = 10**9
 # Seconds and periods without a frame after which the reason is shown.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
 # Time between two looks at a silent feed, in which the executor receives frames that have waited.
@@ -51,7 +51,7 @@ class NewFrame:
     @property
     def stamp(self) -> float:
         """Return the stamp of the message in seconds."""
-        return self.message.header.sec + self.message.header.nanosec / _NANO
+        return self.message.header.sec + self.message.header.nanosec / NANO
 
 
 class Feed:

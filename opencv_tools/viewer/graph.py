@@ -22,9 +22,9 @@ from fnmatch import fnmatchcase
 import itertools
 from typing import Any
 
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.topics.messages import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.viewer.control import Control

@@ -23,7 +23,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
@@ -37,7 +37,6 @@ _T = TypeVar('_T')
 # Time after the last viewer until the subscription ends, for a reload of the page.
 _LINGER_SECONDS = 2.0
 _POLL_SECONDS = 1.0
-_NAMED_TOPICS = 5
 _GOING_AWAY = 1001  # status of WebSockets
 _CLOSE_SECONDS = 1.0
 _EXECUTOR_SECONDS = 5.0
@@ -241,10 +240,8 @@ class Hub:
         names = list(self.state.topics)
         if not names:
             return f'{printable(name)} is not an image topic; no images are published'
-        count = len(names) - _NAMED_TOPICS + self.state.more
-        more = f' and {count} more' if count > 0 else ''
         return (f'{printable(name)} is not an image topic; the image topics are '
-                f'{", ".join(names[:_NAMED_TOPICS])}{more}')
+                f'{enumerated(names, further=self.state.more)}')
 
     def _in_loop(self, call: Callable[..., object], *args: object) -> None:
         """Call a function in the loop, from the executor."""

@@ -19,7 +19,8 @@ from __future__ import annotations
 import time
 
 from builtin_interfaces.msg import Time
-from opencv_tools.capture.frame import NANO, Recorded
+from opencv_tools.capture.frame import Recorded
+from opencv_tools.units import NANO
 from rclpy.clock import ROSClock
 
 STAMPS = ('capture', 'publish', 'original')

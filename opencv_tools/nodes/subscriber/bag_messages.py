@@ -21,18 +21,17 @@ import time
 from typing import Any
 
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
-from opencv_tools.bags.schemas import (
-    CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE, IMAGE,
-)
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import ArrivalClock, MessageFrame
-from opencv_tools.recording.naming import FrameMetadata, NANO
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.transport.zero_copy import take_serialized
+from opencv_tools.units import NANO
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo

@@ -35,10 +35,10 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.naming import NANO
 from opencv_tools.recording.output_file import OutputFile
 from opencv_tools.recording.video.frame import VideoFrame
 from opencv_tools.remedies import installation
+from opencv_tools.units import NANO
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 

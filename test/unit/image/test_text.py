@@ -28,7 +28,7 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
-from opencv_tools.image.text import printable, without_password
+from opencv_tools.image.text import enumerated, printable, without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.declaration import describe_unknown
 from opencv_tools.nodes.publisher.parameters import PARAMETERS
@@ -37,7 +37,7 @@ from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.topic_discovery import _describe_node, _enumerate, _NAME
+from opencv_tools.topics.topic_discovery import _describe_node, _NAME
 import pytest
 from sensor_msgs.msg import Image
 
@@ -102,9 +102,16 @@ def test_description_of_a_message_is_printable(text: str) -> None:
 
 def test_names_of_the_ros_graph_are_printed_safely() -> None:
     node = SimpleNamespace(node_namespace=f'/{HOSTILE}', node_name=HOSTILE)
-    for shown in (_describe_node(node), _enumerate([HOSTILE] * 9)):
-        assert shown.isprintable()
-        assert len(shown) < 1200
+    shown = _describe_node(node)
+    assert shown.isprintable()
+    assert len(shown) < 300
+
+
+@pytest.mark.parametrize(('texts', 'further', 'shown'), [
+    ([], 0, ''), (['a'], 0, 'a'), (['a', 'b'], 0, 'a, b'), (['a', 'b', 'c'], 0, 'a, b and 1 more'),
+    (['a', 'b'], 3, 'a, b and 3 more'), (['a', 'b', 'c'], 3, 'a, b and 4 more')])
+def test_enumerated_texts(texts: list[str], further: int, shown: str) -> None:
+    assert enumerated(texts, 2, further) == shown
 
 
 @pytest.mark.parametrize(('topic', 'is_one'), [

@@ -24,7 +24,8 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.nodes.conversion import FrameConverter
-from opencv_tools.recording.naming import FrameMetadata, NANO
+from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.units import NANO
 import pytest
 
 HEADER = WireHeader(1, 2, 'camera')
