@@ -33,6 +33,7 @@ from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import Account, FrameSubscription
 from opencv_tools.topics.timers import create_steady_timer
@@ -64,8 +65,9 @@ class ImageSubscriber(ClosableNode):
         self._converter = FrameConverter(self.br, settings.max_pixels)
         self._session = RecordingSession(self, settings, self._log, lambda: self._end(EXIT_OK))
         self.subscription = FrameSubscription(
-            self, 'video_frames', settings.transport, settings.depth, self._log,
-            self.listener_callback, self._count_unreadable, max_views=_MAX_VIEWS)
+            self, 'video_frames', self._log, self.listener_callback, self._count_unreadable,
+            SubscriptionOptions(transport=settings.transport, depth=settings.depth,
+                                max_views=_MAX_VIEWS))
         bag_sink = self._session.bag_sink
         self._bag_messages = BagMessages(
             self, self.subscription.topic_name, self._log, bag_sink.add_message,

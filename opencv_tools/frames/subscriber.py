@@ -24,6 +24,7 @@ from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.logs import Log
 from opencv_tools.rate_limit import MAX_RATE, RateLimit
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import FrameSubscription
 from rclpy.node import Node
@@ -85,8 +86,9 @@ class FrameSubscriber:
         #: Number of messages that could not be read or converted.
         self.failed = 0
         self._subscription = FrameSubscription(
-            node, topic, transport, depth if every else 1, self._log, self._receive,
-            self._count_failed, threaded=threaded, camera_info=camera_info)
+            node, topic, self._log, self._receive, self._count_failed, SubscriptionOptions(
+                transport=transport, depth=depth if every else 1, threaded=threaded,
+                camera_info=camera_info))
 
     @property
     def topic_name(self) -> str:

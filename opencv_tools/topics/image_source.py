@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 import time
 
 from opencv_tools.image.errors import CdrError
@@ -27,7 +27,6 @@ from opencv_tools.topics.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
 from opencv_tools.topics.topic_discovery import ImageTopic, TopicDiscovery
 from opencv_tools.transport import zero_copy
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -50,28 +49,24 @@ class ImageSource:
     """
 
     def __init__(
-        self, node: Node, discovery: TopicDiscovery, depth: int | None, queue: FrameQueue,
-        log: Log, *, before_message: Callable[[bytes], object],
-        on_readers: Callable[[Sequence[ImageReader]], object],
+        self, discovery: TopicDiscovery, depth: int | None, queue: FrameQueue, log: Log,
+        before_message: Callable[[bytes], object],
     ) -> None:
         """
         Choose a topic, without a reader until ``use`` is called.
 
-        :param node: node that receives the messages.
         :param discovery: the possible topics and their publishers.
         :param depth: number of messages that may wait; None for all.
         :param queue: queue that gets the frames.
         :param log: log for each new subscription.
         :param before_message: called with the publisher of a message before it is put.
-        :param on_readers: called with the readers, oldest first, when they have changed.
         """
-        self._node = node
+        self._node = discovery.node
         self._discovery = discovery
         self._depth = depth
         self._queue = queue
         self._log = log
         self._before_message = before_message
-        self._on_readers = on_readers
         self._candidate: ImageTopic | None = None
         self._count_before = 0  # frames before the first publisher appeared
         #: Identifiers of the publishers that were found last.
@@ -106,7 +101,7 @@ class ImageSource:
 
     @property
     def readers(self) -> list[ImageReader]:
-        """Return the readers, oldest first."""
+        """Return the readers, oldest first; thread-safe."""
         return [reader for reader in (self._previous, self._reader) if reader]
 
     def use(self, is_used: bool) -> None:
@@ -246,4 +241,3 @@ class ImageSource:
     def _change_readers(self) -> None:
         for reader in self.readers:
             reader.is_alone = len(self.readers) == 1
-        self._on_readers(self.readers)

@@ -20,15 +20,16 @@ from collections.abc import Callable, Set
 
 from opencv_tools.logs import Log
 from opencv_tools.topics.message_reader import MessageReader
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Way
 from opencv_tools.topics.queue import FrameQueue
 from opencv_tools.topics.shared_services import MAX_PUBLISHERS, SharedServices
-from opencv_tools.topics.shared_source import SharedSource
+from opencv_tools.topics.shared_source import Origin, SharedSource
+from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.shared_frames.announcement import AnnouncementError, SUFFIX
 from opencv_tools.transport.shared_frames.header import publisher_identity
-from opencv_tools.transport.shared_frames.memory import process_memory
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
@@ -43,28 +44,26 @@ class SharedFrames:
     """
 
     def __init__(
-        self, node: Node, topic: str, queue: FrameQueue, log: Log, *, depth: int, max_views: int,
-        is_required: bool, on_change: Callable[[], None], on_frame: Callable[[], None],
+        self, discovery: TopicDiscovery, queue: FrameQueue, log: Log,
+        options: SubscriptionOptions, *, on_change: Callable[[], None],
+        on_frame: Callable[[], None],
     ) -> None:
         """
         Subscribe to the announcements.
 
-        :param node: node that receives the frames.
-        :param topic: name of the image topic after remapping.
+        :param discovery: the image topic.
         :param queue: queue that gets the frames.
         :param log: log for the reasons why frames are not shared.
-        :param depth: number of frames that may wait for the thread of a source.
-        :param max_views: number of frames that may stay in the shared memory; more are copied.
-        :param is_required: whether frames are received by shared memory only.
+        :param options: options of the subscription.
         :param on_change: called in any thread when ``has_changed`` has become true.
         :param on_frame: called in any thread after each frame that was put into the queue.
         """
-        self._topic = topic
+        self._topic = discovery.resolved
         self._queue = queue
         self._log = log
-        self._depth = depth
-        self._max_views = max_views
-        self._is_required = is_required
+        self._depth = min(options.capacity, MAX_DEPTH)  # for the thread of a source
+        self._max_views = options.max_views
+        self._is_required = not options.has_image_topic
         self._on_change = on_change
         self._on_frame = on_frame
         #: Whether ``check`` and ``update`` are to be called.
@@ -72,8 +71,9 @@ class SharedFrames:
         self._services = SharedServices()
         self._sources: dict[bytes, SharedSource] = {}
         #: Reader of the announcements.
-        self.announcements = MessageReader(node, String, f'{topic}{SUFFIX}', QoSProfile(
-            depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        self.announcements = MessageReader(
+            discovery.node, String, f'{self._topic}{SUFFIX}', QoSProfile(
+                depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
     def read_announcement(self, publishers: Set[bytes]) -> None:
         """
@@ -110,7 +110,7 @@ class SharedFrames:
         for publisher in publishers:
             source = self._sources.get(publisher)
             service = self._services.of(publisher)
-            if source and service not in ('', source.service):
+            if source and service not in ('', source.origin.service):
                 self._end(publisher)
         are_shared = bool(publishers) and self._services.include(publishers)
         for publisher in publishers - self._sources.keys():
@@ -130,7 +130,7 @@ class SharedFrames:
         self.has_changed = False
         for publisher, source in [*self._sources.items()]:
             if source.error:
-                self._fail(publisher, source.service, source.error)
+                self._fail(publisher, source.origin.service, source.error)
             elif self._way(publisher) is Way.TOPIC:
                 self._close(publisher)
         return [publisher for publisher, source in self._sources.items() if source.is_overdue]
@@ -183,9 +183,9 @@ class SharedFrames:
             self._fail(publisher, service, err)
             return False
         self._change(publisher, Way.JOINING)
+        origin = Origin(publisher, service, publisher_identity(publisher, self._topic))
         self._sources[publisher] = SharedSource(
-            publisher, service, publisher_identity(publisher, self._topic), reader, self._queue,
-            self._note_change, self._on_frame)
+            origin, reader, self._queue, self._note_change, self._on_frame)
         return True
 
     def _note_change(self) -> None:
@@ -208,7 +208,7 @@ class SharedFrames:
         try:
             source.receive()
         except SharedMemoryError as err:
-            self._fail(publisher, source.service, err)
+            self._fail(publisher, source.origin.service, err)
 
     def _fail(self, publisher: bytes, service: str, err: Exception) -> None:
         """Return to the image topic, because the service of a publisher has failed."""

@@ -20,6 +20,7 @@ from collections.abc import Callable
 import math
 from threading import Lock, Thread
 import time
+from typing import NamedTuple
 
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
@@ -39,30 +40,40 @@ _WAIT_SECONDS = 0.05
 _MAX_FRAMES = 2 * MAX_DEPTH
 
 
+class Origin(NamedTuple):
+    """
+    What shared frames come from.
+
+    :param publisher: identifier of the publisher of the image topic.
+    :param service: name of its service.
+    :param identity: what each of its frames repeats, see `publisher_identity`.
+    """
+
+    publisher: bytes
+    service: str
+    identity: bytes
+
+
 class SharedSource:
     """A thread that puts the shared frames of one publisher into the queue."""
 
     def __init__(
-        self, publisher: bytes, service: str, identity: bytes, reader: FrameReader,
-        queue: FrameQueue, on_change: Callable[[], None], on_frame: Callable[[], None],
+        self, origin: Origin, reader: FrameReader, queue: FrameQueue,
+        on_change: Callable[[], None], on_frame: Callable[[], None],
     ) -> None:
         """
         Start the thread, with the priority of this one.
 
-        :param publisher: identifier of the publisher of the image topic.
-        :param service: name of its service.
-        :param identity: what each of its frames repeats, see `publisher_identity`.
-        :param reader: reader of this service.
+        :param origin: publisher of the frames.
+        :param reader: reader of its service.
         :param queue: queue that gets the frames.
         :param on_change: called in the thread when the frames arrive in another way, when messages
             are missing before the next frame, and at the end of the thread by an error.
         :param on_frame: called after each frame that was put into the queue.
         """
-        self.publisher = publisher
-        self.service = service
+        self.origin = origin
         #: Error that has ended the thread.
         self.error: Exception | None = None
-        self._identity = identity
         self._reader = reader
         self._queue = queue
         self._on_change = on_change
@@ -107,7 +118,7 @@ class SharedSource:
                     position = Position(header.message, header.number, bool(header.is_message))
                 except CdrError as err:
                     received = err.with_traceback(None)  # which would keep the frame
-                self._way = self._queue.put(received, self.publisher, position)
+                self._way = self._queue.put(received, self.origin.publisher, position)
                 self._on_frame()
 
     def close(self) -> None:
@@ -146,7 +157,7 @@ class SharedSource:
         :raises SharedMemoryError: the frame is of another publisher.
         """
         header = frame.header
-        if bytes(header.identity) != self._identity:
+        if bytes(header.identity) != self.origin.identity:
             raise SharedMemoryError('its memory has frames of another publisher')
         return WireImage(
             header=WireHeader(header.sec, header.nanosec, frame.frame_id), height=header.height,

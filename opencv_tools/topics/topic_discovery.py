@@ -109,9 +109,12 @@ class TopicDiscovery:
         if transport not in TRANSPORTS:
             raise ParameterError(f'transport is {transport!r}: give one of '
                                  f'{", ".join(TRANSPORTS)}')
-        self._node = node
+        #: Node whose graph is queried.
+        self.node = node
+        #: Name of the image topic after remapping.
+        self.resolved = resolve_topic(node, topic)
         self._topic = topic
-        self._possible = _possible_topics(topic, resolve_topic(node, topic))
+        self._possible = _possible_topics(topic, self.resolved)
         #: Topics that the transport allows, best first.
         self.allowed = sorted(
             (possible for possible in self._possible
@@ -120,7 +123,7 @@ class TopicDiscovery:
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
-        return [info for info in self._node.get_publishers_info_by_topic(image_topic.name)
+        return [info for info in self.node.get_publishers_info_by_topic(image_topic.name)
                 if info.topic_type == image_topic.type_name]
 
     def describe_publishers(self, image_topic: ImageTopic, publishers: Set[bytes]) -> str:
@@ -141,7 +144,7 @@ class TopicDiscovery:
         :param qos: quality of service of the subscription.
         """
         topic = self._resolved_name(image_topic)
-        publishers = self._node.get_publishers_info_by_topic(image_topic.name)
+        publishers = self.node.get_publishers_info_by_topic(image_topic.name)
         offers = [info for info in publishers if info.topic_type == image_topic.type_name]
         if offers:
             return _describe_silent(topic, offers, qos)
@@ -156,7 +159,7 @@ class TopicDiscovery:
         return f'no publisher on {topic}; {self._describe_images()}'
 
     def _resolved_name(self, image_topic: ImageTopic) -> str:
-        return self._node.resolve_topic_name(image_topic.name)
+        return self.node.resolve_topic_name(image_topic.name)
 
     def _describe_other_type(
         self, subscribed: ImageTopic, published: ImageTopic, info: TopicEndpointInfo,
@@ -175,14 +178,14 @@ class TopicDiscovery:
     def _describe_images(self) -> str:
         """Describe the topics that have images, and how to subscribe to one."""
         topics = {}
-        own = self._node.get_name(), self._node.get_namespace()  # a filter publishes as well
-        for name in image_topics(self._node):
+        own = self.node.get_name(), self.node.get_namespace()  # a filter publishes as well
+        for name in image_topics(self.node):
             published = {
-                info.topic_type for info in self._node.get_publishers_info_by_topic(name)
+                info.topic_type for info in self.node.get_publishers_info_by_topic(name)
                 if (info.node_name, info.node_namespace) != own}
             if published & MESSAGE_TYPES.keys():
                 topics[name] = published
-        domain = f'ROS_DOMAIN_ID {self._node.context.get_domain_id()}'
+        domain = f'ROS_DOMAIN_ID {self.node.context.get_domain_id()}'
         if not topics:
             return f'no images are published in {domain}; ' \
                    'is a publisher running, with the same ROS_DOMAIN_ID?'

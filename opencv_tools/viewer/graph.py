@@ -25,6 +25,7 @@ from typing import Any
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.viewer.control import Control
@@ -143,8 +144,8 @@ class Graph:
         if key not in self._open:
             name, transport = key
             self._open[key] = feed, FrameSubscription(
-                self._node, name, transport, _DEPTH, self._log, feed.put, feed.count_broken,
-                prefers_compressed=True)
+                self._node, name, self._log, feed.put, feed.count_broken, SubscriptionOptions(
+                    transport=transport, depth=_DEPTH, prefers_compressed=True))
 
     def close(self, key: FeedKey, feed: Feed) -> None:
         """Unsubscribe the feed of a topic."""

@@ -91,6 +91,7 @@ def ours(_: bool) -> Iterator[Subscribe]:
     """Subscribe as img_subscriber does."""
     # Not at the top, so that a plain process has nothing of the package.
     from opencv_tools.logs import Log
+    from opencv_tools.topics.options import SubscriptionOptions
     from opencv_tools.topics.subscription import FrameSubscription
     from opencv_tools.transport.fastdds.profile import configured_fastdds
 
@@ -99,8 +100,8 @@ def ours(_: bool) -> Iterator[Subscribe]:
 
     with configured_fastdds(0):
         yield lambda node, take: FrameSubscription(
-            node, TOPIC, 'raw', None, Log(node.get_logger()),
-            lambda received: take(received.message), _refuse)
+            node, TOPIC, Log(node.get_logger()), lambda received: take(received.message), _refuse,
+            SubscriptionOptions(transport='raw', depth=None))
 
 
 def main() -> None:

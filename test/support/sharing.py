@@ -35,6 +35,7 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import Frame, FramePublisher
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.logs import Log
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.shared_source import SharedSource
 from opencv_tools.topics.subscription import FrameSubscription
@@ -162,8 +163,8 @@ class Viewer:
         self.shared = 0  # number of newest frames that came from shared memory
         self._hold = hold
         self.subscription = FrameSubscription(
-            node, TOPIC, transport, depth, Log(node.get_logger()), self._take, self.errors.append,
-            threaded=threaded)
+            node, TOPIC, Log(node.get_logger()), self._take, self.errors.append,
+            SubscriptionOptions(transport=transport, depth=depth, threaded=threaded))
 
     @property
     def is_sharing(self) -> bool:
@@ -178,7 +179,7 @@ class Viewer:
     @property
     def publishers(self) -> int:
         """Return the number of publishers that the image topic connects."""
-        reader = self.subscription._image._reader
+        reader = self.subscription._sources.image._reader
         return reader.publisher_count() if reader else 0
 
     @property

@@ -71,7 +71,7 @@ def wait_until_matched(publisher: Publisher, subscriber: ImageSubscriber) -> Non
     """Wait until both ends have discovered each other."""
     deadline = time.monotonic() + DEADLINE
     while not (publisher.get_subscription_count()
-               and subscriber.subscription._image._reader.publisher_count()):
+               and subscriber.subscription._sources.image._reader.publisher_count()):
         assert time.monotonic() < deadline, 'the publisher was not discovered'
         time.sleep(0.01)
 

@@ -42,9 +42,8 @@ class Receiver:
         #: Publisher of each message, and the frames that were in the queue before it.
         self.before: list[tuple[bytes, int]] = []
         self.source = ImageSource(
-            node, TopicDiscovery(node, TOPIC, 'auto'), 100, self.queue, Log(node.get_logger()),
-            before_message=lambda publisher: self.before.append((publisher, self.queue.count)),
-            on_readers=lambda readers: None)
+            TopicDiscovery(node, TOPIC, 'auto'), 100, self.queue, Log(node.get_logger()),
+            before_message=lambda publisher: self.before.append((publisher, self.queue.count)))
         self.source.use(True)
 
     def match(self, publisher: Publisher) -> None:

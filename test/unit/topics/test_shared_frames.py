@@ -25,10 +25,12 @@ from child_processes import wait_until
 from conftest import DEADLINE
 from opencv_tools.logs import Log
 from opencv_tools.topics import shared_source
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Way
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.shared_frames import SharedFrames
 from opencv_tools.topics.shared_source import SharedSource
+from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, process_memory
@@ -83,8 +85,9 @@ class Receiver:
         #: An element for each frame that a source has put.
         self.puts: Queue[None] = Queue()
         self.shared = SharedFrames(
-            node, TOPIC, self.queue, Log(node.get_logger()), depth=MAX_DEPTH, max_views=1,
-            is_required=False, on_frame=lambda: self.puts.put(None),
+            TopicDiscovery(node, TOPIC, 'auto'), self.queue, Log(node.get_logger()),
+            SubscriptionOptions(depth=MAX_DEPTH, max_views=1),
+            on_frame=lambda: self.puts.put(None),
             on_change=lambda: self.changes.put(self.shared.has_changed))
 
     @property

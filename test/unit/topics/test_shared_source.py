@@ -104,7 +104,7 @@ def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
         viewer.watch(lambda: not viewer.is_sharing, ours)
         viewer.match(ours, plain)
         viewer.watch(lambda: not viewer.shared and plain.sent > 20, ours, plain)  # noqa: B023
-        viewer.watch(lambda: not viewer.subscription._shared._sources, ours, plain)
+        viewer.watch(lambda: not viewer.subscription._sources.shared._sources, ours, plain)
         viewer.assert_complete(ours, plain)
         plain.destroy()
     viewer.watch_sharing(ours)
@@ -211,7 +211,7 @@ def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool
     try:
         subscription = subscriber._subscription
         spin_until(node, lambda: ours.subscribers > 0
-                   and subscription._image._reader.publisher_count() > 0)
+                   and subscription._sources.image._reader.publisher_count() > 0)
         ours.send()
         spin_until(node, lambda: bool(numbers))
 
@@ -329,10 +329,10 @@ def test_failed_service_is_not_tried_again(
     ours = Camera(camera)
     viewer.match(ours)
     viewer.watch(lambda: bool(tries and announced), ours)
-    viewer.subscription._update_sharing()
-    viewer.subscription._shared._services.add(
+    viewer.subscription._sources.update_sharing()
+    viewer.subscription._sources.shared._services.add(
         announced[0], bytes.fromhex(json.loads(announced[0])['publisher']))
-    viewer.subscription._update_sharing()
+    viewer.subscription._sources.update_sharing()
     until = ours.sent + 20
     viewer.watch(lambda: ours.sent > until, ours)
     viewer.assert_complete(ours)
@@ -361,8 +361,8 @@ def test_announced_service_of_another_publisher(viewer: Viewer, camera: Node) ->
 
     def is_refused() -> bool:
         other.send()
-        return ('frames of another publisher' in viewer.subscription._shared.explain({publisher})
-                or 'other' in viewer.numbers)
+        reason = viewer.subscription._sources.shared.explain({publisher})
+        return 'frames of another publisher' in reason or 'other' in viewer.numbers
 
     viewer.watch(is_refused)
     assert viewer.numbers.keys() == {'ours'}
@@ -380,7 +380,7 @@ def test_more_readers_than_a_service_has(
     readers = [process_memory().open_reader(service, 1) for _ in range(MAX_READERS)]
     reason = f'it has {MAX_READERS} readers already, which is the limit'
     publisher = publisher_id(ours.frames._images.handle)
-    viewer.watch(lambda: reason in viewer.subscription._shared.explain({publisher}), ours)
+    viewer.watch(lambda: reason in viewer.subscription._sources.shared.explain({publisher}), ours)
     viewer.watch(lambda: ours.sent > 50, ours)
     viewer.assert_complete(ours)
     assert not viewer.is_sharing
@@ -405,7 +405,7 @@ def test_count_after_frames_that_were_only_shared(
     plain = Camera(camera, 'plain', is_plain=True)  # so that the late one remains on the topic
     late = view()
     late.match(ours, plain)
-    announcements = late.subscription._shared.announcements
+    announcements = late.subscription._sources.shared.announcements
     spin_until(late.node, lambda: announcements.publisher_count() > 0)
     before = ours.sent
     for _ in range(10):
@@ -423,19 +423,19 @@ def test_waiting_messages_precede_the_next_shared_frame(
     viewer = view()
     ours = Camera(camera)
     viewer.match(ours)
-    subscription, shared = viewer.subscription, viewer.subscription._shared
+    subscription, shared = viewer.subscription, viewer.subscription._sources.shared
     publisher = publisher_id(ours.frames._images.handle)
     publishers = frozenset({publisher})
-    spin_until(viewer.node, lambda: subscription._image.publishers == publishers)
+    spin_until(viewer.node, lambda: subscription._sources.image.publishers == publishers)
     # From here the executor does not run.
     for _ in range(6):
         ours.send()
     wait_until(lambda: shared.read_announcement(publishers) or shared.has_changed,
                'the announcement')
-    subscription._update_sharing()
+    subscription._sources.update_sharing()
     ours.send()
     wait_until(lambda: shared.has_changed, 'the frame that messages precede')
-    subscription._update_sharing()
+    subscription._sources.update_sharing()
     ours.send()
     wait_until(lambda: subscription._queue.order.way(publisher) is Way.SHARED,
                'the next shared frame')
@@ -452,7 +452,7 @@ def test_shared_frames_at_close(
     viewer.match(ours)
     viewer.watch_sharing(ours)
     viewer.assert_complete(ours)
-    hold_threads(viewer.subscription._shared._sources.values())
+    hold_threads(viewer.subscription._sources.shared._sources.values())
     for _ in range(3):
         ours.send()
     assert viewer.subscription.close(lambda: True) == 0

@@ -33,6 +33,7 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.topics import message_reader, no_frames_warning, order
 from opencv_tools.topics import subscription as subscription_module
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.transport import zero_copy
@@ -92,8 +93,8 @@ def subscribe(node: Node, received: Received, monkeypatch: pytest.MonkeyPatch
         transport: str = 'auto', depth: int | None = 10, subscriber: Node = node,
     ) -> FrameSubscription:
         subscriptions.append(FrameSubscription(
-            subscriber, 'video_frames', transport, depth, Log(subscriber.get_logger()),
-            received.take, received.errors.append))
+            subscriber, 'video_frames', Log(subscriber.get_logger()), received.take,
+            received.errors.append, SubscriptionOptions(transport=transport, depth=depth)))
         return subscriptions[-1]
 
     yield _subscribe
@@ -114,7 +115,7 @@ def connect(
 def are_matched(publisher: Publisher, subscription: FrameSubscription) -> bool:
     """Return whether both ends have discovered each other, which happens at different times."""
     return (publisher.get_subscription_count() > 0
-            and subscription._image._reader.publisher_count() > 0)
+            and subscription._sources.image._reader.publisher_count() > 0)
 
 
 def image(number: int) -> Image:
@@ -290,7 +291,7 @@ def test_lost_frames_across_a_new_subscription(
     assert received.numbers() == [0, *range(21, 31)]
     assert subscription.account.lost == 20
     # A second publisher with this profile would end the count.
-    subscription._image._subscribe_again(subscription._image.topic, BEST_EFFORT)
+    subscription._sources.image._subscribe_again(subscription._sources.image.topic, BEST_EFFORT)
     assert len(requests(node)) == 2
     spin_until(node, lambda: publisher.get_subscription_count() == 2)
     for number in range(31, 61):
@@ -331,7 +332,7 @@ def test_lost_first_frames_of_a_new_publisher(
         last = 100 * restarts + 29
         spin_until(node, lambda: received.numbers()[-1:] == [last])  # noqa: B023
         camera.destroy_publisher(publisher)
-        wait_until(lambda: not subscription._image._reader.publisher_count())
+        wait_until(lambda: not subscription._sources.image._reader.publisher_count())
         assert len(received.frames) + subscription.account.lost == 30 * restarts
     assert subscription.account.is_complete
 
@@ -365,7 +366,7 @@ def test_order_of_old_and_new_subscription(
     subscription, publisher = connect(node, camera, subscribe)
     for number in range(5):
         publisher.publish(image(number))
-    subscription._image._subscribe_again(subscription._image.topic, BEST_EFFORT)
+    subscription._sources.image._subscribe_again(subscription._sources.image.topic, BEST_EFFORT)
     wait_until(lambda: publisher.get_subscription_count() == 2)
     for number in range(5, 9):
         publisher.publish(image(number))
@@ -380,8 +381,8 @@ def test_received_messages_of_a_publisher_that_left(
     for number in range(5):
         publisher.publish(image(number))
     camera.destroy_publisher(publisher)
-    wait_until(lambda: not subscription._image._reader.publisher_count())
-    subscription._image._subscribe_again(subscription._image.topic, BEST_EFFORT)
+    wait_until(lambda: not subscription._sources.image._reader.publisher_count())
+    subscription._sources.image._subscribe_again(subscription._sources.image.topic, BEST_EFFORT)
     spin_until(node, lambda: received.numbers() == list(range(5)))
     assert [subscription.topic_name for subscription in node.subscriptions].count(
             '/video_frames') == 1
@@ -416,7 +417,7 @@ def test_no_loss_when_a_publisher_replaces_another_unseen(
     subscription = subscribe(depth=None)
     first = camera.create_publisher(Image, TOPIC, RELIABLE)
     publish_until(node, first, image, lambda: len(received.frames) > 3)
-    monkeypatch.setattr(subscription._image, 'adapt', lambda: False)  # as for a late event
+    monkeypatch.setattr(subscription._sources.image, 'adapt', lambda: False)  # as for a late event
     camera.destroy_publisher(first)
     second = camera.create_publisher(Image, TOPIC, QoSProfile(depth=100))
     for number in range(1000, 1030):  # mostly before the discovery
@@ -546,11 +547,11 @@ def test_readers_of_a_steady_publisher(
     assert receive(message_reader._STEADY_MESSAGES) == {'take_serialized'}
     receive(2)
     assert receive(10) == {'take_image'}
-    subscription._image._subscribe_again(subscription._image.topic, BEST_EFFORT)
+    subscription._sources.image._subscribe_again(subscription._sources.image.topic, BEST_EFFORT)
     spin_until(node, lambda: publisher.get_subscription_count() == 2)
     # Each of the two subscriptions needs the numbers of all messages.
     assert receive(message_reader._STEADY_MESSAGES + 10) == {'take_serialized'}
-    subscription._image._retire_previous()
+    subscription._sources.image._retire_previous()
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     receive(message_reader._STEADY_MESSAGES + 10)
     assert receive(10) == {'take_image'}
@@ -568,7 +569,7 @@ def test_reception_time_of_frames(
     time.sleep(0.01)
     spin_until(node, lambda: bool(received.frames))
     assert before <= received.times[0] <= after
-    reader = subscription._image._reader
+    reader = subscription._sources.image._reader
     monkeypatch.setattr(reader, 'take', lambda: [(wire_image(1), MessageInfo())])
     monkeypatch.setattr(time, 'time_ns', lambda: 5)
     subscription._wake([reader], False)
@@ -775,17 +776,18 @@ def test_end_by_a_callback_while_the_executor_works(
         is_destroyed.set()
 
     subscription = FrameSubscription(
-        node, 'video_frames', 'auto', 10, Log(node.get_logger()), end, end, threaded=True)
-    work = getattr(subscription._image, name)
+        node, 'video_frames', Log(node.get_logger()), end, end,
+        SubscriptionOptions(depth=10, threaded=True))
+    work = getattr(subscription._sources.image, name)
 
     def work_slowly(*arguments: object) -> object:
         if subscription._queue.count:
             is_working.set()
             is_destroyed.wait(0.3)
-            readers.append(len(subscription._image.readers))
+            readers.append(len(subscription._sources.image.readers))
         return work(*arguments)
 
-    monkeypatch.setattr(subscription._image, name, work_slowly)
+    monkeypatch.setattr(subscription._sources.image, name, work_slowly)
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: are_matched(publisher, subscription))
     publisher.publish(image(1))
@@ -814,10 +816,11 @@ def test_exception_of_a_threaded_callback_at_the_end(
         raise ValueError('mine')
 
     subscription = FrameSubscription(
-        node, 'video_frames', 'raw', 10, Log(node.get_logger()), fail, fail, threaded=True)
+        node, 'video_frames', Log(node.get_logger()), fail, fail,
+        SubscriptionOptions(transport='raw', depth=10, threaded=True))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     publish_until(node, publisher, image, has_frame.is_set)
-    thread = subscription._thread
+    thread = subscription._consumer._thread
     if when == 'before':
         may_fail.set()
         thread.join(DEADLINE)
@@ -835,7 +838,8 @@ def test_exception_of_a_threaded_callback_after_its_destroy(
         raise ValueError('mine')
 
     subscription = FrameSubscription(
-        node, 'video_frames', 'raw', 10, Log(node.get_logger()), fail, fail, threaded=True)
+        node, 'video_frames', Log(node.get_logger()), fail, fail,
+        SubscriptionOptions(transport='raw', depth=10, threaded=True))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     with pytest.raises(ValueError, match='mine'):
         publish_until(node, publisher, image, lambda: False)
@@ -864,7 +868,7 @@ def test_destroy_leaves_no_entity(
 
     names, timers, waitables = entities()
     subscription = subscribe()
-    subscription._image._subscribe_again(subscription._image.topic, BEST_EFFORT)
+    subscription._sources.image._subscribe_again(subscription._sources.image.topic, BEST_EFFORT)
     assert entities() == ([TOPIC, f'{TOPIC}/shm'], timers + 1, waitables + 1)
     subscription.destroy()
     assert entities() == (names, timers, waitables)
