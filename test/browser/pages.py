@@ -122,7 +122,12 @@ class Camera:
         self.publisher.publish(stamped(image, encoding, now if stamp_ns is None else stamp_ns))
 
     def show(self, page: Page, number: int, stamp_ns: int | None = None) -> None:
-        """Publish a numbered frame, and wait until it is in the page."""
+        """
+        Wait for the viewer's subscription, publish a frame once, and wait until the page draws it.
+
+        The tile of the topic must be the one that shows the number in its pixels. Fails after
+        ``DEADLINE`` seconds without a subscription or without the picture.
+        """
         self.wait_for_viewer()
         self.publish(number, stamp_ns)
         page.wait_for(f'numberOf({self.topic!r}) === {number}')

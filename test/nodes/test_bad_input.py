@@ -242,34 +242,41 @@ def test_command_line(run: Run, name: str, words: list[str], status: int, text: 
     assert text in output
 
 
-@pytest.mark.parametrize(('sections', 'words', 'outcome'), [
-    ('image_publisher', '', None), ('/**', '', None), ('/**/image_publisher', '', None),
-    ('/front/image_publisher', '', None), ('img_publisher image_publisher', '', 'remark'),
-    ('img_publisher', '', 'p.yaml has parameters for img_publisher, but img_publisher is the '
-     'executable and image_publisher is the node: write image_publisher: instead'),
-    ('/a/img_publisher', '', 'write /a/image_publisher: instead of /a/img_publisher:'),
-    ('camera viewer', '', 'for camera, viewer, but none for this node: write image_publisher:, '),
-    ('eye', '-r __node:=eye', None), ('eye', '__node:=eye', None),
-    ('img_publisher', '-r image_publisher:__name:=img_publisher', None),
-    ('image_publisher', '-r __node:=eye', 'none for this node: write eye:'),
-    ('', '', None)])
-def test_parameter_file_sections(
-        tmp_path: Path, sections: str, words: str, outcome: str | None) -> None:
-    file = tmp_path / 'p.yaml'
+def remarks_about_sections(folder: Path, sections: str, words: str) -> list[str]:
+    """Return what `check_ros_arguments` says about a file that has a source in each section."""
+    file = folder / 'p.yaml'
     file.write_text(yaml.safe_dump(
         {name: {'ros__parameters': {'source': 'pattern'}} for name in sections.split()}))
     # ROS takes a rule outside of its arguments too.
     rule = words.split() if words.startswith('-r') else ['--', *words.split(), '--ros-args']
     args = ['img_publisher', '--ros-args', *rule, '--params-file', str(file)]
     table = (Parameter('source', '0', 'a source'),)
-    if outcome in (None, 'remark'):
-        remarks = check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
-        assert len(remarks) == (outcome == 'remark')
-        assert all('write image_publisher: instead of img_publisher:' in text for text in remarks)
-    else:
-        with pytest.raises(ParameterError) as caught:
-            check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
-        assert outcome in str(caught.value)
+    return check_ros_arguments(args, 'img_publisher', 'image_publisher', table)
+
+
+@pytest.mark.parametrize(('sections', 'words', 'count'), [
+    ('image_publisher', '', 0), ('/**', '', 0), ('/**/image_publisher', '', 0),
+    ('/front/image_publisher', '', 0), ('img_publisher image_publisher', '', 1),
+    ('eye', '-r __node:=eye', 0), ('eye', '__node:=eye', 0),
+    ('img_publisher', '-r image_publisher:__name:=img_publisher', 0), ('', '', 0)])
+def test_accepted_sections_of_a_parameter_file(
+        tmp_path: Path, sections: str, words: str, count: int) -> None:
+    remarks = remarks_about_sections(tmp_path, sections, words)
+    assert len(remarks) == count
+    assert all('write image_publisher: instead of img_publisher:' in text for text in remarks)
+
+
+@pytest.mark.parametrize(('sections', 'words', 'reason'), [
+    ('img_publisher', '', 'p.yaml has parameters for img_publisher, but img_publisher is the '
+     'executable and image_publisher is the node: write image_publisher: instead'),
+    ('/a/img_publisher', '', 'write /a/image_publisher: instead of /a/img_publisher:'),
+    ('camera viewer', '', 'for camera, viewer, but none for this node: write image_publisher:, '),
+    ('image_publisher', '-r __node:=eye', 'none for this node: write eye:')])
+def test_refused_sections_of_a_parameter_file(
+        tmp_path: Path, sections: str, words: str, reason: str) -> None:
+    with pytest.raises(ParameterError) as caught:
+        remarks_about_sections(tmp_path, sections, words)
+    assert reason in str(caught.value)
 
 
 def test_parameter_file_for_another_node(run: Run, tmp_path: Path) -> None:
@@ -318,14 +325,15 @@ def test_unknown_parameter(run: Run) -> None:
     assert 'unknown parameter sorce is not used; did you mean source?' in output
 
 
-@pytest.mark.parametrize('reconnect', ['never', '0.2'])
-def test_unknown_parameter_without_a_camera(run: Run, reconnect: str) -> None:
+@pytest.mark.parametrize(('reconnect', 'later'), [
+    ('never', 'Published 0 frames'), ('0.2', 'gave up after')])
+def test_unknown_parameter_without_a_camera(run: Run, reconnect: str, later: str) -> None:
     ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
     assert output.count(' is not used yet') == 2
-    if reconnect != 'never':  # it is said while the camera is waited for
-        assert output.rindex(' is not used yet') < output.index('gave up after')
+    # It is said while the camera is waited for.
+    assert output.rindex(' is not used yet') < output.index(later)
     assert 'gain is not used yet; it is not a parameter of the node, and no camera is' in output
     assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
 

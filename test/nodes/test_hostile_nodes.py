@@ -164,8 +164,12 @@ def stamped(message: bytes, sec: int) -> bytes:
     return message[:4] + struct.pack('<i', sec) + message[8:]
 
 
-def hold(process: NodeProcess) -> None:
-    """Check what must hold for a node that has had its table."""
+def check_memory_and_output(process: NodeProcess) -> None:
+    """
+    Assert what must hold for a running node that has received all messages of its table.
+
+    Its memory was less than MEGABYTES at its peak, and each line of its output is printable.
+    """
     found = re.search(r'VmHWM:\s+([0-9]+) kB', Path(f'/proc/{process.pid}/status').read_text())
     assert found
     assert int(found[1]) / 1024 < MEGABYTES, process.output
@@ -195,7 +199,7 @@ def record(start: Start, node: Node, folder: Path, message_type: type, topic: st
     manifest = folder / 'manifest.jsonl'
     last = f'"stamp": {{"sec": {published - 1},'
     recorder.wait_until(lambda _: manifest.exists() and last in manifest.read_text(), last)
-    hold(recorder)
+    check_memory_and_output(recorder)
     recorder.interrupt()
     assert recorder.finish() == 1, recorder.output
     sums = numbers(recorder.output)
@@ -249,7 +253,7 @@ def test_folder_of_hostile_images(start: Start, tmp_path: Path) -> None:
                       on_end='hold')
     assert recorder.finish() == 0, recorder.output
     assert numbers(recorder.output)['written'] == good
-    hold(publisher)
+    check_memory_and_output(publisher)
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
     assert f'{len(PICTURES) - good} dropped' in publisher.output
@@ -281,7 +285,7 @@ def test_hostile_parameters_and_services(start: Start, node: Node) -> None:
         camera_info=CameraInfo(width=64, height=48, distortion_model=ESCAPES, d=[0.0] * 10**5)))
     for data in (False, True):
         assert call_service(node, SetBool, '/set_capture', SetBool.Request(data=data)).success
-    hold(publisher)
+    check_memory_and_output(publisher)
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
 
@@ -301,6 +305,7 @@ def test_announcement_with_the_service_of_another_camera(
     hostile = node.create_publisher(String, '/a/frames/shm', LATCHED)
 
     def send_until(condition: Callable[[], bool]) -> None:
+        """Send from all cameras and announce a wrong service, until a condition holds."""
         def step() -> bool:
             for each in cameras:
                 each.send()

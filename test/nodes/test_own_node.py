@@ -241,7 +241,12 @@ sys.exit(main(Slow))
 
 def send_until(process: NodeProcess, camera: Camera, node: Node,
                condition: Callable[[], bool]) -> None:
-    """Publish until a condition holds, which may take 100 frames of a process."""
+    """
+    Publish until a condition holds, which is looked at after each frame.
+
+    Fails when the process has printed 100 more lines 'frame', one for each frame it received, or
+    after ``DEADLINE``.
+    """
     before = process.output.count('frame\n')
 
     def holds() -> bool:

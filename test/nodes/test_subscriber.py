@@ -356,6 +356,7 @@ def test_blocking_recorder_slower_than_a_camera_that_shares(
     spin_until(camera, lambda: ours.subscribers > 0)
 
     def send_until(condition: Callable[[], bool]) -> None:
+        """Publish until a condition holds; fail if that takes 4 full queues of files."""
         before = len(list(folder.glob('*.png')))
 
         def holds() -> bool:

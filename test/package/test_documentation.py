@@ -157,27 +157,40 @@ def test_systemd_unit(block: Block, tmp_path: Path) -> None:
     assert (finished.returncode, finished.stderr) == (0, '')
 
 
-@pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS
-                                   if block.language == 'bash'])
+def in_languages(*languages: str) -> pytest.MarkDecorator:
+    """Return the parameters of a test of all blocks in these languages."""
+    return pytest.mark.parametrize('block', [
+        pytest.param(block, id=block.name) for block in BLOCKS if block.language in languages])
+
+
+@in_languages('bash')
 def test_background_processes_end(block: Block) -> None:
     last = [*block.commands()][-1][0]
     assert ' &\n' not in block.code or last.startswith(('kill ', 'wait')), block.name
 
 
 @pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS])
-def test_block_form(block: Block) -> None:
+def test_language_and_marks_of_a_block(block: Block) -> None:
     assert block.language in (*RUN, *SHOWN), f'{block.name}: write it as one of {RUN}'
     assert block.marks_are_known(), f'{block.name}: unknown mark in {block.marks}'
     assert block.language in RUN or not block.marks, f'{block.name}: a mark without a run'
-    if block.language == '':
-        assert not block.code.startswith('$ '), f'{block.name}: write it as console'
-    if block.language == 'console':
-        assert block.code.startswith('$ '), f'{block.name}: the first line is no command'
-    if block.language in ('bash', 'console'):
-        for line, _ in block.commands():
-            check_command(line)
-    elif block.language == 'python':
-        compile(block.code, block.name, 'exec')
+
+
+@in_languages(*RUN, *SHOWN)
+def test_prompt_of_a_block(block: Block) -> None:
+    assert block.code.startswith('$ ') == (block.language == 'console'), (
+        f'{block.name}: a console, and nothing else, begins with a command after "$ "')
+
+
+@in_languages('bash', 'console')
+def test_commands_of_a_block(block: Block) -> None:
+    for line, _ in block.commands():
+        check_command(line)
+
+
+@in_languages('python')
+def test_syntax_of_python(block: Block) -> None:
+    compile(block.code, block.name, 'exec')
 
 
 @pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in TEXTS])

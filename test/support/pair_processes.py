@@ -120,7 +120,12 @@ class OwnReceiver(Child):
         self.wait_for(is_idle, 'ticks without frames')
 
     def hold(self) -> None:
-        """Wait for a callback that does not return; in its own thread it delays no timer."""
+        """
+        Let the next callback wait until `release`, and return when a callback waits.
+
+        Fails if no callback comes, or if a callback in its own thread delays the timer, which must
+        tick three times meanwhile.
+        """
         self._hold.touch()
         self.wait_for(lambda: bool(self.events('held')), 'the next callback')
         if self._case.receiver == 'threaded':

@@ -201,7 +201,14 @@ class Viewer:
 
     def watch(self, condition: Callable[[], bool], *cameras: Camera | RemoteCamera,
               window: int = WINDOW) -> None:
-        """Publish, at most a few frames ahead of the reception, until a condition holds."""
+        """
+        Spin this viewer, and publish from the cameras, until a condition holds.
+
+        It looks at the condition first, so it publishes nothing if the condition holds at once;
+        without cameras it only spins. A camera waits while this viewer lacks ``window`` of its
+        frames. Fails if the condition does not hold within ``DEADLINE``, and then shows the
+        numbers received. Of the frames, it asserts only the pixels, as `_take` does.
+        """
         end = time.monotonic() + DEADLINE
         with executor_of(self.node) as executor:
             while not condition():
@@ -212,16 +219,16 @@ class Viewer:
                 executor.spin_once(timeout_sec=0.002)
 
     def watch_sharing(self, *cameras: Camera | RemoteCamera) -> None:
-        """Publish until frames are shared."""
+        """Publish until only shared memory is used and the newest 21 frames came from it."""
         self.watch(lambda: self.is_sharing and self.shared > 20, *cameras)
 
     def match(self, *cameras: Camera | RemoteCamera) -> None:
-        """Wait until the image topic connects this viewer and only these cameras."""
+        """Wait, publishing nothing, until the image topic connects exactly these cameras."""
         self.watch(lambda: all(camera.subscribers for camera in cameras)
                    and self.publishers == len(cameras))
 
     def assert_complete(self, *cameras: Camera | RemoteCamera) -> None:
-        """Check that every frame arrived once and in order."""
+        """Wait for all frames sent; assert that each came once, in order, without an error."""
         self.watch(lambda: all(
             len(self.numbers.get(camera.name, ())) >= camera.sent for camera in cameras))
         for camera in cameras:
@@ -246,7 +253,12 @@ def view(node: Node) -> Iterator[Callable[..., Viewer]]:
 
 @pytest.fixture
 def hold_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Iterable[SharedSource]], None]:
-    """Return a function that has the threads of some sources receive nothing more."""
+    """
+    Return a function that has the threads of some sources receive nothing more.
+
+    It returns when each of these threads is held, and fails if one is not within ``DEADLINE``.
+    It holds the threads of all other sources as well, until the end of the test.
+    """
     held: WeakSet[SharedSource] = WeakSet()
 
     def wait(source: SharedSource) -> None:
@@ -286,7 +298,7 @@ class RemoteViewer:
                 if line.startswith('["')]  # Fast DDS prints its errors
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Wait for a condition of the received frames."""
+        """Wait for a condition; fail after ``DEADLINE``, or at once if the process has ended."""
         end = time.monotonic() + DEADLINE
         while not condition():
             assert self._process.poll() is None, f'ended with status {self._process.poll()}'
@@ -342,7 +354,14 @@ def remote_viewer(tmp_path: Path) -> Iterator[Callable[..., RemoteViewer]]:
 
 def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[], bool],
                *picture: object) -> None:
-    """Publish, a few frames ahead of a viewer or a few per second, until a condition holds."""
+    """
+    Publish, a few frames ahead of a viewer or a few per second, until a condition holds.
+
+    At least one frame is published before the first look at the condition. Nothing is asserted of
+    the frames. Fails if the condition does not hold within ``DEADLINE``, or the viewer ends.
+
+    :param picture: encoding, height and width of the frames, as for `Camera.send`.
+    """
     sent_at = 0.0
 
     def step() -> bool:

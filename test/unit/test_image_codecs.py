@@ -216,15 +216,17 @@ def test_opencv_converts_supported_pairs(monkeypatch: pytest.MonkeyPatch, source
             convert_image(image, left, target), settings, rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize('source', ['uyvy', 'yuyv', 'nv24'])
-def test_odd_width_equals_the_conversion_without_opencv(source: str) -> None:
-    left = ENCODINGS[source]
+@pytest.mark.parametrize(('source', 'target'), [
+    ('uyvy', 'mono8'), ('yuyv', 'mono8'), ('nv24', 'mono8'),
+    ('nv24', 'bgr8')])  # nv24 has chroma for each pixel
+def test_odd_width_equals_the_conversion_without_opencv(source: str, target: str) -> None:
+    left, right = ENCODINGS[source], ENCODINGS[target]
     image = random_image(source, 4, 5)
-    gray = convert_image(image, left, ENCODINGS['mono8'])
-    np.testing.assert_array_equal(gray, convert(image, left, ENCODINGS['mono8']), strict=True)
-    if source == 'nv24':  # nv24 has chroma for each pixel
-        colors = convert_image(image, left, ENCODINGS['bgr8'])
-        np.testing.assert_array_equal(colors, convert(image, left, ENCODINGS['bgr8']))
-        return
+    np.testing.assert_array_equal(
+        convert_image(image, left, right), convert(image, left, right), strict=True)
+
+
+@pytest.mark.parametrize('source', ['uyvy', 'yuyv'])
+def test_colours_of_an_odd_width(source: str) -> None:
     with pytest.raises(ImageError, match=r'must have an even width .* a row has 5 pixels'):
-        convert_image(image, left, ENCODINGS['bgr8'])
+        convert_image(random_image(source, 4, 5), ENCODINGS[source], ENCODINGS['bgr8'])

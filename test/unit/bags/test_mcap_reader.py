@@ -106,7 +106,12 @@ def test_file_of_rosbags_is_read(tmp_path: Path) -> None:
 
 
 def cut_everywhere(path: Path) -> Iterator[tuple[int, list[Any], list[str]]]:
-    """Yield each length of a file, and what is read of that part."""
+    """
+    Yield the length, the messages and the reports of each beginning of a file, as cut.mcap.
+
+    The lengths go from that of the magic bytes to one byte less than the whole file. Nothing is
+    asserted but that `read_all` raises no error; what it reads is for the test to compare.
+    """
     content, cut = path.read_bytes(), path.with_name('cut.mcap')
     for size in range(len(MAGIC), len(content)):
         cut.write_bytes(content[:size])

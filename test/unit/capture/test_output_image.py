@@ -119,8 +119,13 @@ def test_format_string_is_that_of_compressed_image_transport(
     assert actual == format_text
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
-    if captured in ('bgr8', 'rgb8', 'bgr16'):
-        assert np.abs(shown.astype(int) - PICTURE).mean() < 8
+
+
+@pytest.mark.parametrize('captured', ['bgr8', 'rgb8', 'bgr16'])
+def test_colours_of_the_compressed_image(captured: str) -> None:
+    data, _ = OutputImage(frame_of(captured), OutputSettings()).jpeg
+    shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    assert np.abs(shown.astype(int) - PICTURE).mean() < 8
 
 
 def test_higher_quality_makes_larger_jpegs() -> None:

@@ -71,7 +71,12 @@ class Receiver:
 
     def send_until(self, condition: Callable[[], bool], camera: Camera,
                    spin: Callable[[], object] | None = None, ahead: int = 5) -> None:
-        """Publish, a few frames ahead of the reception, until a condition holds."""
+        """
+        Publish until a condition holds; fail if it does not within ``DEADLINE``.
+
+        :param spin: what lets frames arrive; by default the node is spun.
+        :param ahead: published frames that may be on their way; after 0.1 s one more is published.
+        """
         sent_at = 0.0
 
         def step() -> bool:

@@ -138,16 +138,20 @@ def test_valid_and_invalid_values(context: Context, executable: str, name: str) 
         assert listed == ['']
 
 
-@pytest.mark.parametrize(('name', 'meant'), [
-    ('count', ''), ('limit', 'limits'), ('lmits', 'limits'), ('use_sim_time', ''), ('whole', '')])
-def test_misspelt_parameter_that_ends_the_node(context: Context, name: str, meant: str) -> None:
-    table = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
-             Parameter('limits', 1, 'a limit', bounds=(0, 9), ends=True))
-    if meant:
-        with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
-            declare_given(context, table, **{name: 1})
-    else:
-        declare_given(context, table, **{name: name == 'use_sim_time' or 1}).destroy_node()
+ENDING = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
+          Parameter('limits', 1, 'a limit', bounds=(0, 9), ends=True))
+
+
+@pytest.mark.parametrize('name', ['limit', 'lmits'])
+def test_misspelt_parameter_that_ends_the_node(context: Context, name: str) -> None:
+    with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean limits'):
+        declare_given(context, ENDING, **{name: 1})
+
+
+@pytest.mark.parametrize(('name', 'value'), [('count', 1), ('use_sim_time', True), ('whole', 1)])
+def test_unknown_parameter_beside_one_that_ends_the_node(
+        context: Context, name: str, value: object) -> None:
+    declare_given(context, ENDING, **{name: value}).destroy_node()
 
 
 @pytest.fixture

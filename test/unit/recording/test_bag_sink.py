@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 import errno
 import hashlib
 import json
@@ -262,23 +263,21 @@ def test_split_of_images_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / 'out').exists()
 
 
-@pytest.mark.parametrize(('limits', 'least', 'most'), [
-    (Limits(max_frames=20, ring=True), 18, 20),
-    (Limits(max_seconds=20.0, ring=True), 20, 22),
-    (Limits(max_bytes=60_000, ring=True), 20, 55)])
+@pytest.mark.parametrize(('limits', 'least', 'most', 'most_bytes'), [
+    (Limits(max_frames=20, ring=True), 18, 20, 50_000),
+    (Limits(max_seconds=20.0, ring=True), 20, 22, 50_000),
+    (Limits(max_bytes=60_000, ring=True), 20, 55, 60_000)])
 def test_ring_keeps_the_newest_bags(
-        tmp_path: Path, limits: Limits, least: int, most: int) -> None:
+        tmp_path: Path, limits: Limits, least: int, most: int, most_bytes: int) -> None:
     bags = open_bags(tmp_path, 'drive_{seq:03d}.mcap', limits=limits)
     for number in range(200):
         put(bags, frame(number))
-        if limits.max_bytes:
-            total = sum(path.stat().st_size for path in recorded_files(tmp_path))
-            assert total <= limits.max_bytes
+        assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= most_bytes
     bags.close()
     files = recorded_files(tmp_path)
     kept = [number for path in files for number in numbers(path)]
     assert kept == [*range(kept[0], 200)] and least <= len(kept) <= most
-    assert sum(path.stat().st_size for path in files) <= (limits.max_bytes or 10**9)
+    assert sum(path.stat().st_size for path in files) <= most_bytes
     assert [frames for _, frames in lines(tmp_path)] == [len(numbers(path)) for path in files]
 
 
@@ -329,27 +328,48 @@ def test_full_disk_then_room_again(tmp_path: Path) -> None:
     assert not list(tmp_path.glob('.*'))
 
 
-@pytest.mark.parametrize('when', ['next file', 'end', 'next recording'])
-def test_summary_without_room_is_written_later(tmp_path: Path, when: str) -> None:
-    bags = open_bags(tmp_path)
+@contextmanager
+def full_disk_after_five_frames(folder: Path) -> Iterator[BagSink]:
+    """Yield a recording that has no room; assert that drive.mcap stays without its summary."""
+    bags = open_bags(folder)
     put_all(bags, range(5))
-    with disk_of((tmp_path / 'drive.mcap').stat().st_size):
+    with disk_of((folder / 'drive.mcap').stat().st_size):
         with pytest.raises(OSError, match=r'File too large: drive\.mcap has no index yet, which'):
             bags._end(bags._file)
-        if when == 'next recording':
-            with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
-                bags.close()
+        yield bags
     assert bags.counts.lost == 0
-    if when == 'next file':
-        put(bags, frame(9))
-        assert [entry.frames for entry in Manifest(tmp_path).entries()] == [5]
-    elif when == 'next recording':
-        assert not (tmp_path / 'manifest.jsonl').exists()
-        bags = open_bags(tmp_path)
+
+
+def check_first_bag(folder: Path) -> None:
+    """Assert that drive.mcap has five frames and a line, and that no file is unfinished."""
+    assert lines(folder)[0] == ('drive.mcap', 5)
+    assert numbers(folder / 'drive.mcap') == [*range(5)]
+    assert not list(folder.glob('.*'))
+
+
+def test_late_summary_at_the_next_file(tmp_path: Path) -> None:
+    with full_disk_after_five_frames(tmp_path) as bags:
+        pass
+    put(bags, frame(9))
+    assert [entry.frames for entry in Manifest(tmp_path).entries()] == [5]
     bags.close()
-    assert lines(tmp_path)[0] == ('drive.mcap', 5)
-    assert numbers(tmp_path / 'drive.mcap') == [*range(5)]
-    assert not list(tmp_path.glob('.*'))
+    check_first_bag(tmp_path)
+
+
+def test_late_summary_at_the_end(tmp_path: Path) -> None:
+    with full_disk_after_five_frames(tmp_path) as bags:
+        pass
+    bags.close()
+    check_first_bag(tmp_path)
+
+
+def test_late_summary_by_the_next_recording(tmp_path: Path) -> None:
+    too_large = os.strerror(errno.EFBIG)
+    with full_disk_after_five_frames(tmp_path) as bags, pytest.raises(OSError, match=too_large):
+        bags.close()
+    assert not (tmp_path / 'manifest.jsonl').exists()
+    open_bags(tmp_path).close()
+    check_first_bag(tmp_path)
 
 
 def test_every_frame_is_counted_on_a_full_disk(tmp_path: Path) -> None:

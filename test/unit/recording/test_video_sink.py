@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 import errno
 import os
@@ -175,21 +176,30 @@ os._exit(0)
 """
 
 
+def record_and_die(folder: Path, name: str, count: int) -> int:
+    """Record frames in a process that ends at once; return the number of frames that play."""
+    subprocess.run(
+        [sys.executable, '-c', RECORD_AND_DIE, str(folder), name, str(count)], check=True)
+    return play(folder / name)
+
+
 @pytest.mark.process
 @pytest.mark.parametrize(('name', 'count', 'least'), [
-    ('clip.mkv', 50, 50 - 22), ('clip.mp4', 3, 1), ('clip.mp4', 2, 0), ('clip.mkv', 2, 0)])
-def test_killed_recording_plays_and_has_a_line_or_no_file(
-        tmp_path: Path, name: str, count: int, least: int) -> None:
-    subprocess.run(
-        [sys.executable, '-c', RECORD_AND_DIE, str(tmp_path), name, str(count)], check=True)
-    played = play(tmp_path / name)
+    ('clip.mkv', 50, 50 - 22), ('clip.mp4', 3, 1)])
+def test_line_of_a_killed_recording(tmp_path: Path, name: str, count: int, least: int) -> None:
+    played = record_and_die(tmp_path, name, count)
     assert least <= played < count
     open_videos(tmp_path).close()
-    if least:
-        assert lines(tmp_path) == [(name, 0, played, [16, 16])]
-        assert not list(tmp_path.glob('.*'))
-    else:
-        assert not list(tmp_path.iterdir())
+    assert lines(tmp_path) == [(name, 0, played, [16, 16])]
+    assert not list(tmp_path.glob('.*'))
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('name', ['clip.mp4', 'clip.mkv'])
+def test_killed_recording_without_a_whole_frame(tmp_path: Path, name: str) -> None:
+    assert record_and_die(tmp_path, name, 2) == 0
+    open_videos(tmp_path).close()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
@@ -274,31 +284,50 @@ def test_every_frame_is_counted_on_a_full_disk(tmp_path: Path, suffix: str) -> N
     assert console.lines[0] == f'error: a frame was not written: {os.strerror(errno.EFBIG)}'
 
 
-@pytest.mark.parametrize('when', ['next line', 'end', 'next recording'])
-def test_manifest_line_without_room_is_added_later(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str) -> None:
+@contextmanager
+def no_room_for_a_line(folder: Path) -> Iterator[Sink[Any]]:
+    """Yield a recording that ended clip.mkv of three frames; assert that it has no manifest."""
     def fail(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    videos = open_videos(tmp_path)
+    videos = open_videos(folder)
     for number in range(3):
         put(videos, noise(number))
-    with monkeypatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Manifest, 'append', fail)
         videos._end(videos._file)
-        if when == 'next recording':
-            with pytest.raises(OSError, match='No space left'):
-                videos.close()
-        assert not (tmp_path / 'manifest.jsonl').exists()
-    if when == 'next line':
-        put(videos, noise(3))
-        assert [entry.frames for entry in Manifest(tmp_path).entries()] == [3]
-    elif when == 'next recording':
-        videos = open_videos(tmp_path)
+        yield videos
+        assert not (folder / 'manifest.jsonl').exists()
+
+
+def check_lines(folder: Path) -> None:
+    """Assert that each file has a line, clip.mkv the first, and that no file is unfinished."""
+    assert lines(folder)[0] == ('clip.mkv', 0, 3, [16, 16])
+    assert len(lines(folder)) == len(recorded_files(folder))
+    assert not list(folder.glob('.*'))
+
+
+def test_late_manifest_line_before_the_next_one(tmp_path: Path) -> None:
+    with no_room_for_a_line(tmp_path) as videos:
+        pass
+    put(videos, noise(3))
+    assert [entry.frames for entry in Manifest(tmp_path).entries()] == [3]
     videos.close()
-    assert lines(tmp_path)[0] == ('clip.mkv', 0, 3, [16, 16])
-    assert len(lines(tmp_path)) == len(recorded_files(tmp_path))
-    assert not list(tmp_path.glob('.*'))
+    check_lines(tmp_path)
+
+
+def test_late_manifest_line_at_the_end(tmp_path: Path) -> None:
+    with no_room_for_a_line(tmp_path) as videos:
+        pass
+    videos.close()
+    check_lines(tmp_path)
+
+
+def test_late_manifest_line_by_the_next_recording(tmp_path: Path) -> None:
+    with no_room_for_a_line(tmp_path) as videos, pytest.raises(OSError, match='No space left'):
+        videos.close()
+    open_videos(tmp_path).close()
+    check_lines(tmp_path)
 
 
 def remove(folder: Path) -> None:

@@ -55,12 +55,26 @@ RESTORED = [name for name in CONVERTED if not name.startswith('warning_color_abo
 # Expected messages of an empty file, which has no comments.
 EXPECTED = {'error_empty.urdf': ['not well-formed XML']}
 
-# The conversion moves the link frame, so poses in it are computed there and back.
-COMPUTED_POSES = {'ok_joint_frame_away_from_the_child.sdf', 'ok_light_with_a_placed_pose.sdf'}
+# The conversion moves the link frame, so poses in it are computed there and back: the poses of the
+# preserved elements in the frame of their link, by the tag of the element.
+COMPUTED_POSES: dict[str, dict[str, tuple[float, ...]]] = {
+    'ok_joint_frame_away_from_the_child.sdf': {'sensor': (0, 0.4, 0, 0, 0, 0)},
+    'ok_light_with_a_placed_pose.sdf': {
+        'light': (0, 1, 1, 0, 0, -math.pi / 2), 'sensor': (0, 0, 0, 0, 0, math.pi / 2)},
+}
 
-# The conversion corrects what breaks a rule of the format, so it is not restored.
-CORRECTED = {'ok_contact_of_a_visuals_name.sdf', 'warning_duplicate_material_name.sdf',
-             'warning_version_of_urdf.sdf'}
+# The conversion corrects what breaks a rule of the format, so it is not restored: the preserved
+# elements that only the original has, and those that only the result has.
+CORRECTED: dict[str, tuple[list[Entry], list[Entry]]] = {
+    'ok_contact_of_a_visuals_name.sdf': (
+        [], [('visual base 0', ('visual',), (('name', 'body'),), '')]),
+    'warning_duplicate_material_name.sdf': (
+        [('model', ('model', 'material'), (('name', 'red'),), '')],
+        [('model', ('model', 'material'), (('name', 'red_again'),), '')]),
+    'warning_version_of_urdf.sdf': (
+        [('model', ('model',), (('version', '2'),), '')],
+        [('model', ('model',), (('version', '1.0'),), '')]),
+}
 
 # Fixtures that yourdfpy cannot check, and the reason.
 NOT_IN_YOURDFPY = {
@@ -186,15 +200,39 @@ def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
     assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', [name for name in RESTORED if name not in CORRECTED])
+@pytest.mark.parametrize('name', [
+    name for name in RESTORED if name not in CORRECTED and name not in COMPUTED_POSES])
 def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
+    _, back = ways(name)
+    assert Counter(_extension_entries(_read(back))) == Counter(_extension_entries(_original(name)))
+
+
+@pytest.mark.parametrize('name', CORRECTED)
+def test_corrected_extensions_after_a_round_trip(name: str, ways: Ways) -> None:
     _, back = ways(name)
     original, restored = (Counter(_extension_entries(robot))
                           for robot in (_original(name), _read(back)))
-    if name in COMPUTED_POSES:
-        original, restored = (Counter({key: count for key, count in found.items()
-                                       if key[1][-1] != 'pose'}) for found in (original, restored))
+    removed, added = CORRECTED[name]
+    assert (original - restored, restored - original) == (Counter(removed), Counter(added))
+
+
+@pytest.mark.parametrize('name', COMPUTED_POSES)
+def test_extensions_beside_computed_poses(name: str, ways: Ways) -> None:
+    _, back = ways(name)
+    original, restored = (Counter(
+        entry for entry in _extension_entries(robot) if entry[1][-1] != 'pose')
+        for robot in (_original(name), _read(back)))
     assert restored == original
+
+
+@pytest.mark.parametrize('name', COMPUTED_POSES)
+def test_computed_poses_after_a_round_trip(name: str, ways: Ways) -> None:
+    _, back = ways(name)
+    found = [(path[-2], attributes, [*map(float, text.split())])
+             for _, path, attributes, text in _extension_entries(_read(back))
+             if path[-1] == 'pose']
+    assert sorted(found) == [(tag, (), pytest.approx(numbers, abs=1e-12))
+                             for tag, numbers in sorted(COMPUTED_POSES[name].items())]
 
 
 @pytest.mark.parametrize('name', [name for name in RESTORED if not _is_sdf(name)])

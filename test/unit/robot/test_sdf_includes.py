@@ -116,14 +116,18 @@ def test_newest_version_in_a_model_config(
 
 @pytest.mark.parametrize(('entries', 'expected'), [
     ((('1.4', 'a.sdf'), ('1.9', 'b.sdf'), ('1.10', 'c.sdf')), 'c.sdf'),
-    ((('1.99', 'a.sdf'), ('1.6', 'sub/b.sdf'), ('1.7', '')), 'sub/b.sdf'), (None, 'model.sdf')])
-def test_model_file_of_a_folder(
-        tmp_path: Path, entries: tuple[tuple[str, str], ...] | None, expected: str) -> None:
-    if entries is not None:
-        configure(tmp_path, *entries)
-        assert file_of_model(str(tmp_path / 'model.config')) == str(tmp_path / expected)
+    ((('1.99', 'a.sdf'), ('1.6', 'sub/b.sdf'), ('1.7', '')), 'sub/b.sdf')])
+def test_model_file_in_a_model_config(
+        tmp_path: Path, entries: tuple[tuple[str, str], ...], expected: str) -> None:
+    configure(tmp_path, *entries)
+    assert file_of_model(str(tmp_path / 'model.config')) == str(tmp_path / expected)
     (tmp_path / 'model.sdf').touch()
     assert file_of_model(str(tmp_path)) == str(tmp_path / expected)
+
+
+def test_model_file_without_a_model_config(tmp_path: Path) -> None:
+    (tmp_path / 'model.sdf').touch()
+    assert file_of_model(str(tmp_path)) == str(tmp_path / 'model.sdf')
 
 
 def test_other_paths_are_unchanged(tmp_path: Path) -> None:

@@ -160,19 +160,29 @@ def test_linear_cost_of_many_equal_names() -> None:
     assert robots.is_linear(convert)
 
 
-@pytest.mark.parametrize(('content', 'words'), robots.PARTS_OF_SDF)
-def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
+def converted_from_gazebo(content: str) -> tuple[list[str], Element]:
+    """Return the warnings of reading a part of SDF in URDF, and what the robot becomes in SDF."""
     report = Report()
     text = f'<robot name="r"><link name="a"/><gazebo reference="a">{content}</gazebo></robot>'
     robot = read_urdf(parse(text.encode(), '', report), report)
     flaws = [note.message for note in report.warnings]
-    root = convert_to_sdf(robot, report, inertial='zero')
-    tag = etree.fromstring(content).tag
-    if not words:
-        assert flaws == [] and root.find(f'model/link/{tag}') is not None
-        return
+    return flaws, convert_to_sdf(robot, report, inertial='zero')
+
+
+@pytest.mark.parametrize('content', [
+    content for content, words in robots.PARTS_OF_SDF if not words])
+def test_valid_parts_in_gazebo(content: str) -> None:
+    flaws, root = converted_from_gazebo(content)
+    assert flaws == []
+    assert root.find(f'model/link/{etree.fromstring(content).tag}') is not None
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    (content, words) for content, words in robots.PARTS_OF_SDF if words])
+def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
+    flaws, root = converted_from_gazebo(content)
     assert len(flaws) == 1 and words in flaws[0]
-    assert root.find(f'model/link/{tag}') is None
+    assert root.find(f'model/link/{etree.fromstring(content).tag}') is None
     result = read_sdf(parse(to_bytes(root), '', Report()), Report())
     back = convert_to_urdf(result, Report())
     assert back.xpath('gazebo/@reference') == ['a']

@@ -147,13 +147,18 @@ def test_xacro_equals_sdf() -> None:
 
 
 @SHIPPED
-@pytest.mark.parametrize('poses', ['model', 'relative'])
-def test_conversion_of_urdf_to_sdf(urdf: Path, sdf: Path, tmp_path: Path, poses: str) -> None:
-    converted = to_sdf(urdf, tmp_path, '--poses', poses)
+def test_conversion_of_urdf_to_sdf(urdf: Path, sdf: Path, tmp_path: Path) -> None:
+    converted = to_sdf(urdf, tmp_path, '--poses', 'model')  # the tutorial's convention
     assert same(converted, sdf)
     assert same(converted, urdf)
-    if poses == 'model':  # the tutorial's convention
-        assert agree(values(converted), values(sdf), 0)
+    assert agree(values(converted), values(sdf), 0)
+
+
+@SHIPPED
+def test_conversion_with_relative_poses(urdf: Path, sdf: Path, tmp_path: Path) -> None:
+    converted = to_sdf(urdf, tmp_path, '--poses', 'relative')
+    assert same(converted, sdf)
+    assert same(converted, urdf)
 
 
 @SHIPPED

@@ -105,18 +105,23 @@ def test_way_of_the_publisher_is_returned() -> None:
     assert pop_all(queue) == [1, 2]
 
 
-@pytest.mark.parametrize('is_info_first', [False, True])
-def test_frames_and_their_calibrations(is_info_first: bool) -> None:
+def test_frames_before_their_calibrations() -> None:
     queue = FrameQueue(9, with_info=True)
     for number in (1, 2, 3):
-        if is_info_first:
-            queue.put_info(info(number))
         put(queue, number)
-        assert queue.has_frames == is_info_first
-        if not is_info_first:
-            assert queue.has_unpaired
-            queue.put_info(info(number))
+        assert queue.has_unpaired and not queue.has_frames
+        queue.put_info(info(number))
         assert not queue.has_unpaired
+        assert pop_all(queue) == [number]
+    assert (queue.skipped, queue.complete) == (0, 3)
+
+
+def test_frames_after_their_calibrations() -> None:
+    queue = FrameQueue(9, with_info=True)
+    for number in (1, 2, 3):
+        queue.put_info(info(number))
+        put(queue, number)
+        assert queue.has_frames and not queue.has_unpaired
         assert pop_all(queue) == [number]
     assert (queue.skipped, queue.complete) == (0, 3)
 

@@ -153,36 +153,53 @@ def test_free_bytes_of_the_file_system(
     assert remove_dead_segments() == 0
 
 
-@pytest.mark.parametrize(('discovery', 'sentence', 'frames'), [
-    ('SUBNET', 'frames are sent over UDP and may be late; run all nodes as one user', 3),
-    ('LOCALHOST', 'those nodes and this one exchange no frames', 0)])
-def test_frames_from_one_user_to_another(
+@pytest.fixture
+def start_users(
         start: Start, mount_namespace: tuple[str, ...], monkeypatch: pytest.MonkeyPatch,
-        tmp_path: Path, discovery: str, sentence: str, frames: int) -> None:
+        tmp_path: Path) -> Callable[[str], tuple[NodeProcess, NodeProcess]]:
+    """Return a function that starts a publisher and, before it, a subscriber of another user."""
     if os.getuid() != 0:
         pytest.skip('only root can be another user')
     (tmp_path / 'log').mkdir(mode=0o777)
     (tmp_path / 'log').chmod(0o777)
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
-    subscriber = start('img_subscriber', max_frames=3, within=(
-        *mount_namespace, 'sh', '-c', 'mount -t tmpfs none /dev/shm && exec "$0" "$@"'))
-    subscriber.wait_for('Waiting for /video_frames')
-    # The other user may read everything, such as the interpreter in a folder of root.
-    publisher = start('img_publisher', source='pattern', wait_for_subscribers=1, within=(
-        'nsenter', '--mount', f'--target={subscriber.pid}', 'setpriv', '--reuid=65534',
-        '--regid=65534', '--clear-groups', '--inh-caps=-all,+dac_read_search',
-        '--ambient-caps=-all,+dac_read_search'))
-    if frames:
-        assert subscriber.finish() == 0, subscriber.output
-    else:
-        subscriber.wait_for('users: run all nodes as one user')
-        subscriber.interrupt()
-        assert subscriber.finish() == 0, subscriber.output
-    assert f'Received {frames} frames' in subscriber.output
+
+    def start_both(discovery: str) -> tuple[NodeProcess, NodeProcess]:
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', discovery)
+        subscriber = start('img_subscriber', max_frames=3, within=(
+            *mount_namespace, 'sh', '-c', 'mount -t tmpfs none /dev/shm && exec "$0" "$@"'))
+        subscriber.wait_for('Waiting for /video_frames')
+        # The other user may read everything, such as the interpreter in a folder of root.
+        return start('img_publisher', source='pattern', wait_for_subscribers=1, within=(
+            'nsenter', '--mount', f'--target={subscriber.pid}', 'setpriv', '--reuid=65534',
+            '--regid=65534', '--clear-groups', '--inh-caps=-all,+dac_read_search',
+            '--ambient-caps=-all,+dac_read_search')), subscriber
+
+    return start_both
+
+
+def check_ends(subscriber: NodeProcess, count: int, publisher: NodeProcess, words: str) -> None:
+    """Assert that both nodes end without an error, what was received and what the sender said."""
+    assert subscriber.finish() == 0, subscriber.output
+    assert f'Received {count} frames' in subscriber.output
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
-    assert sentence in publisher.output
+    assert words in publisher.output
+
+
+def test_frames_from_one_user_to_another(
+        start_users: Callable[[str], tuple[NodeProcess, NodeProcess]]) -> None:
+    publisher, subscriber = start_users('SUBNET')
+    check_ends(subscriber, 3, publisher,
+               'frames are sent over UDP and may be late; run all nodes as one user')
+
+
+def test_users_who_exchange_no_frames(
+        start_users: Callable[[str], tuple[NodeProcess, NodeProcess]]) -> None:
+    publisher, subscriber = start_users('LOCALHOST')
+    subscriber.wait_for('users: run all nodes as one user')
+    subscriber.interrupt()
+    check_ends(subscriber, 0, publisher, 'those nodes and this one exchange no frames')
 
 
 @pytest.mark.parametrize(('name', 'owner', 'is_held', 'found'), [
