@@ -136,7 +136,6 @@ def log_if_slow(log: Log, text: str, seconds: float = _SLOW_SECONDS) -> Iterator
     """
     Log a line from another thread if the work within the context takes long.
 
-    :param log: log of the line.
     :param text: what takes long; '' for no line.
     :param seconds: time until the line.
     """

@@ -40,7 +40,6 @@ class RefusedFileError(OSError):
         """
         Create the error in the form of an error of the operating system.
 
-        :param path: path of the file.
         :param reason: reason as text, for ``strerror``.
         :param number: error number, for ``errno``.
         """
@@ -61,7 +60,6 @@ def check_kind(path: Path, mode: int) -> None:
     """
     Check that a file is a regular file.
 
-    :param path: path of the file.
     :param mode: ``st_mode`` of the file.
     :raises RefusedFileError: the file is not a regular file.
     """
@@ -76,7 +74,6 @@ def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> i
     """
     Open a regular file without blocking. Devices, pipes and sockets are not opened.
 
-    :param path: path of the file.
     :param flags: flags of ``os.open``; with ``os.O_CREAT`` the file need not exist.
     :param follow: whether to follow a symbolic link in the last part of the path.
     :returns: the descriptor, which the caller must close.
@@ -103,7 +100,6 @@ def read_regular(path: Path, limit: int, follow: bool = True) -> bytes:
     """
     Read a regular file of limited size.
 
-    :param path: path of the file.
     :param limit: largest allowed size in bytes.
     :param follow: whether to follow a symbolic link in the last part of the path.
     :returns: content of the file.
@@ -160,7 +156,6 @@ def write_new(path: Path, parts: Iterable[Any], sync: bool = False) -> None:
     """
     Write a new file.
 
-    :param path: path of the file.
     :param parts: buffers with the content, in order.
     :param sync: whether the file is flushed to disk.
     :raises FileExistsError: the path exists; it is not changed.

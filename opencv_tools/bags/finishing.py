@@ -73,7 +73,6 @@ def has_footer(path: Path) -> bool:
     """
     Return whether a file ends with the footer of a bag.
 
-    :param path: path of the file.
     :raises OSError: the file cannot be read.
     """
     file = open_regular(path, follow=False)

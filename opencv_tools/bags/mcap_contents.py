@@ -82,7 +82,6 @@ def read_contents(read: Read, size: int) -> Contents:
     """
     Find the contents of a file.
 
-    :param read: function that reads the file.
     :param size: size of the file in bytes.
     """
     return _read_index(read, size) or _Scan(read, size).contents

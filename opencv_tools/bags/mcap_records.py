@@ -91,7 +91,6 @@ def summary_start(read: Read, size: int) -> int | None:
     """
     Return the offset of the summary of a file; None if the file does not end with a footer.
 
-    :param read: function that reads the file.
     :param size: size of the file in bytes.
     """
     tail = read(max(0, size - FOOTER.size), FOOTER.size)
@@ -152,7 +151,6 @@ def flat_records(
     A chunk of a few bytes may unpack to millions of empty records. No more of them are read than
     the chunk has bytes in the file, because each record needs time.
 
-    :param read: function that reads the file.
     :param begin: offset of the first record.
     :param end: end of the part. A chunk that is cut off there has its whole records.
     :param sizes: list to which the sizes of chunks in memory are added.

@@ -96,7 +96,6 @@ def check_params_file(path: str) -> None:
     """
     Check that a parameter file exists, because launch only warns and starts nodes without it.
 
-    :param path: path of the file.
     :raises ParameterError: the file does not exist.
     """
     if not Path(path).is_file():
@@ -107,7 +106,6 @@ def has_section(path: str, names: set[str]) -> bool:
     """
     Return whether a parameter file has a section for one of some nodes, or for every node.
 
-    :param path: path of the file.
     :param names: names of nodes.
     :returns: True also for a file that cannot be read, because rcl reports the reason.
     """
@@ -119,7 +117,6 @@ def load_parameters(path: Path) -> Any:
     """
     Read a parameter file, within limits of its size and depth.
 
-    :param path: path of the file.
     :returns: content of the YAML document.
     :raises OSError: it cannot be read, is not a regular file, or is larger than 1 MB.
     :raises ValueError: it is not text.

@@ -120,7 +120,6 @@ def watch_parameters(
 
     Values are converted as at startup, for example 5 to 5.0.
 
-    :param node: node of the parameters.
     :param table: parameters that can be changed.
     :param apply: called with the changed values by name.
     :param more: returns further parameters, which other callbacks apply.

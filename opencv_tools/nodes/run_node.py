@@ -58,7 +58,6 @@ class ClosableNode(Node):
         """
         Create the node.
 
-        :param node_name: name of the node.
         :param options: other arguments of ``rclpy.node.Node``.
         """
         super().__init__(node_name, **options)

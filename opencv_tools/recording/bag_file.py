@@ -71,7 +71,6 @@ class BagFile:
         """
         Create the file.
 
-        :param path: path of the file.
         :param max_bytes: maximum size of the file in bytes; 0 for no limit.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.

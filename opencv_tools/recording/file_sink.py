@@ -84,7 +84,6 @@ class FileSink(Generic[W, P]):
         """
         Write a frame; one thread at a time, in the order of the frames.
 
-        :param frame: frame to write.
         :param prepared: the frame as ``prepare`` returned it.
         :returns: path of the file; ``counts`` counts the frame when it is complete in the file.
         :raises LimitReached: the recording has reached its limits.

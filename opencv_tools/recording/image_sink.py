@@ -83,7 +83,6 @@ class ImageSink:
         """
         Encode a frame and write it to a temporary file; thread-safe.
 
-        :param frame: frame to write.
         :returns: the temporary file.
         :raises ImageError: the format cannot hold the frame.
         :raises OSError: the file cannot be written.

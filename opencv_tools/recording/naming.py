@@ -136,7 +136,6 @@ def check_folder(path: str) -> None:
     """
     Check that the path of a folder has no fields, which only file names may have.
 
-    :param path: path of the folder.
     :raises ValueError: the path has a field such as ``{topic}``.
     """
     field = re.search(rf'{{(?:{"|".join(_FIELDS)})\b[^{{}}/]*}}', path)

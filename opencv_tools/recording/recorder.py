@@ -117,7 +117,6 @@ class Recorder(Generic[P]):
         Start the worker threads.
 
         :param sink: destination of the frames.
-        :param log: log for failures.
         :param queue_size: maximum number of frames that wait to be written.
         :param writers: number of worker threads; 0 for one per processor.
         :param block: whether ``put`` waits when the queue is full; otherwise the oldest frame is

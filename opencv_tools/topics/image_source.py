@@ -58,7 +58,6 @@ class ImageSource:
         :param discovery: the possible topics and their publishers.
         :param depth: number of messages that may wait; None for all.
         :param queue: queue that gets the frames.
-        :param log: log for each new subscription.
         :param before_message: called with the publisher of a message before it is put.
         """
         self._node = discovery.node

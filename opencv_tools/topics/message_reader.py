@@ -54,7 +54,6 @@ class MessageReader:
         """
         Subscribe.
 
-        :param node: node that receives.
         :param message_class: class of the messages.
         :param topic: name of the topic before remapping.
         :param qos: quality of service to request.
@@ -97,7 +96,6 @@ class ImageReader(MessageReader):
         """
         Subscribe.
 
-        :param node: node that receives.
         :param image_topic: topic to subscribe to.
         :param qos: quality of service to request.
         :raises ParameterError: the name of the topic or the quality of service is invalid.

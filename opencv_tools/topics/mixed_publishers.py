@@ -32,7 +32,6 @@ class MixedPublishers:
         """
         Create a warning.
 
-        :param log: log for the warning.
         :param describe: returns the names of the nodes of some publishers.
         """
         self._log = log
@@ -45,7 +44,6 @@ class MixedPublishers:
         """
         Log a warning if several publishers have sent frames in the last checks.
 
-        :param topic: name of the topic.
         :param counts: number of frames by publisher until now.
         """
         active = frozenset(

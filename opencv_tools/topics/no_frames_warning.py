@@ -33,7 +33,6 @@ class NoFramesWarning:
         """
         Start waiting for frames.
 
-        :param log: log for the warning.
         :param describe: returns the reason.
         """
         self._log = log
@@ -59,7 +58,6 @@ class NoFramesWarning:
 
         :param elapsed: seconds since the last check.
         :param count: number of frames received until now.
-        :param topic: name of the topic.
         :param is_expected: whether silence is normal here; suppresses the warning.
         """
         received, self._count = count - self._count, count

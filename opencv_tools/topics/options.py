@@ -45,7 +45,7 @@ class SubscriptionOptions:
 
     @property
     def capacity(self) -> int:
-        """Number of frames that may wait in the queue."""
+        """Largest number of frames that may wait in the queue."""
         return self.depth or MAX_DEPTH
 
     @property

@@ -78,9 +78,7 @@ def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publish
     """
     Create a reliable publisher; parameters may override history, depth and reliability.
 
-    :param node: node of the publisher.
     :param message_type: class of the messages.
-    :param topic: name of the topic.
     :returns: the publisher.
     :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
     """

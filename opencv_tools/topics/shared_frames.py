@@ -53,7 +53,6 @@ class SharedFrames:
 
         :param discovery: the image topic.
         :param queue: queue that gets the frames.
-        :param log: log for the reasons why frames are not shared.
         :param options: options of the subscription.
         :param on_change: called in any thread when ``has_changed`` has become true.
         :param on_frame: called in any thread after each frame that was put into the queue.

@@ -30,7 +30,6 @@ class SharedServices:
     """Services by publisher, of at most ``MAX_PUBLISHERS`` publishers."""
 
     def __init__(self) -> None:
-        """Create an empty table."""
         self._services: dict[bytes, str] = {}
         self._reasons: dict[bytes, str] = {}  # why those of other publishers cannot be reached
         self._broken: dict[str, str] = {}  # reasons by service

@@ -47,7 +47,6 @@ class FrameSources:
         :param discovery: the possible topics and their publishers.
         :param queue: queue that gets the frames.
         :param options: options of the subscription.
-        :param log: log for the subscribed topic, and for the reasons why frames are not shared.
         :param wake: called in any thread when frames or changes wait for the executor.
         """
         self._discovery = discovery

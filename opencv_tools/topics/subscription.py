@@ -72,9 +72,7 @@ class FrameSubscription:
         """
         Subscribe.
 
-        :param node: node that receives the frames.
         :param topic: name of the image topic before remapping.
-        :param log: log for the subscribed topic, and for the reason when no frames arrive.
         :param on_frame: called with each frame, one call at a time.
         :param on_broken: called with the error of a message that cannot be read. An exception of
             a callback in a thread is raised in the executor.

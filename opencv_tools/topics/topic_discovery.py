@@ -61,7 +61,6 @@ def resolve_topic(node: Node, topic: str) -> str:
     """
     Return the name of a topic after remapping.
 
-    :param node: node of the topic.
     :param topic: name before remapping.
     :raises ParameterError: the name is invalid.
     """

@@ -57,11 +57,7 @@ class Control:
     """
 
     def __init__(self, node: Node) -> None:
-        """
-        Create an object without clients.
-
-        :param node: node of the clients.
-        """
+        """Create an object without clients."""
         self._node = node
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, tuple[Client, float]] = {}

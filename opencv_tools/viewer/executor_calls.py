@@ -36,12 +36,6 @@ class ExecutorCalls:
     """
 
     def __init__(self, node: Node, log: Log) -> None:
-        """
-        Create an empty queue.
-
-        :param node: node of the executor.
-        :param log: log for calls that fail.
-        """
         self._node = node
         self._log = log
         self._queue: SimpleQueue[Callable[[], object]] = SimpleQueue()

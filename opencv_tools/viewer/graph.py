@@ -116,10 +116,8 @@ class Graph:
         """
         Create a graph without subscriptions.
 
-        :param node: node that receives the frames.
         :param patterns: names of topics, with ``*`` for any text; empty for all topics.
         :param transport: ``auto``, ``raw`` or ``compressed``; auto prefers compressed images.
-        :param log: log for the subscriptions.
         :param control: control of other nodes, if it is allowed.
         """
         self._node = node

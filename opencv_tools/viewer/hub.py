@@ -66,11 +66,9 @@ class Hub:
         """
         Create a hub without streams.
 
-        :param settings: values of the parameters.
         :param graph: image topics, used in the executor.
         :param calls: calls in the executor.
         :param pool: threads that encode.
-        :param log: log of the node.
         """
         self.settings = settings
         self.viewers: set[Viewer] = set()

@@ -72,11 +72,9 @@ class ViewerServer:
         """
         Listen on the port.
 
-        :param settings: values of the parameters.
         :param node: full name of the node.
         :param graph: image topics, used in the executor.
         :param calls: calls in the executor.
-        :param log: log of the node.
         :param on_failure: called in the thread if the server ends by itself.
         :raises ViewerError: the port, the address or the certificate cannot be used.
         """

@@ -54,7 +54,6 @@ class Stream:
         :param key: name of the topic, and the transport.
         :param loop: loop of the server.
         :param pool: threads that encode.
-        :param log: log for broken images.
         """
         self.number = number
         self.key = key

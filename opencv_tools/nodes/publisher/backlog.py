@@ -48,7 +48,6 @@ class Backlog:
         Create an empty backlog.
 
         :param publishers: publishers of the frame topics.
-        :param log: log for long waits.
         :param clock: monotonic clock in seconds.
         :param sleep: waits for a number of seconds of that clock.
         """

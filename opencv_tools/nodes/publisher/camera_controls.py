@@ -53,7 +53,6 @@ class CameraControls:
         """
         Store the parameters that were given for the camera.
 
-        :param node: node of the parameters.
         :param table: parameters of the node itself; other given parameters are for the camera.
         :param camera: returns the camera while it is open, else None.
         """

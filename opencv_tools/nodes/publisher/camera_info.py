@@ -230,7 +230,6 @@ def create_camera_info_service(
     """
     Create the service ``set_camera_info``, which saves and publishes a new calibration.
 
-    :param node: node of the service.
     :param calibration: calibration to replace.
     :param settings: returns the present values of the parameters.
     """

@@ -60,7 +60,6 @@ class Diagnostics:
         """
         Start publishing.
 
-        :param node: node of the publisher.
         :param source_status: returns the status of the source.
         """
         self._node = node

@@ -57,7 +57,6 @@ class ImageTopics:
         """
         Create the publishers.
 
-        :param node: node of the publishers.
         :param topic: name of the image topic.
         :param calibration: calibration of the camera.
         :param fastdds: result of the configuration of Fast DDS.

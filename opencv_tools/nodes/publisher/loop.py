@@ -66,7 +66,6 @@ class PublishLoop:
         """
         Create a loop that has not opened its source yet.
 
-        :param node: node of the publishers.
         :param settings: values of the parameters; ``apply_changes`` replaces them.
         :param topics: topics of the frames.
         :param controls: controls of the camera.

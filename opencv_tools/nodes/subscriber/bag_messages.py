@@ -57,9 +57,7 @@ class BagMessages:
         """
         Create a converter and subscribe to the camera_info beside the images.
 
-        :param node: node that receives the frames.
         :param topic: topic of the frames, after remapping.
-        :param log: log for messages that are not recorded.
         :param on_message: called with each camera_info, as it was received.
         """
         self._node = node

@@ -38,11 +38,6 @@ class SaveRequests:
     """Reply to each call of ``~/save`` when the next frame is written or has failed."""
 
     def __init__(self, node: Node) -> None:
-        """
-        Create the service.
-
-        :param node: node that receives the frames.
-        """
         self._node = node
         self._waiting: list[Future] = []
         self._unanswered = 0

@@ -48,9 +48,6 @@ class RecordingSession:
         """
         Open the output folder.
 
-        :param node: node of the timer and of the service.
-        :param settings: values of the parameters.
-        :param log: log for failures.
         :param on_end: called on any thread when the recording has reached a limit.
         :raises RecordingError: the output folder cannot be used.
         """

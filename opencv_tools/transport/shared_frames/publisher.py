@@ -64,7 +64,6 @@ class SharedFramePublisher:
         """
         Create the publisher of the announcement.
 
-        :param node: node of the publishers.
         :param images: publisher of the image topic.
         """
         self._node = node
