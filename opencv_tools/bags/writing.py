@@ -115,7 +115,8 @@ class BagWriter:
         """
         missing = self._missing_records(channel)
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
-        return self._final_size() + added + ADDED_BYTES + data_bytes
+        end = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)
+        return self.size + end + added + ADDED_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -199,11 +200,6 @@ class BagWriter:
                     os.posix_fadvise, self._file.fileno(), part * _PART_BYTES, _PART_BYTES,
                     os.POSIX_FADV_DONTNEED)
         self._parts += 1
-
-    def _final_size(self) -> int:
-        """Return the size of the file in bytes if it were closed now."""
-        return self.size + self._index.end_bytes + (
-            self._chunk.index_bytes if self._chunk else 0)
 
     def _missing_records(self, channel: BagChannel) -> list[tuple[int, bytes]]:
         """Return the code and the bytes of the schema and the channel that the file has not."""

@@ -75,8 +75,8 @@ class BagSource:
             self.warnings += [found.warning] if found.warning else []
             counts = self._read_topics()
         except (BagError, OSError) as err:
-            raise self._error(err) from err
-        self.topic = self._select(topic, counts)
+            raise _error(self.name, err) from err
+        self.topic = _select(self.name, topic, counts)
         info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
@@ -144,7 +144,7 @@ class BagSource:
         try:
             item = next(self._messages, None)
         except (BagError, OSError) as err:
-            raise self._error(err) from err
+            raise _error(self.name, err) from err
         if item is not None:
             self._next.append(item)
         return item is not None
@@ -205,25 +205,27 @@ class BagSource:
         self._first_ns, self._last_ns = min(times, default=0), max(times, default=0)
         return counts
 
-    def _select(self, name: str, counts: Counter[BagTopic]) -> BagTopic:
-        """Return the topic with a name, or the only topic of images."""
-        images = [topic for topic in counts if topic.has_images]
-        found = [topic for topic in images if name in ('', topic.name)]
-        if len(found) == 1:
-            return found[0]
-        if not images:
-            others = _listed(counts, list(counts))
-            raise CaptureError(f'{self.name} has no topic of images; '
-                               + (f'its topics are {others}' if others else 'it has no topic'))
-        if not found:
-            raise TopicError(f'{self.name} has no topic {printable(name)} of images; '
-                             f'{_REMEDY} {_listed(counts, images)}')
-        raise TopicError(f'{self.name} has {len(found)} topics of images; {_REMEDY} '
-                         f'{_listed(counts, found)}')
 
-    def _error(self, err: Exception) -> CaptureError:
-        reason = err.strerror if isinstance(err, OSError) else err
-        return CaptureError(f'{self.name} cannot be played: {reason}')
+def _select(bag: str, name: str, counts: Counter[BagTopic]) -> BagTopic:
+    """Return the topic with a name, or the only topic of images of a bag."""
+    images = [topic for topic in counts if topic.has_images]
+    found = [topic for topic in images if name in ('', topic.name)]
+    if len(found) == 1:
+        return found[0]
+    if not images:
+        others = _listed(counts, list(counts))
+        raise CaptureError(f'{bag} has no topic of images; '
+                           + (f'its topics are {others}' if others else 'it has no topic'))
+    if not found:
+        raise TopicError(f'{bag} has no topic {printable(name)} of images; '
+                         f'{_REMEDY} {_listed(counts, images)}')
+    raise TopicError(f'{bag} has {len(found)} topics of images; {_REMEDY} '
+                     f'{_listed(counts, found)}')
+
+
+def _error(bag: str, err: Exception) -> CaptureError:
+    reason = err.strerror if isinstance(err, OSError) else err
+    return CaptureError(f'{bag} cannot be played: {reason}')
 
 
 def _listed(counts: Counter[BagTopic], topics: list[BagTopic]) -> str:

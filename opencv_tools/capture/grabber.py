@@ -74,12 +74,57 @@ class Demand(Protocol):
         """Return whether any topic has a subscriber."""
 
 
+class Outage:
+    """The time without frames of a source that is opened again and again."""
+
+    def __init__(self, listener: SourceListener, clock: Clock) -> None:
+        #: Reason of the outage; empty while the source sends frames.
+        self.reason = ''
+        #: Number of outages that have ended.
+        self.count = 0
+        #: Seconds until the next attempt to open the source.
+        self.delay = 0.0
+        self._listener = listener
+        self._clock = clock
+        self.restart()
+
+    def restart(self) -> None:
+        """Measure the time without frames from now on."""
+        self._last_frame_at = self._clock.monotonic()
+
+    def begin(self, err: UnavailableError, longest: float) -> None:
+        """
+        Report that the source is unavailable, and set the delay of the next attempt.
+
+        :param err: reason.
+        :param longest: longest outage in seconds.
+        :raises CaptureError: the outage lasts longer.
+        """
+        away = self._clock.monotonic() - self._last_frame_at
+        left = longest - away
+        if left <= 0:
+            raise CaptureError(
+                f'{err}; gave up after {away:.1f} s' if self.delay else str(err)) from err
+        if str(err) != self.reason:
+            self.reason = str(err)
+            self._listener.lost(err)
+        self.delay = min(self.delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
+
+    def end(self, source: LiveSource) -> None:
+        """Record that a frame has come, and report the end of an outage."""
+        if self.reason:
+            self.count += 1
+            self._listener.returned(source, self._clock.monotonic() - self._last_frame_at)
+        self.reason = ''
+        self.delay = 0.0
+        self.restart()
+
+
 class Grabber:
     """
     A source that is opened, read, and opened again after an outage.
 
-    One thread iterates over ``frames``; the other methods are thread-safe. ``unavailable_reason``
-    is empty while the source sends frames.
+    One thread iterates over ``frames``; the other methods are thread-safe.
     """
 
     def __init__(
@@ -101,7 +146,8 @@ class Grabber:
         self.playback = playback
         self.reconnect = reconnect
         self.source: Source | None = None
-        self.reconnects = 0
+        #: Outage of the source, and the number of earlier ones.
+        self.outage = Outage(listener, clock)
         self._missed = 0
         self._open_source = open_source
         self._listener = listener
@@ -112,9 +158,6 @@ class Grabber:
         self._reopened = Event()
         self._released = Event()
         self._released.set()
-        self.unavailable_reason = ''
-        self._last_frame_at = self._clock.monotonic()
-        self._delay = 0.0
 
     @property
     def stopped(self) -> bool:
@@ -138,7 +181,7 @@ class Grabber:
 
     def resume(self) -> None:
         """End a pause."""
-        self._last_frame_at = self._clock.monotonic()
+        self.outage.restart()
         self._paused.clear()
 
     @property
@@ -173,7 +216,7 @@ class Grabber:
                     return
                 yield from self._live_frames(source)
             except UnavailableError as err:
-                self._handle_unavailable(err)
+                self.outage.begin(err, self.reconnect.reconnect_timeout)
             finally:
                 self._missed = self.missed
                 self.source = None
@@ -182,9 +225,9 @@ class Grabber:
 
     def _open(self) -> Source | None:
         """Open the source, and retry while it is unavailable; return None after ``stop``."""
-        while not self._clock.wait(self._stopped, self._delay):
+        while not self._clock.wait(self._stopped, self.outage.delay):
             if self._paused.is_set():
-                self._delay = _POLL_SECONDS
+                self.outage.delay = _POLL_SECONDS
                 continue
             self._reopened.clear()
             self._released.clear()
@@ -192,32 +235,11 @@ class Grabber:
                 self.source = self._open_source()
             except UnavailableError as err:
                 self._released.set()
-                self._handle_unavailable(err)
+                self.outage.begin(err, self.reconnect.reconnect_timeout)
                 continue
             self._listener.opened(self.source)
             return self.source
         return None
-
-    def _handle_unavailable(self, err: UnavailableError) -> None:
-        """Report an outage and set the delay of the next attempt, or raise a CaptureError."""
-        away = self._clock.monotonic() - self._last_frame_at
-        left = self.reconnect.reconnect_timeout - away
-        if left <= 0:
-            raise CaptureError(
-                f'{err}; gave up after {away:.1f} s' if self._delay else str(err)) from err
-        if str(err) != self.unavailable_reason:
-            self.unavailable_reason = str(err)
-            self._listener.lost(err)
-        self._delay = min(self._delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
-
-    def _mark_alive(self, source: LiveSource) -> None:
-        """Record that a frame has come, and report the end of an outage to the listener."""
-        if self.unavailable_reason:
-            self.reconnects += 1
-            self._listener.returned(source, self._clock.monotonic() - self._last_frame_at)
-        self.unavailable_reason = ''
-        self._delay = 0.0
-        self._last_frame_at = self._clock.monotonic()
 
     def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
         """Yield the newest frame whenever one is due, until the source has to be closed."""
@@ -231,7 +253,7 @@ class Grabber:
                 if self._clock.monotonic() - quiet_since > timeout:
                     raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
-            self._mark_alive(source)
+            self.outage.end(source)
             if pacer.is_due(early) and self._demand.may_publish():
                 frame: Frame | None = None
                 try:
@@ -242,15 +264,15 @@ class Grabber:
                 except BrokenFrameError as err:
                     self._listener.broken(err)
                 else:
-                    pacer.advance(self._period(source))
+                    pacer.advance(_period(self.playback.rate, source))
                     yield frame
             else:
                 source.skip()
             quiet_since = self._clock.monotonic()
 
-    def _period(self, source: LiveSource) -> float:
-        """Return the seconds between published frames; 0.0 to publish every frame."""
-        rate = self.playback.rate
-        if rate and source.rate:
-            rate = min(rate, source.rate)
-        return 1.0 / rate if rate else 0.0
+
+def _period(rate: float, source: LiveSource) -> float:
+    """Return the seconds between published frames at a rate; 0.0 to publish every frame."""
+    if rate and source.rate:
+        rate = min(rate, source.rate)
+    return 1.0 / rate if rate else 0.0

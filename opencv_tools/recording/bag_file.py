@@ -64,8 +64,6 @@ class RecordedImage(RecordedMessage):
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
-    skipped = 0
-    bytes_waiting = 0
 
     def __init__(self, path: Path, max_bytes: int = 0) -> None:
         """
@@ -75,7 +73,7 @@ class BagFile:
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
         """
-        self.frames = self.flushed = 0
+        self.frames = self.flushed = self.skipped = self.bytes_waiting = 0
         self.is_full = self.is_finished = False
         self._path = path
         self._max_bytes = max_bytes

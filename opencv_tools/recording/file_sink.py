@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-import os
 from pathlib import Path
 import time
 from typing import Generic
 
 from opencv_tools.image.errors import ImageError
+from opencv_tools.recording.disk_outage import DiskOutage
 from opencv_tools.recording.errors import error_text, LimitReached
 from opencv_tools.recording.file_format import FileFormat, P
 from opencv_tools.recording.folder import Folder
@@ -35,12 +35,8 @@ from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.stored_files import StoredFiles
 
-# Delay after an error of the disk before a new file begins.
-_RETRY_SECONDS = 2.0
 # Period of the check whether the file was removed or moved.
 _CHECK_SECONDS = 1.0
-# A new file begins when the disk has room for this multiple of the data that did not fit.
-_ROOM = 2
 
 
 class FileSink(Generic[W, P]):
@@ -71,9 +67,8 @@ class FileSink(Generic[W, P]):
         self._file: OpenFile[W] | None = None
         self._ended = 0  # frames of finished files
         self._is_full = False
-        self._outage: tuple[int, str] | None = None
-        self._retry_at = self._next_check_at = 0.0
-        self._needed = 0  # bytes of free space required for a new file
+        self._outage = DiskOutage(monotonic)
+        self._next_check_at = 0.0
         self._paths: set[Path] = set()
 
     def prepare(self, frame: ReceivedFrame) -> P:
@@ -89,12 +84,13 @@ class FileSink(Generic[W, P]):
         :raises LimitReached: the recording has reached its limits.
         :raises OSError: the file cannot be written; a new one begins when the disk has room.
         """
-        if self._outage and not self._has_room():
-            raise OSError(*self._outage)
+        if not self._file:
+            self._outage.check(self._folder.path)
         try:
             return self._commit(frame, prepared)
         except OSError as err:
-            self._end_after_disk_error(err)
+            self._outage.begin(err, self._file.writer.bytes_waiting if self._file else 0)
+            self._end_after_error(error_text(err))
             raise
         except ImageError as err:
             self._end_after_error(error_text(err))
@@ -121,7 +117,7 @@ class FileSink(Generic[W, P]):
 
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         file = self._file
-        if file and (self._is_over(file, frame) or not (
+        if file and (file.is_over(self._limits_of_one, frame) or not (
                 self._is_at_path(file) and self._format.continues(file, frame, prepared))):
             self._end(file)
         if not self._is_full:
@@ -134,7 +130,7 @@ class FileSink(Generic[W, P]):
         if self._is_full or not self._file:
             raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
         if self._file.writer.flushed:
-            self._outage, self._needed = None, 0
+            self._outage.end()
         return self._file.path
 
     def _write(self, frame: ReceivedFrame, prepared: P) -> bool:
@@ -148,34 +144,6 @@ class FileSink(Generic[W, P]):
             self._ring.make_room(entry, frame.arrival_ns)
         file.last_ns = frame.arrival_ns
         return self._format.write(file, frame, prepared)
-
-    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame) -> bool:
-        """Return whether a file has reached the limits of one file."""
-        limits, writer = self._limits_of_one, file.writer
-        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
-                or 0 < limits.max_ns <= frame.arrival_ns - file.began_ns)
-
-    def _has_room(self) -> bool:
-        """Return whether to retry now, and the disk has room for the data that did not fit."""
-        if self._file:
-            return True
-        now = self._monotonic()
-        if now < self._retry_at:
-            return False
-        self._retry_at = now + _RETRY_SECONDS
-        try:
-            disk = os.statvfs(self._folder.path)
-        except OSError:  # the folder was removed, and is created again
-            return True
-        return disk.f_bavail * disk.f_frsize >= self._needed
-
-    def _end_after_disk_error(self, err: OSError) -> None:
-        """Finish the file that could not be written, and delay the next one."""
-        self._outage = err.errno or 0, error_text(err)
-        self._retry_at = self._monotonic() + _RETRY_SECONDS
-        if self._file:
-            self._needed = max(self._needed, _ROOM * self._file.writer.bytes_waiting)
-        self._end_after_error(error_text(err))
 
     def _end_after_error(self, reason: str) -> None:
         """Finish a file that cannot be continued."""

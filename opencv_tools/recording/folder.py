@@ -173,7 +173,8 @@ class Folder:
         """
         if frames is not None:
             for entry in [line for line in self.manifest.entries() if line.name == name][-1:]:
-                self._replace_line(self._measured(replace(entry, sha256='', frames=frames)))
+                self.manifest.replace(
+                    _measured(self.path, replace(entry, sha256='', frames=frames)), self.write)
 
     def remove_stale_lines(self, names: FileNames) -> None:
         """
@@ -199,7 +200,7 @@ class Folder:
         path = self.path / entry.name
         finish = None if entry.sha256 else self._finishers.get(path.suffix.lower())
         frames = finish(path) if finish else None
-        found = self._measured(entry)
+        found = _measured(self.path, entry)
         # Another recording may have written a file of this name, even with the same content.
         if entry.sha256 not in ('', found.sha256) or any(
                 (line.name, line.sha256) == (entry.name, found.sha256)
@@ -210,19 +211,15 @@ class Folder:
                 path.unlink()
                 return
             found = replace(found, frames=frames or 0)
-        self._replace_line(found)
+        self.manifest.replace(found, self.write)
 
-    def _replace_line(self, entry: ManifestEntry) -> None:
-        """Add a line to the manifest, and remove the earlier ones of its file."""
-        self.manifest.append(entry)
-        self.manifest.compact(lambda _: True, self.write)
 
-    def _measured(self, entry: ManifestEntry) -> ManifestEntry:
-        """Return an entry with its size and its digest, which a long unfinished file has not."""
-        size = (self.path / entry.name).lstat().st_size
-        if not entry.sha256 and size > _MAX_HASHED_BYTES:
-            return replace(entry, size=size)
-        return entry.measured(self.path)
+def _measured(folder: Path, entry: ManifestEntry) -> ManifestEntry:
+    """Return an entry with its size and its digest, which a long unfinished file has not."""
+    size = (folder / entry.name).lstat().st_size
+    if not entry.sha256 and size > _MAX_HASHED_BYTES:
+        return replace(entry, size=size)
+    return entry.measured(folder)
 
 
 def _move(source: Path, target: Path) -> None:

@@ -186,6 +186,18 @@ class Manifest:
             if not is_same:
                 write((b''.join(lines),)).replace(self._path)
 
+    def replace(
+        self, entry: ManifestEntry, write: Callable[[Iterable[bytes]], Path],
+    ) -> None:
+        """
+        Write a line at the end of the manifest, and remove the earlier ones of its file.
+
+        :param write: as for `compact`.
+        :raises OSError: the manifest cannot be written.
+        """
+        self.append(entry)
+        self.compact(lambda _: True, write)
+
     def _read(self, size: int) -> list[ManifestEntry]:
         """Read the entries in the last bytes; return none if the manifest does not exist."""
         try:

@@ -22,6 +22,7 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
+from opencv_tools.recording.selection import Limits
 
 
 class FileWriter(Protocol):
@@ -35,16 +36,13 @@ class FileWriter(Protocol):
 
     frames: int
     flushed: int
+    skipped: int
     is_full: bool
     bytes_waiting: int
 
     @property
     def size(self) -> int:
         """Size of the file in bytes."""
-
-    @property
-    def skipped(self) -> int:
-        """Count of accepted frames that exceed the maximum size."""
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -79,6 +77,12 @@ class OpenFile(Generic[W]):
     def time_ns(self, frame: ReceivedFrame) -> int:
         """Return the time of a frame, independent of changes of the system clock."""
         return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
+
+    def is_over(self, limits: Limits, frame: ReceivedFrame) -> bool:
+        """Return whether the file has reached the limits of one file before a frame."""
+        writer = self.writer
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+                or 0 < limits.max_ns <= frame.arrival_ns - self.began_ns)
 
     def removed_text(self) -> str:
         """Return the reason for the loss of frames in a file that is gone."""

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import closing, ExitStack, suppress
 from pathlib import Path
 import time
@@ -135,29 +136,10 @@ class CameraSource:
                 f'format {self._mode.fourcc}; set fourcc to another format')
         self._pixel_format = PIXEL_FORMATS[self._mode.fourcc]
         self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
-        self._warn_about_changes(request, modes)
+        self.warnings += _changes(self.name, request, self._mode, self.rate, modes, self._device)
         self._set_controls(dict(request.controls))
         self._device.start()
         self.description = f'{self._mode.fourcc} {self._mode.size} at {self.rate:g} Hz'
-
-    def _warn_about_changes(self, request: CameraRequest, modes: list[Mode]) -> None:
-        """Record a warning for each setting that the camera changed, with the supported values."""
-        given = self._mode
-        if ((request.width or given.width, request.height or given.height)
-                != (given.width, given.height)
-                or request.fourcc not in ('', given.fourcc)):
-            requested = Mode(request.fourcc or given.fourcc, request.width or given.width,
-                             request.height or given.height)
-            offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
-            self.warnings.append(
-                f'camera {self.name} cannot send {requested.fourcc} {requested.size} and sends '
-                f'{given.fourcc} {given.size} instead; it offers {describe_modes(offered)}')
-        if request.fps and abs(self.rate - request.fps) > _RATE_TOLERANCE * request.fps:
-            rates = ', '.join(f'{rate:g}' for rate in self._device.rates(given))
-            self.warnings.append(
-                f'camera {self.name} cannot send {request.fps:g} Hz and sends {self.rate:g} Hz '
-                f'instead; with {given.fourcc} {given.size} it offers '
-                f'{rates or "only this rate"}')
 
     def _set_controls(self, requested: dict[str, int]) -> None:
         for control in self._device.controls() if requested else ():
@@ -202,3 +184,20 @@ class CameraSource:
         if self._held:
             held, self._held = self._held, None
             self._device.requeue(held.index)
+
+
+def _changes(
+    camera: str, request: CameraRequest, given: Mode, rate: float, modes: list[Mode],
+    device: VideoDevice,
+) -> Iterator[str]:
+    """Yield a warning for each setting that a camera changed, with the supported values."""
+    requested = Mode(request.fourcc or given.fourcc, request.width or given.width,
+                     request.height or given.height)
+    if requested != Mode(given.fourcc, given.width, given.height):
+        offered = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
+        yield (f'camera {camera} cannot send {requested.fourcc} {requested.size} and sends '
+               f'{given.fourcc} {given.size} instead; it offers {describe_modes(offered)}')
+    if request.fps and abs(rate - request.fps) > _RATE_TOLERANCE * request.fps:
+        rates = ', '.join(f'{other:g}' for other in device.rates(given))
+        yield (f'camera {camera} cannot send {request.fps:g} Hz and sends {rate:g} Hz instead; '
+               f'with {given.fourcc} {given.size} it offers {rates or "only this rate"}')

@@ -89,7 +89,7 @@ class CameraControls:
         except CaptureError:
             return  # it was disconnected again
         for control, value in controls.items():
-            parameter = self._parameter(control, value)
+            parameter = _parameter(self._name(control), control, value)
             if parameter.name not in self._controls:
                 self._declare(parameter, control)
         self._update_parameters(controls)
@@ -163,24 +163,6 @@ class CameraControls:
         is_used = any(parameter.name == control.name for parameter in self._table)
         return control.name + _SUFFIX if is_used else control.name
 
-    def _parameter(self, control: Control, value: int) -> Parameter:
-        """Return the parameter of a control, given its present value."""
-        name = self._name(control)
-        menu = ', '.join(f'{number} {text}' for number, text in control.choices)
-        description = (f'Camera control; the default is {control.default}'
-                       + (f': {menu}' if menu else ''))
-        if control.kind == ControlType.BOOLEAN:
-            return Parameter(name, bool(value), description, changeable=True)
-        if control.choices:
-            return Parameter(
-                name, value, description, choices=tuple(dict(control.choices)), changeable=True)
-        # Some drivers report values outside their own range, or a step of 0.
-        step = max(1, control.step)
-        even = (value - control.minimum) % step == 0
-        bounds = min(value, control.minimum), max(value, control.maximum)
-        return Parameter(name, value, description, bounds=bounds, step=step if even else 1,
-                         changeable=True)
-
     def _set(self, changes: list[rclpy.parameter.Parameter]) -> SetParametersResult:
         """Set the camera to all changed values, or to none of them with the reason."""
         if self._is_updating:
@@ -207,3 +189,21 @@ class CameraControls:
             return SetParametersResult(successful=False, reason=str(err))
         self.requested = tuple(requested.items())
         return SetParametersResult(successful=True)
+
+
+def _parameter(name: str, control: Control, value: int) -> Parameter:
+    """Return the parameter of a control, given its present value."""
+    menu = ', '.join(f'{number} {text}' for number, text in control.choices)
+    description = (f'Camera control; the default is {control.default}'
+                   + (f': {menu}' if menu else ''))
+    if control.kind == ControlType.BOOLEAN:
+        return Parameter(name, bool(value), description, changeable=True)
+    if control.choices:
+        return Parameter(
+            name, value, description, choices=tuple(dict(control.choices)), changeable=True)
+    # Some drivers report values outside their own range, or a step of 0.
+    step = max(1, control.step)
+    even = (value - control.minimum) % step == 0
+    bounds = min(value, control.minimum), max(value, control.maximum)
+    return Parameter(name, value, description, bounds=bounds, step=step if even else 1,
+                     changeable=True)

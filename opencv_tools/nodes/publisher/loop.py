@@ -158,7 +158,7 @@ class PublishLoop:
 
     def opened(self, source: Source) -> None:
         """Log the opened source and any camera settings that could not be applied."""
-        if not self._grabber.unavailable_reason:
+        if not self._grabber.outage.reason:
             self._log.info(f'{source.name} opened: {source.description}, '
                            f'publishing to {self._topics.images.topic_name}')
         if isinstance(source, (BagSource, CameraSource)):
@@ -238,6 +238,6 @@ class PublishLoop:
         source = self._grabber.source
         return SourceStatus(
             source=self._source_name(), description=source.description if source else '',
-            unavailable_reason=self._grabber.unavailable_reason, paused=self._grabber.paused,
+            unavailable_reason=self._grabber.outage.reason, paused=self._grabber.paused,
             missed=self._grabber.missed, dropped=self._dropped,
-            reconnects=self._grabber.reconnects, awaited=self._topics.awaited)
+            reconnects=self._grabber.outage.count, awaited=self._topics.awaited)

@@ -125,6 +125,7 @@ class VideoWriter:
         """
         self.frames = 0  # frames that were accepted
         self.flushed = 0  # accepted frames that are complete in the file
+        self.skipped = 0  # accepted frames that exceed max_bytes
         self.is_full = False  # the next frame would exceed max_bytes
         self.bytes_waiting = 0  # upper bound for the frames that are not in the file yet
         self._path = path
@@ -151,11 +152,6 @@ class VideoWriter:
         """Size of the file in bytes, without the frames that are waiting."""
         return self.file.size
 
-    @property
-    def skipped(self) -> int:
-        """Count of accepted frames that exceed the maximum size."""
-        return self.frames - self._packets if self.is_full else 0
-
     def fits(self, video_frame: VideoFrame, time_ns: int) -> bool:
         """
         Return whether a frame can continue the video.
@@ -168,9 +164,21 @@ class VideoWriter:
         return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
-    def has_room(self) -> bool:
-        """Return whether another frame, and the one in the encoder, fit if they are no larger."""
-        return self._has_room(2 * self._largest, self._last + 1)
+    def has_room(self, added: int | None = None, pts: int | None = None) -> bool:
+        """
+        Return whether the finished file would not exceed its maximum size.
+
+        :param added: bytes that are added; None for another frame and the one in the encoder, if
+            both are no larger than the largest one.
+        :param pts: time of the last frame in ticks; None for the next one.
+        """
+        if added is None:
+            added = 2 * self._largest
+        container = self._format
+        end = container.at_end + container.per_key * (self._keys + 1) + container.per_tick * (
+            self._last + 1 if pts is None else pts)
+        return not self._max_bytes or self.size + self.bytes_waiting + added + end <= (
+            self._max_bytes)
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -194,7 +202,7 @@ class VideoWriter:
         pts = max(since, self._last + 1)
         # The second frame is a key frame, so that the first one is written in a short video too.
         is_key = pts >= self._next_key or self.frames == 1
-        self.is_full = self.is_full or not self._has_room(0, pts)
+        self.is_full = self.is_full or not self.has_room(0, pts)
         if self.is_full:
             return False
         frame = video_frame.frame
@@ -252,7 +260,7 @@ class VideoWriter:
         for packet in self._stream.encode(frame):
             steps = packet.pts - self._last_packet if self._format.per_tick else 1
             added = packet.size + self._format.per_packet * steps
-            self.is_full = self.is_full or not self._has_room(added, packet.pts)
+            self.is_full = self.is_full or not self.has_room(added, packet.pts)
             if self.is_full:
                 continue
             size, self._last_packet = self.file.size, packet.pts
@@ -264,12 +272,8 @@ class VideoWriter:
                 self.flushed, self._whole = self._packets - self._format.lag, self.file.size
                 self.bytes_waiting = 0
             self.bytes_waiting += added * self._format.lag
-
-    def _has_room(self, size: int, pts: int) -> bool:
-        container = self._format
-        end = container.at_end + container.per_key * (self._keys + 1) + container.per_tick * pts
-        return not self._max_bytes or self.file.size + self.bytes_waiting + size + end <= (
-            self._max_bytes)
+        if self.is_full:
+            self.skipped = self.frames - self._packets
 
     def _call(self, step: Callable[..., None], *arguments: Any) -> None:
         """Call FFmpeg and convert its errors."""

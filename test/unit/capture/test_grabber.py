@@ -222,8 +222,8 @@ def test_disconnected_camera_is_closed_and_reopened(
     assert clock.waits == [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]
     assert log.lines[1:] == ['lost: gone', 'lost: not there', 'lost: not ours', 'lost: not there',
                              'opened', 'returned after 3.50 s']
-    assert grabber.reconnects == 1
-    assert not grabber.unavailable_reason
+    assert grabber.outage.count == 1
+    assert not grabber.outage.reason
 
 
 def test_camera_missing_at_the_start_is_retried(
@@ -350,7 +350,7 @@ def test_reopen_request_opens_the_camera_again(
     assert [camera.closed for camera in cameras] == [True, False]
     assert clock.waits == [0.0, 0.0]
     assert log.lines == ['opened', 'opened']
-    assert grabber.reconnects == 0
+    assert grabber.outage.count == 0
 
 
 def test_stop_ends_the_wait_for_a_camera(
