@@ -51,11 +51,15 @@ class ReconnectPolicy:
 class SourceListener(Protocol):
     """Receiver of the events of a source. All methods run in the thread that reads the source."""
 
-    def opened(self, source: Source) -> None:
-        """Handle a source that has been opened."""
+    def opened(self, source: Source, is_back: bool) -> None:
+        """Handle a source that has been opened, after an outage or not."""
 
-    def lost(self, reason: UnavailableError) -> None:
-        """Handle a source that is unavailable; called again only when the reason changes."""
+    def lost(self, reason: UnavailableError, longest: float) -> None:
+        """
+        Handle a source that is unavailable; called again only when the reason changes.
+
+        :param longest: longest outage in seconds that is waited for.
+        """
 
     def returned(self, source: Source, seconds: float) -> None:
         """Handle a source that sends frames again after an outage of some seconds."""
@@ -107,7 +111,7 @@ class Outage:
                 f'{err}; gave up after {away:.1f} s' if self.delay else str(err)) from err
         if str(err) != self.reason:
             self.reason = str(err)
-            self._listener.lost(err)
+            self._listener.lost(err, longest)
         self.delay = min(self.delay * 2 or _FIRST_DELAY, _LAST_DELAY, left)
 
     def end(self, source: LiveSource) -> None:
@@ -237,7 +241,7 @@ class Grabber:
                 self._released.set()
                 self.outage.begin(err, self.reconnect.reconnect_timeout)
                 continue
-            self._listener.opened(self.source)
+            self._listener.opened(self.source, bool(self.outage.reason))
             return self.source
         return None
 

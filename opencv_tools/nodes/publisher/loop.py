@@ -17,31 +17,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import math
 import time
-from typing import Any, cast
+from typing import Any
 
-from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import Frame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
-from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log, log_if_slow
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
-from opencv_tools.nodes.publisher.stamps import Stamper, to_time
+from opencv_tools.nodes.publisher.source_log import SourceLog
+from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.progress import Progress
 from opencv_tools.topics.timers import Delay
-from rclpy.clock import ROSClock
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 # Parameters that apply when the camera is opened.
@@ -53,10 +49,9 @@ _CHANGE_SECONDS = 0.2
 
 class PublishLoop:
     """
-    Publish the frames of a source, and log what happens to the source.
+    Publish the frames of a source.
 
-    ``run`` has a thread of its own, in which the grabber calls ``opened``, ``lost``, ``returned``
-    and ``broken``. The executor of the node calls the other methods.
+    ``run`` has a thread of its own. The executor of the node calls the other methods.
     """
 
     def __init__(
@@ -75,13 +70,13 @@ class PublishLoop:
         self._log = Log(node.get_logger())
         self._topics = topics
         self._controls = controls
-        self._dropped = 0
         self._opened_encoding = ''  # the encoding that the source was opened for
-        self._stamper = Stamper(cast(ROSClock, node.get_clock()))
-        self._clock = node.create_publisher(Clock, '/clock', 10) if settings.clock else None
+        self._headers = FrameHeaders(node, settings.clock)
+        self._events = SourceLog(self._log, topics.images.topic_name, controls)
         self._progress = Progress(self._log.info, 'Publishing video frame')
         self._grabber = Grabber(
-            self._open_source, settings.playback(), settings.reconnect_policy(), self, topics)
+            self._open_source, settings.playback(), settings.reconnect_policy(), self._events,
+            topics)
         self._diagnostics = Diagnostics(node, self._source_status)
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
 
@@ -106,7 +101,8 @@ class PublishLoop:
                     break
             if not self._grabber.stopped:
                 if not self._progress.count:
-                    raise CaptureError(f'{self._source_name()}: no frame could be published')
+                    raise CaptureError(
+                        f'{self.settings.shown_source}: no frame could be published')
                 self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
         except CaptureError as err:
             self._log.error(str(err))
@@ -125,7 +121,7 @@ class PublishLoop:
         """Return the numbers of published and lost frames as a sentence."""
         missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
         return (f'Published {self._progress.count} frames at '
-                f'{self._progress.average_rate():.1f} Hz, {self._dropped} dropped{missed}')
+                f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped{missed}')
 
     def apply_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -152,53 +148,17 @@ class PublishLoop:
         else:
             response.success = self._grabber.pause(_RELEASE_SECONDS)
             response.message = ('paused' if response.success else
-                                f'{self._source_name()} is still in use')
+                                f'{self.settings.shown_source} is still in use')
         self._log.info(response.message)
         return response
-
-    def opened(self, source: Source) -> None:
-        """Log the opened source and any camera settings that could not be applied."""
-        if not self._grabber.outage.reason:
-            self._log.info(f'{source.name} opened: {source.description}, '
-                           f'publishing to {self._topics.images.topic_name}')
-        if isinstance(source, (BagSource, CameraSource)):
-            for warning in source.warnings:
-                self._log.warning(warning)
-        if isinstance(source, CameraSource):
-            self._controls.camera_opened()
-
-    def lost(self, reason: UnavailableError) -> None:
-        """Log that the source is unavailable."""
-        seconds = self._grabber.reconnect.reconnect_timeout
-        limit = '' if seconds == math.inf else f' for {seconds:g} s'
-        self._log.error(f'{reason}; waiting for it{limit}')
-        self._controls.report_unused()
-
-    def returned(self, source: Source, seconds: float) -> None:
-        """Log that the source is available again."""
-        self._log.info(f'{source.name} is back after {seconds:.1f} s: {source.description}')
-
-    def broken(self, reason: BrokenFrameError | ImageError) -> None:
-        """Count and log a frame that cannot be read or published."""
-        self._dropped += 1
-        # A camera may send the same broken frame repeatedly.
-        self._log.warning(f'frame dropped: {reason}', every=1.0)
 
     def _publish(self, frame: Frame | None) -> None:
         """Publish one frame; None means a frame without a subscriber."""
         if frame is None:
             self._count_unseen()
             return
-        settings = self.settings
-        output, recorded = OutputImage(frame, settings.output()), frame.recorded
-        stamp = self._stamper.stamp(
-            frame.stamp_ns, settings.stamp, settings.stamp_offset, recorded)
-        frame_id = settings.frame_id
-        if recorded and settings.stamp == 'original':
-            frame_id = recorded.message.header.frame_id
-        if recorded and self._clock:
-            is_original = settings.stamp == 'original'
-            self._clock.publish(Clock(clock=to_time(recorded.log_ns) if is_original else stamp))
+        output = OutputImage(frame, self.settings.output())
+        stamp, frame_id = self._headers.header(frame, self.settings)
         try:
             if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live()):
                 self._count_unseen()
@@ -207,16 +167,17 @@ class PublishLoop:
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live() or self.settings.encoding == self._opened_encoding:
-                self.broken(err if not isinstance(err, ConversionError) else ConversionError(
-                    f'{err}; an empty encoding publishes frames as they are'))
+                remedy = ('; an empty encoding publishes frames as they are'
+                          if isinstance(err, ConversionError) else '')
+                self._events.broken(ImageError(f'{err}{remedy}'))
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)
         self._progress.tick(
-            description, dropped=self._dropped, missed=self._grabber.missed)
+            description, dropped=self._events.dropped, missed=self._grabber.missed)
 
     def _count_unseen(self) -> None:
         self._progress.tick(
-            'no subscribers', dropped=self._dropped, missed=self._grabber.missed)
+            'no subscribers', dropped=self._events.dropped, missed=self._grabber.missed)
         self._diagnostics.count()
 
     def _open_source(self) -> Source:
@@ -226,10 +187,6 @@ class PublishLoop:
             return open_source(settings.source, settings.camera_request(self._controls.requested),
                                settings.read_timeout, settings.bag_topic)
 
-    def _source_name(self) -> str:
-        """Return the name of the source without passwords."""
-        return without_password(self.settings.source)
-
     def _is_live(self) -> bool:
         source = self._grabber.source
         return source is not None and source.live
@@ -237,7 +194,7 @@ class PublishLoop:
     def _source_status(self) -> SourceStatus:
         source = self._grabber.source
         return SourceStatus(
-            source=self._source_name(), description=source.description if source else '',
+            source=self.settings.shown_source, description=source.description if source else '',
             unavailable_reason=self._grabber.outage.reason, paused=self._grabber.paused,
-            missed=self._grabber.missed, dropped=self._dropped,
+            missed=self._grabber.missed, dropped=self._events.dropped,
             reconnects=self._grabber.outage.count, awaited=self._topics.awaited)

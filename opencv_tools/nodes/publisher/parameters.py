@@ -162,6 +162,11 @@ class PublisherSettings(NodeSettings):
             rate=self.publish_rate, on_end=self.on_end, plays=0 if for_ever else self.loop,
             first=self.start_frame, stop=self.stop_frame)
 
+    @property
+    def shown_source(self) -> str:
+        """Name of the source without passwords."""
+        return without_password(self.source)
+
     def check(self) -> None:
         """
         Check the parameters against each other.
@@ -173,7 +178,7 @@ class PublisherSettings(NodeSettings):
             raise ParameterError(
                 f'parameter start_frame is {self.start_frame}, which is not before stop_frame '
                 f'{self.stop_frame}: give a smaller start_frame, or 0 as stop_frame')
-        source = f'the source {without_password(self.source)}'
+        source = f'the source {self.shown_source}'
         of_bags = {'bag_topic': self.bag_topic, 'clock': self.clock,
                    'stamp': self.stamp if self.stamp == 'original' else ''}
         loop = {'loop': self.loop if self.loop > 1 else 0}

@@ -17,14 +17,33 @@
 from __future__ import annotations
 
 import time
+from typing import cast, Protocol
 
 from builtin_interfaces.msg import Time
-from opencv_tools.capture.frame import Recorded
+from opencv_tools.capture.frame import Frame, Recorded
 from opencv_tools.units import NANO
 from rclpy.clock import ROSClock
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 STAMPS = ('capture', 'publish', 'original')
 _SECONDS = 1 << 31  # range of the seconds of a message: from -_SECONDS to _SECONDS - 1
+
+
+class HeaderSettings(Protocol):
+    """The parameters of the publisher that a header depends on."""
+
+    @property
+    def stamp(self) -> str:
+        """One of ``STAMPS``."""
+
+    @property
+    def stamp_offset(self) -> float:
+        """Seconds to add to the stamp."""
+
+    @property
+    def frame_id(self) -> str:
+        """Coordinate frame of the camera."""
 
 
 class Stamper:
@@ -32,7 +51,7 @@ class Stamper:
 
     def __init__(self, clock: ROSClock) -> None:
         """
-        Store the clock.
+        Create no stamp yet.
 
         :param clock: clock of the node, which may be simulated.
         """
@@ -96,3 +115,31 @@ def to_time(nanoseconds: int) -> Time:
     lowest, highest = -_SECONDS * NANO, _SECONDS * NANO - 1
     sec, nanosec = divmod(min(max(nanoseconds, lowest), highest), NANO)
     return Time(sec=sec, nanosec=nanosec)
+
+
+class FrameHeaders:
+    """The stamp and the ``frame_id`` of each frame, and the time of a bag on ``/clock``."""
+
+    def __init__(self, node: Node, has_clock: bool) -> None:
+        """
+        Create the publisher of ``/clock`` if it is wanted.
+
+        :param has_clock: whether the time of each frame of a bag is published.
+        """
+        self._stamper = Stamper(cast(ROSClock, node.get_clock()))
+        self._clock = node.create_publisher(Clock, '/clock', 10) if has_clock else None
+
+    def header(self, frame: Frame, settings: HeaderSettings) -> tuple[Time, str]:
+        """
+        Return the stamp and the ``frame_id`` of a frame; publish the time of a frame of a bag.
+
+        :param settings: values of the parameters ``stamp``, ``stamp_offset`` and ``frame_id``.
+        """
+        recorded = frame.recorded
+        is_original = recorded is not None and settings.stamp == 'original'
+        stamp = self._stamper.stamp(
+            frame.stamp_ns, settings.stamp, settings.stamp_offset, recorded)
+        if recorded and self._clock:
+            self._clock.publish(Clock(clock=to_time(recorded.log_ns) if is_original else stamp))
+        return stamp, (recorded.message.header.frame_id if recorded and is_original
+                       else settings.frame_id)

@@ -84,10 +84,10 @@ class Log:
         self.lines: list[str] = []
         self.there = self.looking = True
 
-    def opened(self, source: Source) -> None:
+    def opened(self, source: Source, is_back: bool) -> None:
         self.lines.append('opened')
 
-    def lost(self, reason: UnavailableError) -> None:
+    def lost(self, reason: UnavailableError, longest: float) -> None:
         self.lines.append(f'lost: {reason}')
 
     def returned(self, source: Source, seconds: float) -> None:

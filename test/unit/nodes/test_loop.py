@@ -82,7 +82,7 @@ def test_rate_of_lines_about_the_same_broken_frame(
     now = 100.0
     monkeypatch.setattr('opencv_tools.logs.time', SimpleNamespace(monotonic=lambda: now))
     for reason in 'abbbbb':
-        loop.broken(BrokenFrameError(f'reason {reason}'))
+        loop._events.broken(BrokenFrameError(f'reason {reason}'))
         now += 0.4
     output = capfd.readouterr().err
     assert [output.count(f'frame dropped: reason {reason}') for reason in 'ab'] == [1, 2]
