@@ -34,8 +34,7 @@ from opencv_tools.image.color import convert_to
 from opencv_tools.image.compressed import decoded_encoding, parse_format
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
-    declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding,
-)
+    declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import array_to_wire, view_pixels
 from sensor_msgs.msg import CompressedImage, Image
@@ -88,21 +87,16 @@ class CvBridge:
     @_raises_bridge_errors
     def dtype_with_channels_to_cvtype2(self, dtype: np.dtype[Any], n_channels: int) -> str:
         """
-        Return the name of the OpenCV type for a numpy type and a number of channels.
+        Return the name of the OpenCV type of pixels: ``'8UC3'`` for uint8 and 3 channels.
 
-        :param dtype: numpy type, such as ``np.dtype('uint8')``.
-        :param n_channels: number of channels of a pixel.
-        :returns: name of the type, such as ``'8UC3'``.
         :raises CvBridgeError: OpenCV does not support the type.
         """
         return generic_encoding(np.empty((0, 0, n_channels), dtype)).name
 
     def cvtype2_to_dtype_with_channels(self, cvtype: int) -> tuple[str, int]:
         """
-        Return the numpy type and the number of channels of an OpenCV type.
+        Return the numpy type and the channels of an OpenCV type: ``('uint8', 3)`` of CV_8UC3.
 
-        :param cvtype: number of the type, such as ``cv2.CV_8UC3``.
-        :returns: name of the numpy type and number of channels, such as ``('uint8', 3)``.
         :raises CvBridgeError: the type is unknown.
         """
         more_channels, depth = divmod(cvtype, _channel_step())
@@ -117,10 +111,8 @@ class CvBridge:
     @_raises_bridge_errors
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
         """
-        Return the numpy type and the number of channels of an encoding.
+        Return the numpy type and the channels of an encoding: ``('uint8', 3)`` of bgr8.
 
-        :param encoding: encoding, such as ``'bgr8'`` or ``'32FC1'``.
-        :returns: name of the numpy type and number of channels, such as ``('uint8', 3)``.
         :raises CvBridgeError: the encoding is unknown.
         """
         found = find_encoding(encoding)
@@ -128,8 +120,7 @@ class CvBridge:
 
     @_raises_bridge_errors
     def imgmsg_to_cv2(
-        self, img_msg: Image, desired_encoding: str = 'passthrough',
-    ) -> NDArray[Any]:
+            self, img_msg: Image, desired_encoding: str = 'passthrough') -> NDArray[Any]:
         """
         Convert an image message to an array.
 
@@ -155,8 +146,7 @@ class CvBridge:
 
     @_raises_bridge_errors
     def cv2_to_imgmsg(
-        self, cvim: NDArray[Any], encoding: str = 'passthrough',
-        header: Header | None = None,
+        self, cvim: NDArray[Any], encoding: str = 'passthrough', header: Header | None = None,
     ) -> Image:
         """
         Convert an array to an image message, copying its data once.
@@ -285,17 +275,11 @@ def cvtColorForDisplay(
 
 
 def _colormap(number: int) -> Colormap | None:
-    if number == -1:
-        return None
-    return partial(_codecs().apply_colormap, colormap=number)
+    return None if number == -1 else partial(_codecs().apply_colormap, colormap=number)
 
 
 def _codecs() -> ModuleType:
-    """
-    Return the module that needs OpenCV, imported on first use.
-
-    :raises CvBridgeError: OpenCV cannot be imported.
-    """
+    """Return the module that needs OpenCV, imported on first use."""
     try:
         import opencv_tools.image_codecs as codecs
     except ImportError as err:
@@ -304,12 +288,7 @@ def _codecs() -> ModuleType:
 
 
 def _declared(image: NDArray[Any], encoding: str) -> Encoding:
-    """
-    Return the encoding of an image, and check that it fits the array.
-
-    :raises TypeError: the image is not an array.
-    :raises EncodingError: the encoding is unknown or does not fit the array.
-    """
+    """Return the encoding of an image, and check that it fits the array."""
     if not isinstance(image, (np.ndarray, np.generic)):
         raise TypeError('Your input type is not a numpy array')
     return generic_encoding(image) if encoding == 'passthrough' else declared_encoding(

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
@@ -63,21 +63,8 @@ class FrameSubscriber:
             limit. The frames between are skipped, also if ``every`` is set.
         :raises ParameterError: an argument is invalid.
         """
-        for name, value in (
-                ('every', every), ('threaded', threaded), ('camera_info', camera_info)):
-            if type(value) is not bool:
-                raise ParameterError(f'{name} is {value!r}: give True or False')
-        if not callable(callback):
-            raise ParameterError(f'callback is {callback!r}: give a function of a Frame')
-        try:
-            check_target(encoding)
-        except (AttributeError, EncodingError, TypeError) as err:
-            raise ParameterError(f'encoding is {encoding!r}: {err}') from err
-        if type(depth) is not int or depth < 1:
-            raise ParameterError(f'depth is {depth!r}: give a number of frames, at least 1')
-        if type(max_rate) not in (int, float) or not 0 <= max_rate <= MAX_RATE:
-            raise ParameterError(f'max_rate is {max_rate!r}: give a rate in Hz from 0 to '
-                                 f'{MAX_RATE:g}, 0 for no limit')
+        flags = {'every': every, 'threaded': threaded, 'camera_info': camera_info}
+        _check(callback, encoding, flags, depth, max_rate)
         self._log = Log(node.get_logger())
         self._callback = callback
         self._encoding = encoding
@@ -126,3 +113,23 @@ class FrameSubscriber:
         """Count and log a message that cannot be read or converted."""
         self.failed += 1
         self._log.warning(f'frame of {self.topic_name} skipped: {err}', every=1.0, key='skipped')
+
+
+def _check(
+    callback: object, encoding: str, flags: Mapping[str, object], depth: int, max_rate: float,
+) -> None:
+    """Check the arguments of a subscriber; those of the subscription are checked there."""
+    for name, value in flags.items():
+        if type(value) is not bool:
+            raise ParameterError(f'{name} is {value!r}: give True or False')
+    if not callable(callback):
+        raise ParameterError(f'callback is {callback!r}: give a function of a Frame')
+    try:
+        check_target(encoding)
+    except (AttributeError, EncodingError, TypeError) as err:
+        raise ParameterError(f'encoding is {encoding!r}: {err}') from err
+    if type(depth) is not int or depth < 1:
+        raise ParameterError(f'depth is {depth!r}: give a number of frames, at least 1')
+    if type(max_rate) not in (int, float) or not 0 <= max_rate <= MAX_RATE:
+        raise ParameterError(f'max_rate is {max_rate!r}: give a rate in Hz from 0 to '
+                             f'{MAX_RATE:g}, 0 for no limit')

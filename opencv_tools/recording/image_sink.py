@@ -115,8 +115,8 @@ class ImageSink:
         """
         content = image.content
         path = self._numbering.claim(frame.metadata, lambda seq, name: self._publish(
-            image.temporary, file_entry(
-                seq, name, frame, content.encoding, (content.width, content.height),
+            image.temporary, replace(
+                file_entry(seq, name, frame, content.encoding, (content.width, content.height)),
                 size=image.size, sha256=image.sha256, frames=1), frame.arrival_ns))
         self.counts.kept += 1
         return path

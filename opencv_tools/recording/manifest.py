@@ -101,14 +101,13 @@ class ManifestEntry:
 
 def file_entry(
     seq: int, name: str, frame: ReceivedFrame, stored_encoding: str, image_size: tuple[int, int],
-    *, size: int = 0, sha256: str = '', frames: int = 0,
 ) -> ManifestEntry:
-    """Return the entry of an image file, or of a video by its first frame."""
+    """Return the entry of a file that begins with a frame, without its size and digest."""
     metadata = frame.metadata
     return ManifestEntry(
         seq=seq, name=name, stamp_ns=metadata.stamp_ns, receive_ns=frame.receive_ns,
         frame_id=metadata.frame_id, encoding=metadata.encoding, stored_encoding=stored_encoding,
-        width=image_size[0], height=image_size[1], size=size, sha256=sha256, frames=frames)
+        width=image_size[0], height=image_size[1], size=0, sha256='', frames=0)
 
 
 def parse_line(line: bytes) -> ManifestEntry:

@@ -25,8 +25,9 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import MESSAGE_TYPES, read_message
 from opencv_tools.topics.topic_discovery import ImageTopic
+from opencv_tools.transport.rcl_structures import MessageInfo
 from opencv_tools.transport.zero_copy import (
-    MessageInfo, SerializedMessage, take_image, take_serialized)
+    SerializedMessage, take_image, take_serialized)
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle

@@ -26,6 +26,9 @@ from typing import Any
 
 from sensor_msgs.msg import Image
 
+#: Sequence number of a message whose publisher is unknown (rmw/types.h).
+UNNUMBERED = 2**64 - 1
+_GID_BYTES = 16
 _CHECKED_BYTES = 17
 
 
@@ -76,7 +79,34 @@ class RmwSerializedMessage(ctypes.Structure):
 class RmwGid(ctypes.Structure):
     """A rmw_gid_t."""
 
-    _fields_ = (('implementation_identifier', ctypes.c_char_p), ('data', ctypes.c_uint8 * 16))
+    _fields_ = (('implementation_identifier', ctypes.c_char_p),
+                ('data', ctypes.c_uint8 * _GID_BYTES))
+
+
+class MessageInfo(ctypes.Structure):
+    """
+    Metadata of a message from the middleware.
+
+    ``source_timestamp`` and ``received_timestamp`` are nanoseconds of the system clock, 0 if
+    unknown.
+    """
+
+    source_timestamp: int
+    received_timestamp: int
+
+    _fields_ = (
+        ('source_timestamp', ctypes.c_int64), ('received_timestamp', ctypes.c_int64),
+        ('publication_sequence_number', ctypes.c_uint64),
+        ('reception_sequence_number', ctypes.c_uint64),
+        ('implementation', ctypes.c_char_p),
+        ('publisher', ctypes.c_uint8 * _GID_BYTES),
+        ('from_intra_process', ctypes.c_bool))
+
+    @property
+    def number(self) -> int:
+        """Return the sequence number of the publisher, from 1; 0 if unknown."""
+        number = int(self.publication_sequence_number)
+        return 0 if number == UNNUMBERED else number
 
 
 class RcutilsErrorString(ctypes.Structure):

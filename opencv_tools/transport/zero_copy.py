@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import encode_text, image_to_cdr, WireHeader, WireImage
 from opencv_tools.transport.rcl_structures import (
-    image_layout_matches, RclBytes, RclImage, RclImages, RclString, RcutilsAllocator,
-    RcutilsErrorString, RmwGid, RmwSerializedMessage, serialized_layout_matches,
+    image_layout_matches, MessageInfo, RclBytes, RclImage, RclImages, RclString, RcutilsAllocator,
+    RcutilsErrorString, RmwGid, RmwSerializedMessage, serialized_layout_matches, UNNUMBERED,
 )
 # This import comes first, because it loads the libraries below from their location.
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -42,8 +42,6 @@ from sensor_msgs.msg import Image
 # Constants of rcl/types.h and rmw/types.h.
 _RCL_RET_OK = 0
 _RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
-_RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED = 2**64 - 1
-_RMW_GID_STORAGE_SIZE = 16
 
 # Functions that are called, by library.
 _FUNCTIONS: dict[str, Sequence[str]] = {
@@ -62,32 +60,6 @@ _sensor_msgs: Any = None
 _free = ctypes.CDLL(None).free
 _free.argtypes = [ctypes.c_void_p]
 _free.restype = None
-
-
-class MessageInfo(ctypes.Structure):
-    """
-    Metadata of a message from the middleware.
-
-    ``source_timestamp`` and ``received_timestamp`` are nanoseconds of the system clock, 0 if
-    unknown.
-    """
-
-    source_timestamp: int
-    received_timestamp: int
-
-    _fields_ = (
-        ('source_timestamp', ctypes.c_int64), ('received_timestamp', ctypes.c_int64),
-        ('publication_sequence_number', ctypes.c_uint64),
-        ('reception_sequence_number', ctypes.c_uint64),
-        ('implementation', ctypes.c_char_p),
-        ('publisher', ctypes.c_uint8 * _RMW_GID_STORAGE_SIZE),
-        ('from_intra_process', ctypes.c_bool))
-
-    @property
-    def number(self) -> int:
-        """Return the sequence number of the publisher, from 1; 0 if unknown."""
-        number = int(self.publication_sequence_number)
-        return 0 if number == _RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED else number
 
 
 #: The serialized message, (n,) uint8, and its metadata.
@@ -289,7 +261,7 @@ def _take_by_rclpy(subscription: rclpy_implementation.Subscription) -> Serialize
     return np.frombuffer(data, np.uint8), MessageInfo(
         source_timestamp=info['source_timestamp'],
         received_timestamp=info['received_timestamp'],
-        publication_sequence_number=_RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED)
+        publication_sequence_number=UNNUMBERED)
 
 
 def _string(text: str) -> RclString:

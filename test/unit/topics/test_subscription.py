@@ -37,7 +37,7 @@ from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.transport import zero_copy
-from opencv_tools.transport.zero_copy import MessageInfo
+from opencv_tools.transport.rcl_structures import MessageInfo
 import pytest
 import rclpy
 from rclpy.context import Context

@@ -31,8 +31,9 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.transport import rcl_structures, zero_copy
+from opencv_tools.transport.rcl_structures import MessageInfo
 from opencv_tools.transport.zero_copy import (
-    MessageInfo, publish_image, take_image, take_serialized, TakenImage,
+    publish_image, take_image, take_serialized, TakenImage,
 )
 import pytest
 import rclpy
