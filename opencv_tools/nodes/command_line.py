@@ -201,14 +201,14 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     misnamed = next((name for name in sections if name.rpartition('/')[2] == executable), '')
     if misnamed and executable not in nodes:
         right = misnamed.removesuffix(executable) + node
-        sentence = (f'{path} has parameters for {misnamed}, but {executable} is the executable '
+        mistake = (f'{path} has parameters for {misnamed}, but {executable} is the executable '
                     f'and {node} is the node: write {right}: instead of {misnamed}:')
     elif sections and not is_own:
         listed = ', '.join(sorted(set(sections))[:5])
-        sentence = (f'{path} has parameters for {listed}, but none for this node: '
+        mistake = (f'{path} has parameters for {listed}, but none for this node: '
                     f'write {node}:, or /**: for every node')
     else:
         return ''
     if not is_own:
-        raise ParameterError(sentence)
-    return sentence
+        raise ParameterError(mistake)
+    return mistake

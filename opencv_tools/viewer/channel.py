@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of one topic for one page, as many as the page answers."""
+"""Pictures of one topic for one page; the next one is sent when the page has answered."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Channel:
         Create a channel and send the newest frame.
 
         :param stream: stream of the topic.
-        :param options: wishes of the viewer, without zeros except for the width.
+        :param options: what the viewer requests, without zeros except for the width.
         :param send: sends a picture and returns its sequence number.
         """
         self.stream = stream
@@ -63,7 +63,7 @@ class Channel:
         stream.watchers.add(self.frame_arrived)
 
     def set_options(self, options: ViewOptions) -> None:
-        """Change the wishes of the viewer, and send the newest frame with them."""
+        """Change what the viewer requests, and send the newest frame so."""
         self._options = options
         self._width = options.width if options.fixed else step_width(options.width)
         self._link: LinkRate | None = None

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-#: Longest sentence for a user in characters.
-MAX_SENTENCE = 500
+#: Longest message for a user in characters.
+MAX_MESSAGE = 500
 
 
 class ViewerError(Exception):

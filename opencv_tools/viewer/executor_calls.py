@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from rclpy.node import Node
 
 _T = TypeVar('_T')
@@ -96,6 +96,6 @@ class ExecutorCalls:
         """Return an error for the caller; log one that is not a refusal."""
         if isinstance(err, RequestError):
             return err
-        sentence = f'the request has failed: {type(err).__name__}: {err}'
-        self._log.error(sentence, every=1.0, key='request')
-        return RequestError(printable(sentence, MAX_SENTENCE), 500)
+        message = f'the request has failed: {type(err).__name__}: {err}'
+        self._log.error(message, every=1.0, key='request')
+        return RequestError(printable(message, MAX_MESSAGE), 500)

@@ -26,7 +26,7 @@ from opencv_tools.image.text import printable
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.units import NANO
-from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 
 # Seconds and periods without a frame after which the reason is shown.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
@@ -94,7 +94,7 @@ class Feed:
     def count_broken(self, err: Exception) -> None:
         """Count a message that cannot be read."""
         self.broken += 1
-        self.error = printable(err, MAX_SENTENCE)
+        self.error = printable(err, MAX_MESSAGE)
         self._arrived()
 
     @property

@@ -150,14 +150,14 @@ class Hub:
         if not self._users[stream.key]:
             self._loop.call_later(_LINGER_SECONDS, self._close_unused, stream)
 
-    def options(self, wishes: ViewOptions) -> ViewOptions:
-        """Return the wishes of a viewer within the parameters of the node."""
+    def options(self, requested: ViewOptions) -> ViewOptions:
+        """Return what a viewer requests, within the parameters of the node."""
         settings = self.settings
-        widths = [width for width in (wishes.width, settings.width) if width]
+        widths = [width for width in (requested.width, settings.width) if width]
         return ViewOptions(
-            width=min(widths, default=0), quality=wishes.quality or settings.quality,
-            rate=min(wishes.rate or settings.rate, settings.rate), fixed=wishes.fixed,
-            limits=wishes.limits)
+            width=min(widths, default=0), quality=requested.quality or settings.quality,
+            rate=min(requested.rate or settings.rate, settings.rate), fixed=requested.fixed,
+            limits=requested.limits)
 
     # State
 

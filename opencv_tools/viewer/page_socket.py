@@ -57,7 +57,7 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
 
 
 class PageSocket(SiteHandler, WebSocketHandler):
-    """Send pictures and states to a page, and read its wishes."""
+    """Send pictures and states to a page, and read its requests."""
 
     SUPPORTED_METHODS: Any = ('GET',)
 
@@ -103,7 +103,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
 
     async def on_message(self, message: str | bytes) -> None:
         """
-        Fulfil a wish of the page; the next message is read when the answer was sent.
+        Answer a request of the page; the next one is read when the answer was sent.
 
         Control of other nodes takes longer, and has a task of its own.
         """
@@ -132,7 +132,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
                 for channel in self._channels.values()]})
 
     async def _answer(self, message: _Message) -> _Message | None:
-        """Fulfil a wish and return the answer."""
+        """Return the answer to a request."""
         if 'got' in message:
             self._acknowledge(message['got'])
         elif 'ping' in message:

@@ -20,7 +20,7 @@ import re
 from typing import Any
 
 from opencv_tools.image.text import printable
-from opencv_tools.viewer.errors import MAX_SENTENCE, RequestError
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.protocol import finite
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 
@@ -57,7 +57,7 @@ def parameter_json(
         'name': printable(descriptor.name), 'type': kind,
         'value': shown, 'minimum': low, 'maximum': high, 'step': step or None,
         'choices': _choices(descriptor, kind),
-        'description': printable(descriptor.description, MAX_SENTENCE),
+        'description': printable(descriptor.description, MAX_MESSAGE),
         'read_only': descriptor.read_only or is_changed}
 
 
@@ -70,7 +70,7 @@ def value_json(value: ParameterValue) -> Any:
     _, field, _ = _type_of(value)
     found = getattr(value, field)
     if isinstance(found, str):
-        return printable(found, MAX_SENTENCE)
+        return printable(found, MAX_MESSAGE)
     return finite(found) if isinstance(found, float) else found
 
 
@@ -109,7 +109,7 @@ def _choices(descriptor: ParameterDescriptor, kind: str) -> list[tuple[Any, str]
     if not constraint.startswith(_CHOICES) or kind not in ('integer', 'string'):
         return []
     choices: list[tuple[Any, str]] = []
-    for text in constraint.removeprefix(_CHOICES)[:MAX_SENTENCE].split(', '):
+    for text in constraint.removeprefix(_CHOICES)[:MAX_MESSAGE].split(', '):
         if kind == 'string':
             choices.append((text, printable(text)))
         elif re.fullmatch('-?[0-9]{1,18}', text):

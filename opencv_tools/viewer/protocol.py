@@ -41,7 +41,7 @@ _MAX_NAME = 256
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions:
     """
-    Wishes of a viewer of a topic.
+    What a viewer of a topic requests.
 
     :param width: largest useful width in pixels; 0 for the full size.
     :param quality: highest JPEG quality, 1 to 100; 0 for that of the node.
@@ -106,7 +106,7 @@ def topic_of(name: Any) -> str:
 
 def parse_options(message: dict[str, Any]) -> ViewOptions:
     """
-    Read the wishes of a viewer.
+    Read what a viewer requests.
 
     :param message: values of a message or of the query of a URL.
     :raises RequestError: a value is invalid.

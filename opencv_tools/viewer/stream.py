@@ -29,7 +29,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
-from opencv_tools.viewer.errors import MAX_SENTENCE
+from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.feed import Feed, NewFrame
 
 _P = ParamSpec('_P')
@@ -163,4 +163,4 @@ def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
     try:
         return encode_picture(message, options)
     except (CvBridgeError, ImageError) as err:
-        return printable(err, MAX_SENTENCE)
+        return printable(err, MAX_MESSAGE)

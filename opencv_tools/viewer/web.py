@@ -30,7 +30,7 @@ from opencv_tools.viewer.page_files import INDEX, PageFile, TOKEN_FORM
 from tornado.iostream import StreamClosedError
 from tornado.web import HTTPError, RequestHandler
 
-_SENTENCES = {404: 'there is no such page', 405: 'only GET and HEAD are allowed'}
+_MESSAGES = {404: 'there is no such page', 405: 'only GET and HEAD are allowed'}
 # Time until a wrong token is refused, so that nobody can try many.
 _REFUSAL_SECONDS = 1.0
 _LOG_SECONDS = 10.0
@@ -78,9 +78,9 @@ class Refusal(HTTPError):
     """An answer with a status of HTTP and one sentence."""
 
     def __init__(self, err: RequestError) -> None:
-        """Store the status and the sentence."""
+        """Store the status and the message."""
         super().__init__(err.status)
-        self.sentence = str(err)
+        self.message = str(err)
 
 
 class SiteHandler(RequestHandler):
@@ -156,9 +156,9 @@ class SiteHandler(RequestHandler):
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """Write one sentence."""
         err = kwargs.get('exc_info', (None, None))[1]
-        sentence = getattr(err, 'sentence', _SENTENCES.get(status_code, self._reason))
+        message = getattr(err, 'message', _MESSAGES.get(status_code, self._reason))
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{printable(sentence, 1000)}\n')
+        self.finish(f'{printable(message, 1000)}\n')
 
     def finish(
         self, chunk: str | bytes | dict[str, Any] | None = None,

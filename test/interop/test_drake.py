@@ -87,14 +87,14 @@ def test_computed_inertials_are_those_of_drake(
     finished = subprocess.run([drake, str(SCRIPT), *map(str, paths)], capture_output=True,
                               text=True, timeout=300, check=False)
     assert finished.returncode == 0, finished.stderr
-    judged = json.loads(finished.stdout)
+    drakes = json.loads(finished.stdout)
     largest, count = 0.0, 0
     for path in paths:
         made, _ = read_robot(str(path), Report())
         kinematics = Kinematics(made)
-        assert {link.name for link in made.links} == set(judged[str(path)])
+        assert {link.name for link in made.links} == set(drakes[str(path)])
         for link in made.links:
-            ours, theirs = inertial_in_link(link, kinematics), judged[str(path)][link.name]
+            ours, theirs = inertial_in_link(link, kinematics), drakes[str(path)][link.name]
             for part in (slice(0, 1), slice(1, 4), slice(4, 10)):
                 scale = max(map(abs, theirs[part])) or 1.0
                 largest = max(largest, *np.abs(np.subtract(ours[part], theirs[part])) / scale)

@@ -24,7 +24,7 @@ import re
 import signal
 import time
 
-from bag_judges import decode, read_by_all, Stored
+from bag_readers import decode, read_by_all, Stored
 from conftest import (
     call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, NodeProcess, read_manifest,
     recorded_files, spin_until,

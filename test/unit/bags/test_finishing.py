@@ -21,7 +21,7 @@ import os
 from pathlib import Path
 import random
 
-from bag_judges import read_by_all, read_by_rosbags, read_indexed, Stored
+from bag_readers import read_by_all, read_by_rosbags, read_indexed, Stored
 from conftest import disk_of
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -66,7 +66,7 @@ def test_cut_at_every_byte(tmp_path: Path) -> None:
     stored = small_bag(path)
     content = path.read_bytes()
     whole = 0
-    judged: dict[bytes, list[Stored]] = {}
+    read: dict[bytes, list[Stored]] = {}
     for size in range(len(content) + 1):
         path.write_bytes(content[:size])
         frames = finish_bag(path)
@@ -75,9 +75,9 @@ def test_cut_at_every_byte(tmp_path: Path) -> None:
             assert path.read_bytes() == content[:size]
             continue
         finished = path.read_bytes()
-        if finished not in judged:
-            judged[finished] = read_by_all(path)
-        found = judged[finished]
+        if finished not in read:
+            read[finished] = read_by_all(path)
+        found = read[finished]
         assert found == stored[:len(found)]
         assert frames == sum(entry.topic == CHANNEL.topic for entry in found)
         # Every message whose last byte is there is found.

@@ -22,7 +22,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from bag_judges import decode, read_by_all, read_indexed, read_streaming, Stored
+from bag_readers import decode, read_by_all, read_indexed, read_streaming, Stored
 from conftest import disk_of
 from mcap.reader import SeekingReader
 from mcap.stream_reader import StreamReader

@@ -25,7 +25,7 @@ import subprocess
 import sys
 import time
 
-from bag_judges import read_by_all
+from bag_readers import read_by_all
 from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
 import cv2
 from images import oriented_jpeg, random_image

@@ -29,7 +29,7 @@ import subprocess
 import sys
 import time
 
-from bag_judges import decode, read_by_all, read_indexed
+from bag_readers import decode, read_by_all, read_indexed
 from conftest import disk_of, read_manifest, recorded_files
 from console import Console
 import numpy as np

@@ -100,11 +100,11 @@ def test_moments_of_trimesh(tmp_path: Path) -> None:
     ring.apply_transform(trimesh.transformations.euler_matrix(0.3, -0.5, 0.7))
     ring.apply_translation((3.0, -1.0, 0.5))
     ring.export(tmp_path / 'ring.stl')
-    found, judge = mesh_solid(Mesh('ring.stl'), [tmp_path]), trimesh.load(tmp_path / 'ring.stl')
-    assert judge.is_volume
-    assert found.volume == pytest.approx(judge.volume)
-    assert found.centre == pytest.approx(judge.center_mass)
-    moments = judge.moment_inertia / judge.volume
+    found, expected = mesh_solid(Mesh('ring.stl'), [tmp_path]), trimesh.load(tmp_path / 'ring.stl')
+    assert expected.is_volume
+    assert found.volume == pytest.approx(expected.volume)
+    assert found.centre == pytest.approx(expected.center_mass)
+    moments = expected.moment_inertia / expected.volume
     assert found.moments == pytest.approx(moments[np.triu_indices(3)], abs=1e-9)
 
 
