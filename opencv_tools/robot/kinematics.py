@@ -269,7 +269,6 @@ def check_mimic_cycles(robot: Robot) -> list[Joint]:
 
 
 def _mimic_position(joint: Joint, positions: Positions) -> tuple[float, ...]:
-    """Return the position of a mimic joint."""
     position = [*positions.get(joint.name, ())]
     position += [0.0] * (joint.kind.dof - len(position))
     for index, axis in enumerate(joint.axes[:len(position)]):

@@ -65,9 +65,6 @@ class Extension:
 
     Each element has the tag of its object and only the attributes and children that the reader
     did not consume. It is None if there are none. The elements are copied and never changed.
-
-    :param urdf: URDF attributes and children.
-    :param sdf: SDF attributes and children.
     """
 
     urdf: etree._Element | None = None

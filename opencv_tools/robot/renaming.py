@@ -36,13 +36,11 @@ class Names:
     """Names that are taken, and new ones that differ from them and from each other."""
 
     def __init__(self, taken: Iterable[str] = ()) -> None:
-        """Begin with names that are taken."""
         self._taken = set(taken)
         # How many names of each base were tried, because it is slow to try many again.
         self._counts: dict[str, int] = {}
 
     def __contains__(self, name: str) -> bool:
-        """Return whether a name is taken."""
         return name in self._taken
 
     def add(self, name: str) -> None:

@@ -49,14 +49,12 @@ _RELATIVE = ('mass', 'inertia')
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """
-    A difference between two robots.
+    A difference between two robots, with the values of both as text.
 
     :param element: ``link``, ``inertial``, ``visual``, ``collision``, ``joint``, ``frame`` or
         ``robot``.
     :param name: name of the element; for a shape, ``link/name`` or ``link/number``.
     :param property: ``presence``, ``pose at zero``, ``type``, ``upper`` or another property.
-    :param a: value in the first robot, as text.
-    :param b: value in the second robot, as text.
     :param size: size of the difference; for a pose in metres or radians, whichever is larger;
         0 for values that are not numbers.
     """
@@ -268,7 +266,12 @@ def _presence_matters(key: Key, sides: tuple[_Side, _Side], everything: bool) ->
 
 def _positions(a: _Side, b: _Side, generator: random.Random
                ) -> tuple[dict[str, Sequence[float]], dict[str, Sequence[float]]]:
-    """Return random positions, equal for joints of one name and kind; mimic joints follow."""
+    """
+    Return random joint positions of both robots.
+
+    Joints that have one name and one kind in both robots get the same position. Mimic joints get
+    the positions that follow from the joints that they mimic.
+    """
     positions: tuple[dict[str, Sequence[float]], ...] = {}, {}
     for key in sorted({*a.joints, *b.joints}):
         joints = [side.joints.get(key) for side in (a, b)]

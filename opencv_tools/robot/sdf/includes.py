@@ -78,7 +78,7 @@ class ModelFile:
 
     @property
     def name(self) -> str:
-        """Name of the model."""
+        """Name of the model in the robot: that of the outermost include that has one."""
         own = required_name(self.element)
         return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
@@ -97,15 +97,13 @@ class ModelFile:
 
 
 class ModelLoader:
-    """Loads included models and reads each file once."""
+    """
+    Loads included models and reads each file once.
+
+    :param search: folders that are searched before those of the environment.
+    """
 
     def __init__(self, search: Sequence[str], report: Report) -> None:
-        """
-        Create a loader.
-
-        :param search: folders that are searched before those of the environment.
-        :param report: receives the warnings about included files.
-        """
         self._search = search
         self._report = report
         self._roots: dict[Path, tuple[Element, Version]] = {}
@@ -152,7 +150,6 @@ class ModelLoader:
                                    'include fewer models', model.includes[0])
 
     def _read(self, path: Path, include: TrackedElement) -> tuple[Element, Version]:
-        """Read an included file; return its root element and its version."""
         if path not in self._roots:
             root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':

@@ -52,7 +52,6 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     Read a robot from SDF.
 
     :param root: the ``<sdf>``.
-    :param report: receives what is lossy and what is preserved.
     :param model: name of the model; empty if the file has only one.
     :param search: folders with included models.
     :raises DescriptionError: the file is not a valid robot.
@@ -128,7 +127,6 @@ def _read_frame(element: TrackedElement, context: ReadContext) -> Frame:
 
 
 def _model_frame(context: ReadContext, parent: ReadContext) -> Frame:
-    """Return the model frame of a nested model."""
     scope = context.scope
     return Frame(name=scope.frame.name,
                  attached_to=FrameId('link', context.registry.link_of(scope.frame)),

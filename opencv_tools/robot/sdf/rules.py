@@ -212,7 +212,6 @@ def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
 
     :param root: the ``<sdf>``; it is changed.
     :param source: the file that the robot comes from.
-    :param report: receives the changes.
     :raises DescriptionError: an invalid value cannot be changed.
     """
     former: tuple[Element | None, str] = None, ''
@@ -257,7 +256,6 @@ def _has_valid_name(child: Element) -> bool:
 
 
 def _clamp_color(element: Element, report: Report) -> None:
-    """Clamp the components of a colour to 0 to 1."""
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := _read_number(word)) is not None)
     if len(values) == len(words) and clamped(values) != values:

@@ -39,7 +39,6 @@ class Version(NamedTuple):
     minor: int
 
     def __str__(self) -> str:
-        """Return the version as it is written in a file."""
         return f'{self.major}.{self.minor}'
 
 

@@ -42,7 +42,7 @@ from opencv_tools.robot.xml.report import Report
 
 @dataclass(frozen=True)
 class _WriteContext:
-    """The output of a robot."""
+    """Facts of the whole robot that its elements are written with."""
 
     kinematics: Kinematics
     version: Version
@@ -114,7 +114,6 @@ def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:
 
 
 def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
-    """Write a link into a model."""
     element = etree.SubElement(model, 'link', name=link.name)
     frame, kinematics = FrameId('link', link.name), context.kinematics
     joint = kinematics.parent_joint.get(link.name) if context.relative else None
@@ -140,7 +139,7 @@ def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link
     if auto:
         is_same = is_same_inertial(auto, inertial, frame, kinematics)
         if is_same and context.version >= AUTO_INERTIA:
-            return link  # it is a part of the extension
+            return link  # `write_extension` writes it, and SDF computes the same numbers
         reason = f'not supported by SDF {context.version}' if is_same else (
             'its numbers are not those of the collisions and their density')
         context.report.warn('inertial', link.name, link.line, f'auto="true" is omitted: {reason}')
@@ -157,7 +156,7 @@ def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link
 def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> None:
     geometry, unread = shape.geometry, shape.extension.sdf
     if geometry is None and unread is not None and unread.find('geometry') is not None:
-        return  # it is a part of the extension
+        return  # a geometry that only SDF has; `write_extension` writes it
     parent = etree.SubElement(element, 'geometry')
     if geometry is None:
         etree.SubElement(parent, 'empty')

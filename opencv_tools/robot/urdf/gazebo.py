@@ -83,7 +83,7 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extract
 def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: LinkTree,
              extracted: Extracted, report: Report) -> str | None:
     """
-    Extract an element.
+    Read an element of a block as a setting, or as an element that SDF has in the owner.
 
     :param robot: name of the robot, for the report.
     :returns: why the element stays in its block, empty if it belongs there; None if it does not.

@@ -38,7 +38,6 @@ class MaterialTable:
     """
     The materials of a file.
 
-    :param by_element: materials by their elements.
     :param defined: materials that have a colour or a texture, by name.
     :param single: names that only one element has.
     """
@@ -90,7 +89,6 @@ def visual_material(visual: TrackedElement, preserved: TrackedElement | None,
     Return the material of a visual, by its own definition or by the name of another one.
 
     :param preserved: the SDF of the visual, which may have more colours.
-    :param link: the name of the link.
     """
     element = visual.find('material')
     lights = None if preserved is None else preserved.find('material')
@@ -126,7 +124,6 @@ class MaterialNames:
     The names of materials in a file that is written.
 
     :param appearances: colour and texture by name.
-    :param taken: names that are in use.
     """
 
     appearances: dict[str, _Appearance]

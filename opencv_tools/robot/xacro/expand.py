@@ -65,7 +65,6 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
     Expand a xacro file.
 
     :param path: path of the file, to which includes are relative; ``-`` for standard input.
-    :param data: content of the file.
     :param arguments: values of ``xacro:arg``, by name.
     :param find: ``path`` or ``package``, for ``$(find package)`` in texts other than URIs.
     :returns: XML without xacro.
@@ -161,7 +160,6 @@ class _PatchedXacro:
         self._xacro.all_includes[:] = self._includes
 
     def expand(self, path: str, data: bytes, arguments: dict[str, str]) -> minidom.Document:
-        """Return the expanded document of a file."""
         self._xacro.init_stacks(None if path == '-' else path)
         document = self._document(data, display_name(path))
         self._xacro.process_doc(document, mappings=arguments, verbosity=0)

@@ -93,7 +93,6 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     """
     Expand a xacro file as `expand` does, in a separate process.
 
-    :param limits: limits of the process.
     :raises DescriptionError: the file cannot be expanded within the limits.
     """
     source = display_name(path)

@@ -30,10 +30,8 @@ def numbers(text: str | None, count: int, element: AnyElement, attribute: str = 
     """
     Read finite numbers from a text.
 
-    :param count: expected number of numbers.
-    :param element: element of the text, for messages.
-    :param attribute: attribute of the text, for messages; empty for the text of the element.
-    :raises DescriptionError: the text is not as many finite numbers.
+    :param attribute: attribute with the text, for messages; empty for the text of the element.
+    :raises DescriptionError: the text is not ``count`` finite numbers.
     """
     try:
         values = tuple(map(c_float, (text or '').split()))

@@ -72,8 +72,6 @@ def embed_foreign(element: Element, unread: Element | None, origin: str, report:
     :param element: element that was written from the model; it is changed.
     :param unread: result of `TrackedElement.unread`.
     :param origin: the format of the unread XML, ``urdf`` or ``sdf``.
-    :param name: name of the element, for the report.
-    :param line: line of the element, for the report.
     """
     if unread is None:
         return

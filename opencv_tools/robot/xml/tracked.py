@@ -39,7 +39,6 @@ class TrackedElement:
     __slots__ = ('_children', '_is_taken', '_names', 'element')
 
     def __init__(self, element: _Element) -> None:
-        """Begin with nothing consumed."""
         self.element = element  # reading from it consumes nothing
         self._names: set[str] = set()  # consumed attributes; '' is the text
         self._children: dict[_Element, TrackedElement] = {}
@@ -66,7 +65,7 @@ class TrackedElement:
         return self.element.text
 
     def __contains__(self, name: str) -> bool:
-        """Return whether the element has an attribute, without consuming it."""
+        # This does not consume the attribute.
         return name in self.element.attrib
 
     @overload
