@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
@@ -42,11 +42,10 @@ INERTIALS = {
 _SCHEMES = {'model': 'model://', 'package': 'package://'}
 
 
-def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
-                   relative: bool = False, inertial: str = 'keep', lump: bool = False,
-                   mesh_uri: str = 'model') -> Element:
+@dataclass(frozen=True, kw_only=True)
+class SdfOptions:
     """
-    Return a robot as SDF.
+    Options for writing a robot as SDF.
 
     :param version: SDF version, ``1.7`` to ``1.12``.
     :param relative: whether the pose of each link is relative to its parent link, with the
@@ -54,34 +53,59 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     :param inertial: a key of ``INERTIALS``.
     :param lump: whether links that fixed joints connect are merged.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
-    :returns: the element ``<sdf>``.
-    :raises DescriptionError: SDF of this version does not support the robot.
     """
-    if lump:
-        robot = lump_fixed(robot, report)
-    robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
-    report_inertials(robot, report)
-    robot = with_valid_sdf_names(robot, report)
-    root = write_sdf(robot, report, version=version, relative=relative)
-    keep_sdf_rules(root, robot.source, report)
-    return root
+
+    version: str = '1.11'
+    relative: bool = False
+    inertial: str = 'keep'
+    lump: bool = False
+    mesh_uri: str = 'model'
 
 
-def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
-                    frame_links: bool = False, mesh_uri: str = 'package') -> Element:
+@dataclass(frozen=True, kw_only=True)
+class UrdfOptions:
     """
-    Return a robot as URDF.
+    Options for writing a robot as URDF.
 
     :param inertial: a key of ``INERTIALS``.
     :param frame_links: whether the frames become links, see `trees.with_frame_links`.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
+    """
+
+    inertial: str = 'keep'
+    frame_links: bool = False
+    mesh_uri: str = 'package'
+
+
+def convert_to_sdf(robot: Robot, report: Report, options: SdfOptions = SdfOptions()) -> Element:
+    """
+    Return a robot as SDF.
+
+    :returns: the element ``<sdf>``.
+    :raises DescriptionError: SDF of this version does not support the robot.
+    """
+    if options.lump:
+        robot = lump_fixed(robot, report)
+    robot = with_mesh_uris(with_inertials(robot, options.inertial, report), options.mesh_uri)
+    report_inertials(robot, report)
+    robot = with_valid_sdf_names(robot, report)
+    root = write_sdf(robot, report, version=options.version, relative=options.relative)
+    keep_sdf_rules(root, robot.source, report)
+    return root
+
+
+def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOptions()
+                    ) -> Element:
+    """
+    Return a robot as URDF.
+
     :returns: the element ``<robot>``.
     :raises DescriptionError: URDF does not support the robot.
     """
-    robot = with_inertials(select_root(robot, '', report), inertial, report)
+    robot = with_inertials(select_root(robot, '', report), options.inertial, report)
     report_inertials(robot, report)
-    robot = with_mesh_uris(robot, mesh_uri)
-    if frame_links:
+    robot = with_mesh_uris(robot, options.mesh_uri)
+    if options.frame_links:
         robot = with_frame_links(robot, report)
     root = write_urdf(with_original_names(with_valid_urdf_names(robot, report)), report)
     keep_urdf_rules(root, robot.source, report)
