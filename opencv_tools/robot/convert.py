@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from opencv_tools.robot.geometry import Mesh
+from opencv_tools.robot.lumping import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.physical import report_inertials, with_physical_inertials
 from opencv_tools.robot.pose import Pose
@@ -26,7 +27,7 @@ from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import lump_fixed, select_root, shortened, with_frame_links
+from opencv_tools.robot.trees import select_root, shortened, with_frame_links
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import Element

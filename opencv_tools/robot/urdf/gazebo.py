@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
+from opencv_tools.robot.lumping import PRESERVING_TAGS
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
-from opencv_tools.robot.trees import PRESERVING_TAGS
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import Element, line_of, local_name
