@@ -29,10 +29,9 @@ from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
 from opencv_tools.robot.sdf.values import flag, number_of
 from opencv_tools.robot.solids import cone, ellipsoid, Solid, solid_of
-from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.document import DescriptionError, detached, Element
 from opencv_tools.robot.xml.numbers import vector
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 _DENSITY = 1000.0  # of water in kg/m3, the default of SDF
 _ROUNDING = 1e-9  # relative, of numbers that were converted there and back

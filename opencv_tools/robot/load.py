@@ -27,8 +27,8 @@ from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xacro.expand import is_xacro
 from opencv_tools.robot.xacro.process import expand_apart
-from opencv_tools.robot.xml.document import (
-    DescriptionError, display_name, Element, line_of, local_name, parse, read_bytes)
+from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name, parse
+from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report
 
 

@@ -25,9 +25,8 @@ from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, Placement, Robot, Shape
 from opencv_tools.robot.sdf.values import POSED
 from opencv_tools.robot.trees import without_orphan_mimics
-from opencv_tools.robot.xml.document import Element
+from opencv_tools.robot.xml.document import detached, Element
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.
 PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')

@@ -24,9 +24,8 @@ from typing import TypeVar
 from lxml import etree
 from opencv_tools.robot.model import (
     Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
-from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError, detached
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 _Named = TypeVar('_Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]

@@ -26,9 +26,9 @@ from urllib.parse import unquote
 
 from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version, version_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, local_name, parse, read_bytes, required_name, source_of)
+    DescriptionError, Element, local_name, parse, required_name, source_of, TrackedElement)
+from opencv_tools.robot.xml.input import read_bytes
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 #: Environment variables with model folders, searched in this order after the caller's folders.
 SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PATH',

@@ -27,10 +27,10 @@ from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, Rotation
 from opencv_tools.robot.sdf.link_reader import ReadContext
 from opencv_tools.robot.sdf.names import JOINTS
 from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
-from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
+from opencv_tools.robot.xml.document import (
+    DescriptionError, line_of, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number
 from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 _TYPE = f'{{{URDF_NAMESPACE}}}type'
 _MIMIC = f'{{{URDF_NAMESPACE}}}mimic'

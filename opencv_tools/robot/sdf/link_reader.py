@@ -29,11 +29,10 @@ from opencv_tools.robot.sdf.values import (
     color_of, flag, FRAMES, MATERIAL_COLORS, MODEL_FRAME, number_of, pose_of, poses_in, SEPARATOR,
     text_of)
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name)
+    DescriptionError, Element, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
 from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 _GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _URDF_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'

@@ -23,8 +23,7 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.inertia import auto_inertial
-from opencv_tools.robot.kinematics import (
-    check_mimic_cycles, cycle_text, Kinematics, resolve_chain)
+from opencv_tools.robot.kinematics import check_mimic_cycles, cycle_text, Kinematics, resolve_chain
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
@@ -35,10 +34,10 @@ from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
 from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of)
+    DescriptionError, detached, Element, line_of, local_name, required_name, source_of,
+    TrackedElement)
 from opencv_tools.robot.xml.passthrough import extract_foreign
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # Children of an <include> that are converted.
 _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')

@@ -27,11 +27,10 @@ from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
 from opencv_tools.robot.urdf.tree import LinkTree
-from opencv_tools.robot.xml.document import Element, line_of, local_name
+from opencv_tools.robot.xml.document import detached, Element, line_of, local_name, TrackedElement
 from opencv_tools.robot.xml.numbers import numbers_text
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
 # Rounding error of a pose that was transformed there and back.
 _ROUNDING = 1e-12

@@ -25,11 +25,10 @@ from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZER
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, line_of, local_name, required_attribute, required_child,
-    required_name)
+    required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
 from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 
 def origin_of(element: TrackedElement) -> Pose:

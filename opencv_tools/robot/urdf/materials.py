@@ -24,11 +24,11 @@ from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
 from opencv_tools.robot.renaming import Names
-from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
+from opencv_tools.robot.xml.document import (
+    AnyElement, Element, line_of, PARTLY_READ, required_attribute, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, numbers_text
 from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import PARTLY_READ, TrackedElement
 
 _Appearance = tuple[Color | None, str]  # colour and texture
 

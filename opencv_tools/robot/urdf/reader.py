@@ -39,11 +39,11 @@ from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.settings import with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
-    AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of)
+    AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of,
+    TrackedElement)
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
 from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 _DEFAULT_NAME = 'robot'

@@ -35,12 +35,11 @@ from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST, pose_of, 
 from opencv_tools.robot.urdf.gazebo import set_pose
 from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
 from opencv_tools.robot.urdf.settings import take_settings
-from opencv_tools.robot.xml.document import Element, line_of, local_name
+from opencv_tools.robot.xml.document import detached, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 _SDF = f'{{{SDF_NAMESPACE}}}'
 

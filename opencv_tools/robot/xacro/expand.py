@@ -39,8 +39,8 @@ from opencv_tools.remedies import installation
 from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
-from opencv_tools.robot.xml.document import (
-    DescriptionError, display_name, Element, parse, read_bytes)
+from opencv_tools.robot.xml.document import DescriptionError, Element, parse
+from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report, SourceLine
 
 _NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')

@@ -34,7 +34,8 @@ from types import FrameType
 
 from opencv_tools.robot.xacro.errors import TOO_LARGE, XacroProblem
 from opencv_tools.robot.xacro.expand import expand
-from opencv_tools.robot.xml.document import DescriptionError, display_name, MAX_BYTES
+from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.input import display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
 
 # The process imports from the same folders as this one.

@@ -24,9 +24,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lxml import etree
-from opencv_tools.robot.xml.document import Element, local_name
+from opencv_tools.robot.xml.document import (
+    detached, Element, local_name, PARTLY_READ, TEXT_READ, TrackedElement)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, PARTLY_READ, TEXT_READ, TrackedElement
 
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
