@@ -27,12 +27,15 @@ from opencv_tools.robot.kinematics import check_mimic_cycles, cycle_text, Kinema
 from opencv_tools.robot.model import (
     Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
-from opencv_tools.robot.sdf.includes import first_file, ModelLoader, search_folders
-from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
-from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
+from opencv_tools.robot.sdf.axis_reader import with_axes
+from opencv_tools.robot.sdf.context import model_contexts, ReadContext
+from opencv_tools.robot.sdf.includes import search_folders
+from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint
+from opencv_tools.robot.sdf.link_reader import read_link
 from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
+from opencv_tools.robot.sdf.scopes import Scope
 from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
+from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.xml.document import (
     DescriptionError, detached, Element, line_of, local_name, required_name, source_of,
     TrackedElement)
@@ -45,27 +48,21 @@ _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
 _OVERRIDES = ('pose', 'static')
 
 
-def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence[str] = ()
-             ) -> Robot:
+def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str = '',
+             search: Sequence[str] = ()) -> Robot:
     """
     Read a robot from SDF.
 
     :param root: the ``<sdf>``.
     :param model: name of the model; empty if the file has only one.
+    :param root_link: root of the tree to read; empty for all trees.
     :param search: folders with included models.
     :raises DescriptionError: the file is not a valid robot.
     """
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF; the root must be <sdf>', root)
-    # Nested models and includes are collected first: each is a scope of names.
-    scopes = collect_scopes(root, ModelLoader(search, report), model, report)
-    top = scopes[0]
-    if not any(scope.element.take_all('link') for scope in scopes):
-        raise DescriptionError(f'model {top.file.name!r} has no links', top.element)
-    # All names are registered before elements are read, because they may refer to later elements.
-    registry = FrameRegistry(scopes)
-    folder = first_file(source_of(root)).parent
-    contexts = [ReadContext(scope, registry, report, str(folder)) for scope in scopes]
+    contexts = model_contexts(root, report, model, search)
+    top, registry = contexts[0].scope, contexts[0].registry
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)
     robot = Robot(name=top.file.name, links=links, joints=joints, frames=frames,
@@ -76,7 +73,7 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     # All following steps compute poses, which needs placements without cycles.
     _check_placements(robot, registry)
     # Nested models get their final poses before other poses are computed from them.
-    robot = _with_placement_frames(robot, scopes, registry)
+    robot = _with_placement_frames(robot, [context.scope for context in contexts], registry)
     # The pose in the world depends on the pose of the robot's own placement_frame.
     pose_in_world = _pose_in_world(robot, top, registry)
     robot = _with_world(robot, pose_in_world)
@@ -90,11 +87,13 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     # Mimics are parts of axes.
     check_mimic_cycles(robot)
     # The centres of collisions depend on the final poses, too.
-    robot = _with_auto_inertials(robot, kinematics, search_folders(folder, search), report)
+    folders = search_folders(Path(contexts[0].folder), search)
+    robot = _with_auto_inertials(robot, kinematics, folders, report)
     # Loops do not change poses or axes; only trees of the robot depend on them.
     robot = mark_loops(robot, canonical)
     # The extension is what no step has read, so it is last.
-    return replace(robot, extension=_model_extension(contexts[0], pose_in_world))
+    robot = replace(robot, extension=_model_extension(contexts[0], pose_in_world))
+    return select_root(robot, root_link, report) if root_link else robot
 
 
 def _read_elements(contexts: Sequence[ReadContext]

@@ -36,7 +36,7 @@ from opencv_tools.robot.sdf.values import (
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
-    embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, URDF_JOINT_TYPE, URDF_NAMESPACE)
 from opencv_tools.robot.xml.report import Report
 
 
@@ -225,7 +225,7 @@ def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> No
     """Preserve a type that SDF does not support, or that its reader would change."""
     is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
     if joint.type == 'revolute' and is_unlimited:
-        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+        element.set(URDF_JOINT_TYPE, joint.type)
     if joint.type not in SDF_TYPES:
         context.report.warn('joint', joint.name, joint.line,
                             f'{joint.type} joints are not supported by SDF; preserved as '

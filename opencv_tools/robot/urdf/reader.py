@@ -30,7 +30,8 @@ from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Joint, Limit, Link, Mimic, MODEL, Placement, Robot)
 from opencv_tools.robot.pose import Pose, ZERO
-from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, frame_from_element
+from opencv_tools.robot.sdf.fragments import (
+    AXES, axis_from_element, frame_from_element, mimic_of_urdf)
 from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted, in_link_frame
@@ -227,8 +228,7 @@ def _mimic(element: TrackedElement, context: _ReadContext) -> Mimic | None:
                             'effect')
         return None
     mimic.get('joint')
-    return Mimic(joint, number(mimic.get('multiplier', '1'), mimic, 'multiplier'),
-                 number(mimic.get('offset', '0'), mimic, 'offset'))
+    return mimic_of_urdf(mimic, joint)
 
 
 def _frames(root: TrackedElement, tree: LinkTree) -> tuple[Frame, ...]:

@@ -33,17 +33,15 @@ import stat
 from typing import Any
 from xml.dom import minidom
 
-from lxml import etree
 from opencv_tools.regular_files import describe_kind
 from opencv_tools.remedies import installation
 from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
-from opencv_tools.robot.xml.document import DescriptionError, Element, parse
+from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report, SourceLine
 
-_NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
 _MARKER_URI = re.compile(f'(?:(?i:file:(?://localhost)?)/*)?{PACKAGE_MARKER.pattern}')
 # Macros that call each other. The recursion limit of Python is not much higher.
 _MAX_DEPTH = 120
@@ -51,12 +49,6 @@ _MAX_CALLS = 5000
 _PACKAGE = re.compile(r'[\w.-]+')
 # Elements with a URI, as their attribute or text.
 _URI_HOLDERS = ('mesh', 'texture', 'uri')
-
-
-def is_xacro(root: Element) -> bool:
-    """Return whether a document declares the namespace of xacro anywhere."""
-    return any(namespace and _NAMESPACE.fullmatch(namespace[1])
-               for _, namespace in etree.iterwalk(root, events=('start-ns',)))
 
 
 def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,

@@ -34,6 +34,8 @@ _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
 # The name that an element has in URDF, if SDF does not allow it.
 URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
+# The type that a joint has in URDF, if SDF does not have it or reads another one.
+URDF_JOINT_TYPE = f'{{{URDF_NAMESPACE}}}type'
 _OTHER_FORMAT = {'urdf': 'SDF', 'sdf': 'URDF'}
 
 
