@@ -26,6 +26,7 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
+from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import select_root, shortened, with_frame_links
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
@@ -38,7 +39,7 @@ INERTIALS = {
     'keep': None,
     'physical': None,
     'zero': (0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    'default': (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),  # the default of simulators for SDF
+    'default': DEFAULT_INERTIAL,
 }
 _SCHEMES = {'model': 'model://', 'package': 'package://'}
 

@@ -23,13 +23,11 @@ from lxml import etree
 from opencv_tools.robot.inertia import total_inertial, without_auto
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, Placement, Robot, Shape
-from opencv_tools.robot.sdf.values import POSED
+from opencv_tools.robot.sdf.values import POSED, PRESERVING_TAGS
 from opencv_tools.robot.trees import without_orphan_mimics
 from opencv_tools.robot.xml.document import detached, Element
 from opencv_tools.robot.xml.report import Report
 
-# Tags in <gazebo reference="joint"> that preserve a fixed joint.
-PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
 # Elements that a link has once. If links become one, that of the first link counts.
 _SINGLE = ('enable_wind', 'gravity', 'inertial', 'kinematic', 'must_be_base_link', 'self_collide',
            'velocity_decay')

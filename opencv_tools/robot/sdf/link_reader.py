@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, Placement, Shape
+from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
 from opencv_tools.robot.sdf.context import ReadContext
 from opencv_tools.robot.sdf.values import (
-    color_of, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of)
+    color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of)
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
@@ -64,17 +64,16 @@ def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext)
             context.report.warn(ignored.tag, link.name, line_of(ignored),
                                 'is ignored: auto="true" computes it from the collisions')
         element.find('mass')  # without its text, which stays among what is unread
-        return Inertial(Placement(pose_of(None), link), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+        return Inertial(Placement(pose_of(None), link), *DEFAULT_INERTIAL)
     inertia = element.find('inertia')
-    moments = {'ixx': 1.0, 'ixy': 0.0, 'ixz': 0.0, 'iyy': 1.0, 'iyz': 0.0, 'izz': 1.0}
-    if inertia is not None:
-        moments = {tag: number_of(inertia, tag, default) for tag, default in moments.items()}
-    ixx, ixy, ixz, iyy, iyz, izz = moments.values()
+    default_mass, default_moments = DEFAULT_INERTIAL
+    ixx, ixy, ixz, iyy, iyz, izz = default_moments if inertia is None else (
+        number_of(inertia, tag, default) for tag, default in zip(INERTIA, default_moments))
     pose = element.find('pose')
     if pose is not None and (pose.get('relative_to', '') or pose.get('frame', '')):
         context.report.warn('inertial', link.name, line_of(pose),
                             'relative_to= is ignored; the pose is relative to the link')
-    return Inertial(Placement(pose_of(pose), link), number_of(element, 'mass', 1.0),
+    return Inertial(Placement(pose_of(pose), link), number_of(element, 'mass', default_mass),
                     (ixx, ixy, ixz, iyy, iyz, izz))
 
 

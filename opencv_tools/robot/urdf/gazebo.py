@@ -20,20 +20,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.lumping import PRESERVING_TAGS
 from opencv_tools.robot.model import FrameId, MODEL
-from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
+from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import detached, Element, line_of, local_name, TrackedElement
-from opencv_tools.robot.xml.numbers import numbers_text
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
-# Rounding error of a pose that was transformed there and back.
-_ROUNDING = 1e-12
 # Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
 _WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
 _SDF_COLLISION = f'{{{SDF_NAMESPACE}}}collision'
@@ -119,28 +114,3 @@ def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
         return any(link.find(tag) is not None for tag in ('collision', _SDF_COLLISION))
     return setting.fits(tree.joints[name].element.get('type', '') if (
         setting.owner == 'joint') else '')
-
-
-def in_link_frame(element: Element, offset: Pose | None) -> Element:
-    """Return an element of SDF with its pose in its link instead of the parent joint."""
-    pose = element.find('pose')
-    if not offset or element.tag not in POSED or (pose is not None and pose.attrib):
-        return element
-    in_link = (offset.transform() @ pose_of(pose).transform()).pose()
-    element = detached(element)
-    if max(map(abs, in_link.xyz + in_link.rpy)) >= _ROUNDING:
-        set_pose(element, in_link)
-    elif (pose := element.find('pose')) is not None:
-        element.remove(pose)
-        element.text = element.text if len(element) else None
-    return element
-
-
-def set_pose(element: Element, pose: Pose) -> None:
-    """Write the ``<pose>`` of an element of SDF in place of its former one."""
-    child = element.find('pose')
-    if child is None:
-        child = etree.Element('pose')
-        element.insert(0, child)
-    child.attrib.clear()
-    child.text = numbers_text(pose.xyz + pose.rpy)

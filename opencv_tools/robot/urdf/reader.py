@@ -34,9 +34,10 @@ from opencv_tools.robot.sdf.fragments import (
     AXES, axis_from_element, frame_from_element, mimic_of_urdf)
 from opencv_tools.robot.sdf.values import MODEL_FRAME, pose_of
 from opencv_tools.robot.trees import select_root
-from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted, in_link_frame
+from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted
 from opencv_tools.robot.urdf.link_reader import inertial_from_element, origin_of, shapes_of
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
+from opencv_tools.robot.urdf.posed import in_link_frame
 from opencv_tools.robot.urdf.settings import with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
