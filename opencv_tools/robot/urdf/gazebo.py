@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.model import FrameId, MODEL
+from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
-from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import detached, Element, line_of, local_name, TrackedElement
 from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
@@ -47,6 +47,10 @@ class Extracted:
     moved: dict[FrameId, list[Element]] = field(default_factory=dict)
     values: dict[tuple[str, str], Element] = field(default_factory=dict)
     remaining: list[Element] = field(default_factory=list)
+
+    def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
+        """Return an extension with the settings of a link or joint, or those of its collisions."""
+        return with_values(extension, self.values.get((owner, name)))
 
 
 def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extracted:

@@ -23,7 +23,7 @@ from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, MODEL, Robot
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME
-from opencv_tools.robot.urdf.posed import in_joint_frame
+from opencv_tools.robot.urdf.poses import in_joint_frame
 from opencv_tools.robot.urdf.settings import take_settings
 from opencv_tools.robot.xml.document import detached, Element, line_of
 from opencv_tools.robot.xml.report import Report

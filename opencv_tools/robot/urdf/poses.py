@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Elements of SDF with a pose in a link, such as sensors, between the link frames of both formats.
+Poses in URDF, and poses of SDF elements in a link, such as sensors, in both formats.
 
 In URDF the frame of a link is that of its parent joint.
 """
@@ -25,14 +25,40 @@ from collections.abc import Mapping
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Placement
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform, ZERO
 from opencv_tools.robot.sdf.values import pose_of, POSED
-from opencv_tools.robot.xml.document import detached, Element, line_of
-from opencv_tools.robot.xml.numbers import numbers_text
+from opencv_tools.robot.xml.document import (
+    DescriptionError, detached, Element, line_of, TrackedElement)
+from opencv_tools.robot.xml.numbers import numbers, numbers_text, vector
+from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
 from opencv_tools.robot.xml.report import Report
 
 # Rounding error of a pose that was transformed there and back.
 _ROUNDING = 1e-12
+
+
+def origin_of(element: TrackedElement) -> Pose:
+    """Read the ``<origin>`` of an element; the default is the identity."""
+    origin = element.find('origin')
+    if origin is None:
+        return Pose()
+    xyz = vector(origin.get('xyz'), origin, 'xyz') if 'xyz' in origin else ZERO
+    rpy = vector(origin.get('rpy'), origin, 'rpy') if 'rpy' in origin else ZERO
+    if 'quat_xyzw' not in origin:
+        return Pose(xyz, rpy)
+    x, y, z, w = numbers(origin.get('quat_xyzw'), 4, origin, 'quat_xyzw')
+    if 'rpy' in origin:
+        raise DescriptionError('has quat_xyzw= and rpy=; give one of them', origin)
+    if not any((x, y, z, w)):
+        raise DescriptionError("quat_xyzw='0 0 0 0' is not a rotation; give a quaternion that is "
+                               'not zero', origin)
+    return Transform(rotation_of_quaternion((w, x, y, z)), xyz).pose()
+
+
+def preserved_pose(element: TrackedElement) -> Pose | None:
+    """Read the pose that the URDF writer preserved, if there is one."""
+    pose = element.find(f'{{{SDF_NAMESPACE}}}pose')
+    return None if pose is None else pose_of(pose)
 
 
 def in_link_frame(element: Element, offset: Pose | None) -> Element:
