@@ -45,6 +45,10 @@ class ReadContext:
     report: Report
     folder: str
 
+    def joint_elements(self) -> list[TrackedElement]:
+        """Return the joints of the model, also those that the SDF writer preserved."""
+        return self.scope.element.take_all(*JOINTS)
+
     def placement(self, holder: TrackedElement, default: FrameId) -> Placement:
         """
         Read the ``<pose>`` of an element.
