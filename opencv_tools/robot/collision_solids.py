@@ -34,15 +34,14 @@ def solid_of_collision(shape: Shape, folders: Sequence[Path]) -> Solid:
     :param folders: folders in which meshes are searched.
     :raises NoSolidError: it is not known, or the shape has no volume.
     """
-    geometry, unread = shape.geometry, shape.extension.sdf
+    geometry, find_sdf = shape.geometry, shape.extension.find_sdf
     if isinstance(geometry, Mesh):
-        if unread is not None and unread.find('geometry/mesh/submesh') is not None:
+        if find_sdf('geometry/mesh/submesh') is not None:
             raise NoSolidError('it is a part of a mesh')
         return mesh_solid(geometry, folders)
     if geometry is not None:
         return solid_of(geometry)
-    ellipse, peak = (None if unread is None else unread.find(f'geometry/{tag}')
-                     for tag in ('ellipsoid', 'cone'))
+    ellipse, peak = find_sdf('geometry/ellipsoid'), find_sdf('geometry/cone')
     if ellipse is not None:
         return ellipsoid(*vector(ellipse.findtext('radii', '1 1 1'), ellipse))
     if peak is not None:

@@ -76,8 +76,7 @@ def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
 
 
 def _auto_element(link: Link) -> Element | None:
-    unread = link.extension.sdf
-    element = None if unread is None else unread.find('inertial')
+    element = link.extension.find_sdf('inertial')
     return element if element is not None and flag(element.get('auto'), element, 'auto') else None
 
 

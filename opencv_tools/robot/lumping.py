@@ -71,7 +71,7 @@ def _hosts(robot: Robot, kinematics: Kinematics) -> dict[str, str]:
     links = {link.name: link for link in robot.links}
     preserved = _preserved_joints(robot) | {
         joint.name for joint in robot.joints
-        if joint.extension.sdf is not None and joint.extension.sdf.find('sensor') is not None}
+        if joint.extension.find_sdf('sensor') is not None}
     hosts = {name: name for name in kinematics.roots}
     for name in kinematics.subtree(kinematics.roots):
         for joint in kinematics.child_joints[name]:

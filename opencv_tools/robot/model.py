@@ -70,6 +70,10 @@ class Extension:
     urdf: etree._Element | None = None
     sdf: etree._Element | None = None
 
+    def find_sdf(self, path: str) -> etree._Element | None:
+        """Return the first SDF child with a path such as ``geometry/mesh``, if there is one."""
+        return None if self.sdf is None else self.sdf.find(path)
+
 
 NO_EXTENSION = Extension()
 

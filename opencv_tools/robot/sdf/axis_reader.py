@@ -27,9 +27,9 @@ from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, mimic_of_u
 from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, required_name, TrackedElement)
-from opencv_tools.robot.xml.passthrough import URDF_JOINT_TYPE, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_JOINT_TYPE, URDF_TAG
 
-_MIMIC = f'{{{URDF_NAMESPACE}}}mimic'
+_MIMIC = f'{URDF_TAG}mimic'
 
 
 def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinematics: Kinematics

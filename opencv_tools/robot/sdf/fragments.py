@@ -30,10 +30,10 @@ from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, ElementT, line_of, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import (
     limit_number, number, number_text, numbers_text, vector)
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 AXES = ('axis', 'axis2')
-_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
+_XYZ = f'{URDF_TAG}xyz'
 Rotation = Callable[[Vector], Vector]
 
 
@@ -69,7 +69,7 @@ def _limit(element: AnyElement, joint_type: str) -> Limit:
               if (child := element.find(tag)) is not None}
     for tag in ('effort', 'velocity'):
         # A preserved negative number of a URDF means no limit.
-        text = element.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+        text = element.get(f'{URDF_TAG}{tag}', 'inf')
         negative = limit_number(text, element, f'urdf:{tag}')
         if tag not in values:
             values[tag] = negative if negative < 0 else math.inf
@@ -125,7 +125,7 @@ def _limit_element(axis: Element, limit: Limit) -> None:
     for tag, value in vars(limit).items():
         # An omitted value means no limit.
         if tag in ('effort', 'velocity') and value < 0:
-            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
+            element.set(f'{URDF_TAG}{tag}', number_text(value))
         elif math.isfinite(value):
             number_element(element, tag, value)
 

@@ -25,10 +25,10 @@ from opencv_tools.robot.sdf.values import (
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 _GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
-_URDF_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
+_URDF_CAPSULE = f'{URDF_TAG}capsule'
 
 
 def read_link(element: TrackedElement, context: ReadContext) -> Link:
@@ -90,11 +90,9 @@ def _shape_extension(element: TrackedElement, geometry: Geometry | None, context
                      ) -> Extension:
     """Return the unread parts of a shape, with ``<empty/>`` in place of a missing geometry."""
     extension = context.extension(element)
-    unread = extension.sdf
-    if geometry or (unread is not None and unread.find('geometry') is not None):
+    if geometry or extension.find_sdf('geometry') is not None:
         return extension
-    if unread is None:
-        unread = etree.Element(local_name(element))
+    unread = etree.Element(local_name(element)) if extension.sdf is None else extension.sdf
     etree.SubElement(etree.SubElement(unread, 'geometry'), 'empty')
     return Extension(extension.urdf, unread)
 
@@ -154,4 +152,4 @@ def _read_material(element: TrackedElement, context: ReadContext) -> Material:
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
-    return Material(name=element.get(f'{{{URDF_NAMESPACE}}}name', ''), texture=uri, **colors)
+    return Material(name=element.get(f'{URDF_TAG}name', ''), texture=uri, **colors)

@@ -25,10 +25,10 @@ from opencv_tools.robot.sdf.scopes import Scope
 from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, MODEL_FRAME, SEPARATOR, text_of
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, line_of, local_name, required_name, TrackedElement)
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 # Joints and frames that are not supported by SDF are written in the namespace of URDF.
-JOINTS = ('joint', f'{{{URDF_NAMESPACE}}}joint')
+JOINTS = ('joint', f'{URDF_TAG}joint')
 # Before SDF 1.7 a link, a joint and a frame may share a name; a pose refers to the first of them.
 _KINDS = ('link', 'joint', 'frame')
 _NESTED_NAMES = CAPSULE  # from this version on, '::' separates model names

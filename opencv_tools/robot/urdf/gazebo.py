@@ -26,12 +26,12 @@ from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import detached, Element, line_of, local_name, TrackedElement
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 # Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
 _WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
-_SDF_COLLISION = f'{{{SDF_NAMESPACE}}}collision'
+_SDF_COLLISION = f'{SDF_TAG}collision'
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import limit_number, number, vector
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 
 
 def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
@@ -42,7 +42,7 @@ def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
     placement = Placement(origin_of(element), context.link_frame(parent))
     if is_loop and (pose := preserved_pose(element)) is not None:
         placement = Placement(pose, FrameId('link', child))
-    sdf_type = element.get(f'{{{SDF_NAMESPACE}}}type', '')
+    sdf_type = element.get(f'{SDF_TAG}type', '')
     axes = () if sdf_type else _axes(element, joint_type, context)
     extension = context.extension(element, FrameId('joint', name))
     if sdf_type:

@@ -24,8 +24,8 @@ from opencv_tools.robot.urdf.context import ReadContext
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.shape_reader import shapes_of
 from opencv_tools.robot.xml.document import (
-    line_of, required_attribute, required_child, required_name, TrackedElement)
-from opencv_tools.robot.xml.numbers import number
+    line_of, required_child, required_name, TrackedElement)
+from opencv_tools.robot.xml.numbers import required_number
 from opencv_tools.robot.xml.report import Report
 
 
@@ -60,7 +60,7 @@ def _link_placement(element: TrackedElement, context: ReadContext) -> Placement:
 def _inertial(element: TrackedElement, link_frame: FrameId, report: Report, link: str
               ) -> Inertial:
     mass, inertia = required_child(element, 'mass'), element.find('inertia')
-    value = _number(mass, 'value')
+    value = required_number(mass, 'value')
     if value < 0:
         report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
     missing = [name for name in INERTIA if inertia is None or name not in inertia]
@@ -70,10 +70,7 @@ def _inertial(element: TrackedElement, link_frame: FrameId, report: Report, link
         report.warn('inertia', link, line_of(inertia),
                     f'has no {", ".join(f"{name}=" for name in missing)}; missing moments are 0')
     ixx, ixy, ixz, iyy, iyz, izz = (
-        0.0 if inertia is None or name in missing else _number(inertia, name) for name in INERTIA)
+        0.0 if inertia is None or name in missing else required_number(inertia, name)
+        for name in INERTIA)
     return Inertial(Placement(origin_of(element), link_frame), value,
                     (ixx, ixy, ixz, iyy, iyz, izz))
-
-
-def _number(element: TrackedElement, name: str) -> float:
-    return number(required_attribute(element, name), element, name)

@@ -27,7 +27,7 @@ from opencv_tools.robot.renaming import Names
 from opencv_tools.robot.xml.document import (
     AnyElement, Element, line_of, PARTLY_READ, required_attribute, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, numbers_text
-from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import merge_unread, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 _Appearance = tuple[Color | None, str]  # colour and texture
@@ -56,7 +56,7 @@ def collect_materials(root: TrackedElement, report: Report) -> MaterialTable:
     by_element: dict[TrackedElement, Material] = {}
     defined: dict[str, Material] = {}
     counts: Counter[str] = Counter()
-    visuals = [visual for tag in ('visual', f'{{{SDF_NAMESPACE}}}visual')
+    visuals = [visual for tag in ('visual', f'{SDF_TAG}visual')
                for link in root.take_all('link') for visual in link.take_all(tag)]
     # Materials of the robot stay unread, so that the writer adds them again.
     shared = map(TrackedElement, root.element.iterchildren('material'))

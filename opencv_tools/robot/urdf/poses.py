@@ -30,7 +30,7 @@ from opencv_tools.robot.sdf.values import pose_of, POSED
 from opencv_tools.robot.xml.document import (
     DescriptionError, detached, Element, line_of, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, numbers_text, vector
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 # Rounding error of a pose that was transformed there and back.
@@ -57,7 +57,7 @@ def origin_of(element: TrackedElement) -> Pose:
 
 def preserved_pose(element: TrackedElement) -> Pose | None:
     """Read the pose that the URDF writer preserved, if there is one."""
-    pose = element.find(f'{{{SDF_NAMESPACE}}}pose')
+    pose = element.find(f'{SDF_TAG}pose')
     return None if pose is None else pose_of(pose)
 
 

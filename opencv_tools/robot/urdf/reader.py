@@ -34,10 +34,9 @@ from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_name, source_of,
     TrackedElement)
-from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
-_SDF = f'{{{SDF_NAMESPACE}}}'
 _DEFAULT_NAME = 'robot'
 
 
@@ -59,7 +58,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     context = read_context(root, report)
     tree = context.tree
-    canonical = root.get(f'{_SDF}canonical_link', '')
+    canonical = root.get(f'{SDF_TAG}canonical_link', '')
     if canonical and canonical not in tree.links:
         raise DescriptionError(f'canonical_link={canonical!r} is not a link of the robot', root)
     robot = Robot(
@@ -74,7 +73,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
 
 
 def _frames(root: TrackedElement, tree: LinkTree) -> tuple[Frame, ...]:
-    elements = root.take_all(f'{_SDF}frame')
+    elements = root.take_all(f'{SDF_TAG}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
     for kind, names in (('frame', map(required_name, elements)),
                         ('joint', tree.joints), ('link', tree.links)):

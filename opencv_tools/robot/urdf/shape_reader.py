@@ -26,8 +26,8 @@ from opencv_tools.robot.urdf.poses import origin_of
 from opencv_tools.robot.xml.document import (
     Element, line_of, local_name, required_attribute, required_child, required_name,
     TrackedElement)
-from opencv_tools.robot.xml.numbers import number, vector
-from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_NAMESPACE
+from opencv_tools.robot.xml.numbers import required_number, vector
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 
@@ -41,7 +41,7 @@ def shapes_of(element: TrackedElement, tag: str, link_frame: FrameId, materials:
     :param link_frame: the frame of the link in URDF.
     """
     link, shapes = required_name(element), []
-    for child in element.take_all(tag, f'{{{SDF_NAMESPACE}}}{tag}'):
+    for child in element.take_all(tag, f'{SDF_TAG}{tag}'):
         problem = _geometry_problem(child) if child.tag == tag else ''
         if problem:
             report.warn(tag, child.element.get('name') or link, line_of(child),
@@ -117,15 +117,15 @@ def _mesh(element: TrackedElement) -> Mesh:
                 None if scale is None else vector(scale, element, 'scale'))
 
 
-def _number(element: TrackedElement, name: str) -> float:
-    return number(required_attribute(element, name), element, name)
+def _radius_and_length(element: TrackedElement) -> tuple[float, float]:
+    return required_number(element, 'radius'), required_number(element, 'length')
 
 
 _GEOMETRIES: Mapping[str, Callable[[TrackedElement], Geometry]] = {
     'box': lambda element: Box(vector(required_attribute(element, 'size'), element, 'size')),
-    'sphere': lambda element: Sphere(_number(element, 'radius')),
-    'cylinder': lambda element: Cylinder(_number(element, 'radius'), _number(element, 'length')),
-    'capsule': lambda element: Capsule(_number(element, 'radius'), _number(element, 'length')),
+    'sphere': lambda element: Sphere(required_number(element, 'radius')),
+    'cylinder': lambda element: Cylinder(*_radius_and_length(element)),
+    'capsule': lambda element: Capsule(*_radius_and_length(element)),
     'mesh': _mesh,
 }
 _GEOMETRY_TAGS = ', '.join(f'<{tag}>' for tag in _GEOMETRIES)

@@ -25,10 +25,10 @@ from opencv_tools.robot.kinematics import cycle_text
 from opencv_tools.robot.model import WORLD
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, required_name, TrackedElement)
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
-_LOOP_JOINT = f'{{{SDF_NAMESPACE}}}joint'
+_LOOP_JOINT = f'{SDF_TAG}joint'
 _Elements = Mapping[str, TrackedElement]
 
 

@@ -36,10 +36,8 @@ from opencv_tools.robot.urdf.materials import material_element, MaterialNames, w
 from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
-    embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, report_preserved, SDF_TAG)
 from opencv_tools.robot.xml.report import Report
-
-_SDF = f'{{{SDF_NAMESPACE}}}'
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     root = etree.Element('robot', name=robot.name,
                          nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
-        root.set(f'{_SDF}canonical_link', robot.canonical_link)
+        root.set(f'{SDF_TAG}canonical_link', robot.canonical_link)
         report_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
         _link_element(root, link, context)
@@ -102,7 +100,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     kinematics, report = context.kinematics, context.report
     frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
     joint_type = joint.type if joint.type in URDF_TYPES else 'floating'
-    element = etree.SubElement(root, f'{_SDF}joint' if joint.is_loop else 'joint',
+    element = etree.SubElement(root, f'{SDF_TAG}joint' if joint.is_loop else 'joint',
                                name=joint.name, type=joint_type)
     if joint.is_loop:
         report.warn('joint', joint.name, joint.line, 'closes a loop of links, which URDF does not '
@@ -118,7 +116,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     if joint.type != joint_type:
         report.warn('joint', joint.name, joint.line, f'{joint.type} joints are not supported by '
                     'URDF; written as a floating joint')
-        element.set(f'{_SDF}type', joint.type)
+        element.set(f'{SDF_TAG}type', joint.type)
         sdf = _with_axes(joint)
     embed_foreign(element, context.gazebo.outside(sdf, frame), 'sdf', report, joint.name,
                   joint.line)
@@ -128,7 +126,7 @@ def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
     element = frame_to_element(frame, context.kinematics)
     merge_unread(element, frame.extension.sdf)
     embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
-    element.tag = f'{_SDF}frame'
+    element.tag = f'{SDF_TAG}frame'
     root.append(element)
     report_preserved(context.report, 'sdf', frame.name, frame.line, 'frame')
 
@@ -136,7 +134,7 @@ def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
 def _preserve_pose(element: Element, pose: Pose, owner: Link | Joint, report: Report) -> None:
     """Write a pose that URDF cannot express. Only loop joints need it if it is the identity."""
     if not pose.is_identity or (isinstance(owner, Joint) and owner.is_loop):
-        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
+        etree.SubElement(element, f'{SDF_TAG}pose').text = numbers_text(pose.xyz + pose.rpy)
     if not pose.is_identity:
         report_preserved(report, 'sdf', owner.name, owner.line, 'pose')
 
@@ -181,7 +179,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
                    ) -> None:
     """Write a visual or a collision. A shape without a geometry of URDF is preserved."""
     name, report = shape.name or link.name, context.report
-    element = etree.SubElement(parent, tag if shape.geometry else f'{{{SDF_NAMESPACE}}}{tag}',
+    element = etree.SubElement(parent, tag if shape.geometry else f'{SDF_TAG}{tag}',
                                {'name': shape.name} if shape.name else {})
     _origin_element(element, context.kinematics.within(
         context.kinematics.urdf_frame(link.name), shape.placement))
@@ -204,8 +202,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
 
 def _missing_geometry(shape: Shape) -> str:
     """Return why a shape has no geometry of URDF."""
-    unread = shape.extension.sdf
-    geometry = None if unread is None else unread.find('geometry')
+    geometry = shape.extension.find_sdf('geometry')
     if geometry is None or not len(geometry):
         return 'has no geometry, which URDF requires'
     return f'<{local_name(geometry[0])}> is not supported by URDF'

@@ -32,10 +32,12 @@ URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
+# Beginnings of the tags and attributes that only one format has.
+URDF_TAG, SDF_TAG = f'{{{URDF_NAMESPACE}}}', f'{{{SDF_NAMESPACE}}}'
 # The name that an element has in URDF, if SDF does not allow it.
-URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
+URDF_NAME = f'{URDF_TAG}name'
 # The type that a joint has in URDF, if SDF does not have it or reads another one.
-URDF_JOINT_TYPE = f'{{{URDF_NAMESPACE}}}type'
+URDF_JOINT_TYPE = f'{URDF_TAG}type'
 _OTHER_FORMAT = {'urdf': 'SDF', 'sdf': 'URDF'}
 
 
