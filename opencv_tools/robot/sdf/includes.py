@@ -97,11 +97,7 @@ class ModelFile:
 
 
 class ModelLoader:
-    """
-    Loads included models and reads each file once.
-
-    :param search: folders that are searched before those of the environment.
-    """
+    """Loads included models and reads each file once; for ``search`` see `search_folders`."""
 
     def __init__(self, search: Sequence[str], report: Report) -> None:
         self._search = search

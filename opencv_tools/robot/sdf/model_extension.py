@@ -31,7 +31,7 @@ _OVERRIDES = ('pose', 'static')
 
 
 def report_nested(context: ReadContext) -> None:
-    """Report what a nested model loses by becoming a part of the robot."""
+    """Report the elements that a nested model loses by becoming a part of the robot."""
     file = context.scope.file
     preserved = extract_foreign(file.element, 'urdf')
     for holder in (file.element, *file.includes):

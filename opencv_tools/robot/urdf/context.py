@@ -65,7 +65,7 @@ class ReadContext:
 
 def read_context(root: TrackedElement, report: Report) -> ReadContext:
     """
-    Read what concerns several elements of a file.
+    Read the tree, the materials and the ``<gazebo>`` blocks of a file, before its elements.
 
     :raises DescriptionError: the links and joints are not a tree, or a material is not valid.
     """
