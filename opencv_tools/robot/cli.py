@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The commands urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames.
+Command lines of urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames.
 
 Slow imports are inside functions, so that ``--help`` is fast.
 """
@@ -21,25 +21,17 @@ Slow imports are inside functions, so that ``--help`` is fast.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-import json
+from collections.abc import Sequence
 import math
-import signal
 import sys
-from typing import NoReturn, TYPE_CHECKING
+from typing import NoReturn
 
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import open_standard_streams
 from opencv_tools.version import add_version_option
 
-if TYPE_CHECKING:
-    from opencv_tools.robot.model import Robot
-    from opencv_tools.robot.xml.document import Element
-    from opencv_tools.robot.xml.report import Report
-
 _LOSSY = 'lossy conversion with --strict'
 _MAX_DIFFERENCES = 50
-_OUTPUTS = ('output', 'report', 'plot', 'conventions')  # options that name a file to write
 _ANY_FORMAT = 'URDF, xacro or SDF file, or model folder'
 
 
@@ -61,7 +53,7 @@ def urdf_to_sdf(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--fixed', default='keep', choices=['keep', 'lump'],
                         help='fixed joints: keep them, or merge the links that they connect '
                         '[%(default)s]')
-    return _run(parser, argv, _urdf_to_sdf)
+    return _run(parser, argv)
 
 
 def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
@@ -74,7 +66,7 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
                         help='frames of SDF: keep them for the conversion back, or write empty '
                         'links on fixed joints, which tf has [%(default)s]')
     _add_sdf_options(parser)
-    return _run(parser, argv, _sdf_to_urdf)
+    return _run(parser, argv)
 
 
 def robot_compare(argv: Sequence[str] | None = None) -> int:
@@ -87,6 +79,7 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     _add_input(parser, 'B', _ANY_FORMAT)
     _add_xacro_option(parser)
     _add_sdf_options(parser)
+    parser.set_defaults(most=_MAX_DIFFERENCES)
     parser.add_argument('--samples', type=_count, default=20, metavar='N',
                         help='number of random joint positions [%(default)s]')
     parser.add_argument('--all', action='store_true',
@@ -95,7 +88,7 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--tolerance', type=_tolerance, default=1e-9, metavar='X',
                         help='greatest difference in metres, radians and other units; relative '
                         'for values above 1 and for inertials [%(default)s]')
-    return _run(parser, argv, _robot_compare)
+    return _run(parser, argv)
 
 
 def robot_frames(argv: Sequence[str] | None = None) -> int:
@@ -115,7 +108,7 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
                         help='also draw the frames, as .png or .svg')
     parser.add_argument('--conventions', metavar='PICTURE', help='also draw the joints that URDF '
                         'places beside the links that SDF places, as .png or .svg')
-    return _run(parser, argv, _robot_frames)
+    return _run(parser, argv)
 
 
 def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.ArgumentParser:
@@ -201,105 +194,11 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _urdf_to_sdf(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.convert import convert_to_sdf
-    return _convert('urdf', options, report, lambda robot: convert_to_sdf(
-        robot, report, version=options.sdf_version, relative=options.poses == 'relative',
-        inertial=options.inertial, lump=options.fixed == 'lump', mesh_uri=options.mesh_uri))
-
-
-def _sdf_to_urdf(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.convert import convert_to_urdf
-    return _convert('sdf', options, report, lambda robot: convert_to_urdf(
-        robot, report, inertial=options.inertial, frame_links=options.frames == 'links',
-        mesh_uri=options.mesh_uri))
-
-
-def _convert(language: str, options: argparse.Namespace, report: Report,
-             convert: Callable[[Robot], Element]) -> int:
-    """Read a robot in one format, write it and the report, and return the exit status."""
-    from opencv_tools.robot.xml.document import DescriptionError, to_bytes
-    from opencv_tools.robot.xml.output import write_all
-    robot, found = _read(options.input, options, report)
-    if found != language:
-        raise DescriptionError(f'is already {found.upper()}', source=robot.source)
-    files = [(options.output, to_bytes(convert(robot)))]
-    if options.report:
-        text = json.dumps({'input': report.source, **report.as_json()}, indent=2)
-        files.append((options.report, text.encode() + b'\n'))
-    write_all(files)
-    return 1 if options.strict and report.warnings else 0
-
-
-def _robot_compare(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.compare.compare import differences, table
-    from opencv_tools.robot.renaming import with_original_names
-    from opencv_tools.robot.xml.document import DescriptionError
-    from opencv_tools.robot.xml.output import print_text
-    if options.a == options.b == '-':
-        raise DescriptionError('only one of both robots can be on standard input')
-    a, b = (with_original_names(_read(path, options, report)[0])
-            for path in (options.a, options.b))
-    found = differences(a, b, samples=options.samples, tolerance=options.tolerance,
-                        everything=options.all)
-    if found:
-        print_text(table(found, None if options.all else _MAX_DIFFERENCES))
-        return 1
-    print_text(f'the same robot: links {len(a.links)}, joints {len(a.joints)}; compared at zero '
-               f'and at {options.samples} random positions, tolerance {options.tolerance:g}')
-    return 0
-
-
-def _robot_frames(options: argparse.Namespace, report: Report) -> int:
-    from opencv_tools.robot.frames.listing import frames
-    from opencv_tools.robot.frames.text import text
-    from opencv_tools.robot.renaming import with_original_names
-    from opencv_tools.robot.xml.output import print_text
-    robot = with_original_names(_read(options.file, options, report)[0])
-    listing = frames(robot, dict(options.joint), report)
-    if options.plot:
-        from opencv_tools.robot.drawing.plot import plot
-        plot(robot, listing, options.plot)
-    if options.conventions:
-        from opencv_tools.robot.drawing.conventions import plot_conventions
-        plot_conventions(robot, listing, options.conventions)
-    print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
-    return 0
-
-
-def _read(path: str, options: argparse.Namespace, report: Report) -> tuple[Robot, str]:
-    """Read a robot with those options for reading that the command has."""
-    from opencv_tools.robot.load import LoadOptions, read_robot
-    values = vars(options)
-    return read_robot(path, report, LoadOptions(
-        arguments=dict(values.get('arg', ())), model=values.get('model', ''),
-        root=values.get('root', ''), search=values.get('path', ()),
-        find=values.get('find', 'path')))
-
-
-def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None,
-         command: Callable[[argparse.Namespace, Report], int]) -> int:
-    """Run a command, print its warnings and error to standard error, return the exit status."""
+def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
     open_standard_streams()
     options = parser.parse_args(argv)
-    from opencv_tools.robot.xml.document import DescriptionError
-    from opencv_tools.robot.xml.output import check_different, NotWrittenError, print_message
-    from opencv_tools.robot.xml.report import Report
-    report = Report()
-    error = None
-    try:
-        check_different({f'--{name}': getattr(options, name, None) for name in _OUTPUTS})
-        status = command(options, report)
-    except DescriptionError as err:
-        status, error = 2, err
-    except BrokenPipeError:  # the reader of the output has ended
-        return 128 + signal.SIGPIPE
-    if error is None or isinstance(error, NotWrittenError):
-        for note in report.warnings:
-            print_message(f'{parser.prog}: warning: {note.text()}')
-    if error is not None:
-        print_message(f'{parser.prog}: error: {error}')
-    return status
+    from opencv_tools.robot.commands import run
+    return run(parser.prog, options)
 
 
 def main() -> NoReturn:

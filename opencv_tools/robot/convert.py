@@ -16,17 +16,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from opencv_tools.robot.geometry import Mesh
+from opencv_tools.robot.lumping import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Placement, Robot, Shape
 from opencv_tools.robot.physical import report_inertials, with_physical_inertials
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
+from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import lump_fixed, select_root, shortened, with_frame_links
+from opencv_tools.robot.trees import select_root, shortened, with_frame_links
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import Element
@@ -37,16 +39,15 @@ INERTIALS = {
     'keep': None,
     'physical': None,
     'zero': (0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    'default': (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),  # the default of simulators for SDF
+    'default': DEFAULT_INERTIAL,
 }
 _SCHEMES = {'model': 'model://', 'package': 'package://'}
 
 
-def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
-                   relative: bool = False, inertial: str = 'keep', lump: bool = False,
-                   mesh_uri: str = 'model') -> Element:
+@dataclass(frozen=True, kw_only=True)
+class SdfOptions:
     """
-    Return a robot as SDF.
+    Options for writing a robot as SDF.
 
     :param version: SDF version, ``1.7`` to ``1.12``.
     :param relative: whether the pose of each link is relative to its parent link, with the
@@ -54,34 +55,59 @@ def convert_to_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     :param inertial: a key of ``INERTIALS``.
     :param lump: whether links that fixed joints connect are merged.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
-    :returns: the element ``<sdf>``.
-    :raises DescriptionError: SDF of this version does not support the robot.
     """
-    if lump:
-        robot = lump_fixed(robot, report)
-    robot = with_mesh_uris(with_inertials(robot, inertial, report), mesh_uri)
-    report_inertials(robot, report)
-    robot = with_valid_sdf_names(robot, report)
-    root = write_sdf(robot, report, version=version, relative=relative)
-    keep_sdf_rules(root, robot.source, report)
-    return root
+
+    version: str = '1.11'
+    relative: bool = False
+    inertial: str = 'keep'
+    lump: bool = False
+    mesh_uri: str = 'model'
 
 
-def convert_to_urdf(robot: Robot, report: Report, *, inertial: str = 'keep',
-                    frame_links: bool = False, mesh_uri: str = 'package') -> Element:
+@dataclass(frozen=True, kw_only=True)
+class UrdfOptions:
     """
-    Return a robot as URDF.
+    Options for writing a robot as URDF.
 
     :param inertial: a key of ``INERTIALS``.
     :param frame_links: whether the frames become links, see `trees.with_frame_links`.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
+    """
+
+    inertial: str = 'keep'
+    frame_links: bool = False
+    mesh_uri: str = 'package'
+
+
+def convert_to_sdf(robot: Robot, report: Report, options: SdfOptions = SdfOptions()) -> Element:
+    """
+    Return a robot as SDF.
+
+    :returns: the element ``<sdf>``.
+    :raises DescriptionError: SDF of this version does not support the robot.
+    """
+    if options.lump:
+        robot = lump_fixed(robot, report)
+    robot = with_mesh_uris(with_inertials(robot, options.inertial, report), options.mesh_uri)
+    report_inertials(robot, report)
+    robot = with_valid_sdf_names(robot, report)
+    root = write_sdf(robot, report, version=options.version, relative=options.relative)
+    keep_sdf_rules(root, robot.source, report)
+    return root
+
+
+def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOptions()
+                    ) -> Element:
+    """
+    Return a robot as URDF.
+
     :returns: the element ``<robot>``.
     :raises DescriptionError: URDF does not support the robot.
     """
-    robot = with_inertials(select_root(robot, '', report), inertial, report)
+    robot = with_inertials(select_root(robot, '', report), options.inertial, report)
     report_inertials(robot, report)
-    robot = with_mesh_uris(robot, mesh_uri)
-    if frame_links:
+    robot = with_mesh_uris(robot, options.mesh_uri)
+    if options.frame_links:
         robot = with_frame_links(robot, report)
     root = write_urdf(with_original_names(with_valid_urdf_names(robot, report)), report)
     keep_urdf_rules(root, robot.source, report)

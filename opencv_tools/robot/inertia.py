@@ -22,42 +22,17 @@ import math
 import operator
 from pathlib import Path
 
-from opencv_tools.robot.geometry import Mesh
+from opencv_tools.robot.collision_solids import solid_of_collision
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.meshes import mesh_solid, MeshError
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
-from opencv_tools.robot.sdf.values import flag, number_of
-from opencv_tools.robot.solids import cone, ellipsoid, Solid, solid_of
-from opencv_tools.robot.xml.document import DescriptionError, Element
-from opencv_tools.robot.xml.numbers import vector
+from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, flag, number_of
+from opencv_tools.robot.solids import NoSolidError, Solid
+from opencv_tools.robot.xml.document import DescriptionError, detached, Element
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 _DENSITY = 1000.0  # of water in kg/m3, the default of SDF
 _ROUNDING = 1e-9  # relative, of numbers that were converted there and back
-
-
-def _solid(shape: Shape, folders: Sequence[Path]) -> Solid:
-    """
-    Return the solid of a collision.
-
-    :raises MeshError: it is not known; also for a shape without a volume.
-    """
-    geometry, unread = shape.geometry, shape.extension.sdf
-    if isinstance(geometry, Mesh):
-        if unread is not None and unread.find('geometry/mesh/submesh') is not None:
-            raise MeshError('it is a part of a mesh')
-        return mesh_solid(geometry, folders)
-    if geometry is not None:
-        return solid_of(geometry)
-    ellipse, peak = (None if unread is None else unread.find(f'geometry/{tag}')
-                     for tag in ('ellipsoid', 'cone'))
-    if ellipse is not None:
-        return ellipsoid(*vector(ellipse.findtext('radii', '1 1 1'), ellipse))
-    if peak is not None:
-        return cone(number_of(peak, 'radius', 0.5), number_of(peak, 'length', 1.0))
-    raise MeshError('it is no solid')
 
 
 def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
@@ -78,8 +53,8 @@ def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
     parts = []
     for shape in link.collisions:
         try:
-            solid = _solid(shape, folders)
-        except MeshError as err:
+            solid = solid_of_collision(shape, folders)
+        except NoSolidError as err:
             report.warn('collision', shape.name, shape.line, 'has no share in <inertial '
                         f'auto="true"> of link {link.name!r}: {err}')
         else:
@@ -88,8 +63,8 @@ def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
     if not parts:
         report.warn('inertial', link.name, link.line, 'auto="true" needs a collision with a '
                     'volume; the defaults of SDF are used')
-        return Inertial(Placement(Pose(), frame), 1.0 if mass is None else mass,
-                        (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+        default_mass, moments = DEFAULT_INERTIAL
+        return Inertial(Placement(Pose(), frame), default_mass if mass is None else mass, moments)
     total = total_inertial(parts, frame, kinematics)
     if mass is not None and total.mass:  # a given mass counts instead of the density
         ixx, ixy, ixz, iyy, iyz, izz = (mass / total.mass * one for one in total.inertia)
@@ -101,8 +76,7 @@ def auto_inertial(link: Link, kinematics: Kinematics, report: Report,
 
 
 def _auto_element(link: Link) -> Element | None:
-    unread = link.extension.sdf
-    element = None if unread is None else unread.find('inertial')
+    element = link.extension.find_sdf('inertial')
     return element if element is not None and flag(element.get('auto'), element, 'auto') else None
 
 

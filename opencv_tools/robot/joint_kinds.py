@@ -26,7 +26,6 @@ class JointKind:
     """
     Motion that all joint types of one kind have in common.
 
-    :param name: name of the kind.
     :param axes: number of axes along or about which the joint moves.
     :param max_axes: largest number of axes that the joint may have in a file.
     :param random_span: for each number of a position, the distance from zero in radians or metres

@@ -86,7 +86,7 @@ class Kinematics:
         :raises DescriptionError: a frame is missing, or the placements have a cycle.
         """
         if frame not in self._poses:
-            chain = self._chain('placement', frame, lambda name: (
+            chain = _chain(self.robot, 'placement', frame, lambda name: (
                 None if name in self._poses else self._placement(name).relative_to))
             for name in reversed(chain[:-1]):
                 placement = self._placements[name]
@@ -143,7 +143,7 @@ class Kinematics:
             if joint.is_loop:
                 frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
                 poses[frame] = poses[child] @ self._step(child, frame)
-        for frame, link in self.attached_links().items():
+        for frame, link in attached_links(self.robot).items():
             poses[frame] = poses[link] @ self._step(link, frame)
         return poses
 
@@ -153,34 +153,12 @@ class Kinematics:
             self._steps[base, frame] = self.between(base, frame).transform()
         return self._steps[base, frame]
 
-    def attached_links(self) -> dict[FrameId, FrameId]:
-        """Return the link that each of ``robot.frames`` moves with."""
-        robot = self.robot
-        if not robot.frames:
-            return {}
-        bodies = [link.name for link in robot.links if not link.is_world]
-        canonical = robot.canonical_link or (bodies or [link.name for link in robot.links])[0]
-        attached_to = {FrameId('frame', frame.name): frame.attached_to for frame in robot.frames}
-        attached_to.update((FrameId('joint', joint.name), FrameId('link', joint.child))
-                           for joint in robot.joints)
-        attached_to[MODEL] = FrameId('link', canonical)
-        links: dict[FrameId, FrameId] = {}
-        for frame in robot.frames:
-            chain = self._chain('attachment', FrameId('frame', frame.name), lambda name: (
-                None if name in links else attached_to.get(name)))
-            link = links.get(chain[-1], chain[-1])
-            if link.kind != 'link' or link.name not in self.child_joints:
-                raise self._error(f'frame {frame.name!r} is attached to {link.kind} '
-                                  f'{link.name!r}, which does not exist')
-            links.update((name, link) for name in chain if name.kind == 'frame')
-        return links
-
     def _placement(self, frame: FrameId) -> Placement:
         try:
             return self._placements[frame]
         except KeyError:
-            raise self._error(f'{frame.kind} {frame.name!r} does not exist, but a placement is '
-                              'relative to it') from None
+            raise DescriptionError(f'{frame.kind} {frame.name!r} does not exist, but a placement '
+                                   'is relative to it', source=self.robot.source) from None
 
     def _origin(self, frame: FrameId) -> FrameId:
         """Return the first of the frames that coincide with a frame by identity placements."""
@@ -191,20 +169,46 @@ class Kinematics:
             return placement.relative_to if placement.pose.is_identity else None
 
         if frame not in self._origins:
-            chain = self._chain('placement', frame, next_frame)
+            chain = _chain(self.robot, 'placement', frame, next_frame)
             origin = self._origins.get(chain[-1], chain[-1])
             self._origins.update(dict.fromkeys(chain, origin))
         return self._origins[frame]
 
-    def _chain(self, relation: str, start: FrameId, step: Callable[[FrameId], FrameId | None]
-               ) -> list[FrameId]:
-        try:
-            return resolve_chain(start, step)
-        except CycleError as err:
-            raise self._error(f'{relation} cycle: {cycle_text(err)}') from err
 
-    def _error(self, message: str) -> DescriptionError:
-        return DescriptionError(message, source=self.robot.source)
+def attached_links(robot: Robot) -> dict[FrameId, FrameId]:
+    """
+    Return the link that each of ``robot.frames`` moves with.
+
+    :raises DescriptionError: a frame is attached to itself, or to nothing.
+    """
+    if not robot.frames:
+        return {}
+    names = {link.name for link in robot.links}
+    bodies = [link.name for link in robot.links if not link.is_world]
+    canonical = robot.canonical_link or (bodies or [link.name for link in robot.links])[0]
+    attached_to = {FrameId('frame', frame.name): frame.attached_to for frame in robot.frames}
+    attached_to.update((FrameId('joint', joint.name), FrameId('link', joint.child))
+                       for joint in robot.joints)
+    attached_to[MODEL] = FrameId('link', canonical)
+    links: dict[FrameId, FrameId] = {}
+    for frame in robot.frames:
+        chain = _chain(robot, 'attachment', FrameId('frame', frame.name), lambda name: (
+            None if name in links else attached_to.get(name)))
+        link = links.get(chain[-1], chain[-1])
+        if link.kind != 'link' or link.name not in names:
+            raise DescriptionError(f'frame {frame.name!r} is attached to {link.kind} '
+                                   f'{link.name!r}, which does not exist', source=robot.source)
+        links.update((name, link) for name in chain if name.kind == 'frame')
+    return links
+
+
+def _chain(robot: Robot, relation: str, start: FrameId,
+           step: Callable[[FrameId], FrameId | None]) -> list[FrameId]:
+    try:
+        return resolve_chain(start, step)
+    except CycleError as err:
+        raise DescriptionError(f'{relation} cycle: {cycle_text(err)}', source=robot.source
+                               ) from err
 
 
 def joint_transform(joint: Joint, position: Sequence[float]) -> Transform:
@@ -269,7 +273,6 @@ def check_mimic_cycles(robot: Robot) -> list[Joint]:
 
 
 def _mimic_position(joint: Joint, positions: Positions) -> tuple[float, ...]:
-    """Return the position of a mimic joint."""
     position = [*positions.get(joint.name, ())]
     position += [0.0] * (joint.kind.dof - len(position))
     for index, axis in enumerate(joint.axes[:len(position)]):

@@ -23,12 +23,10 @@ from lxml import etree
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.sdf.includes import file_of_model
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.reader import read_urdf
-from opencv_tools.robot.xacro.expand import is_xacro
-from opencv_tools.robot.xacro.process import expand_apart
-from opencv_tools.robot.xml.document import (
-    DescriptionError, display_name, Element, line_of, local_name, parse, read_bytes)
+from opencv_tools.robot.xacro.process import expand_apart, is_xacro
+from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name, parse
+from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report
 
 
@@ -69,8 +67,8 @@ def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
     if tag != 'sdf':
         raise DescriptionError('is not a robot description; URDF has the root element <robot>, '
                                'SDF <sdf>', root)
-    robot = read_sdf(root, report, model=options.model, search=options.search)
-    return (select_root(robot, options.root, report) if options.root else robot), 'sdf'
+    return read_sdf(root, report, model=options.model, root_link=options.root,
+                    search=options.search), 'sdf'
 
 
 def _parse_root(path: str, report: Report, options: LoadOptions) -> Element:

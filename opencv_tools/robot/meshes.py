@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from opencv_tools.regular_files import read_regular
 from opencv_tools.robot.geometry import Mesh
-from opencv_tools.robot.solids import Solid
+from opencv_tools.robot.solids import NoSolidError, Solid
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,10 +38,6 @@ _ROUNDING = 1e-12
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
 
 
-class MeshError(ValueError):
-    """The volume of a mesh cannot be computed."""
-
-
 def mesh_solid(mesh: Mesh, folders: Sequence[Path]) -> Solid:
     """
     Return the solid that a closed mesh encloses.
@@ -52,8 +48,8 @@ def mesh_solid(mesh: Mesh, folders: Sequence[Path]) -> Solid:
     tetrahedron inertia tensor, 2004).
 
     :param folders: folders in which the file is searched.
-    :raises MeshError: the file is missing, is no closed mesh, or has another format than STL and
-        OBJ.
+    :raises NoSolidError: the file is missing, is no closed mesh, or has another format than STL
+        and OBJ.
     """
     import numpy as np
     with np.errstate(all='ignore'):  # results that are not finite are found later
@@ -65,7 +61,7 @@ def mesh_solid(mesh: Mesh, folders: Sequence[Path]) -> Solid:
         volumes = np.einsum('ni,ni->n', a, np.cross(b, c)) / 6
         volume = volumes.sum()
         if abs(volume) <= _ROUNDING * np.abs(volumes).sum():
-            raise MeshError('it encloses no volume')
+            raise NoSolidError('it encloses no volume')
         shares = volumes / volume  # also right if all triangles are seen from inside
         sums = corners.sum(axis=1)
         centre = shares @ sums / 4
@@ -83,30 +79,30 @@ def _read(uri: str, folders: Sequence[Path]) -> _Array:
     readers = {'.stl': _stl, '.obj': _obj}
     reader = readers.get(Path(uri).suffix.lower())
     if reader is None:
-        raise MeshError(f'only {" and ".join(readers)} are read')
+        raise NoSolidError(f'only {" and ".join(readers)} are read')
     try:
         data = read_regular(_find(uri, folders), MAX_BYTES)
     except OSError as err:
-        raise MeshError(f'{uri} cannot be read: {err.strerror}') from err
+        raise NoSolidError(f'{uri} cannot be read: {err.strerror}') from err
     try:
         triangles = reader(data)
     except ValueError as err:
-        raise MeshError(f'{uri} is damaged') from err
+        raise NoSolidError(f'{uri} is damaged') from err
     if not (len(triangles) and np.isfinite(triangles).all()):
-        raise MeshError(f'{uri} has no triangles, or numbers that are not finite')
+        raise NoSolidError(f'{uri} has no triangles, or numbers that are not finite')
     return triangles
 
 
 def _find(uri: str, folders: Sequence[Path]) -> Path:
     scheme, separator, path = uri.rpartition('://')
     if separator and scheme not in ('file', 'model', 'package'):
-        raise MeshError(f'{uri} is not on this computer')
+        raise NoSolidError(f'{uri} is not on this computer')
     if scheme != 'file':
         path = path.lstrip('/') if separator else path
     for candidate in (folder / path for folder in folders):
         if candidate.exists():
             return candidate
-    raise MeshError(f'{uri} is not found; add its folder to GZ_SIM_RESOURCE_PATH')
+    raise NoSolidError(f'{uri} is not found; add its folder to GZ_SIM_RESOURCE_PATH')
 
 
 def _stl(data: bytes) -> _Array:
@@ -147,4 +143,4 @@ def _check_closed(triangles: _Array) -> None:
     forth, back = (np.sort((one * len(points) + other).ravel())
                    for one, other in ((begins, ends), (ends, begins)))
     if not np.array_equal(forth, back):
-        raise MeshError('it is not closed')
+        raise NoSolidError('it is not closed')

@@ -65,13 +65,14 @@ class Extension:
 
     Each element has the tag of its object and only the attributes and children that the reader
     did not consume. It is None if there are none. The elements are copied and never changed.
-
-    :param urdf: URDF attributes and children.
-    :param sdf: SDF attributes and children.
     """
 
     urdf: etree._Element | None = None
     sdf: etree._Element | None = None
+
+    def find_sdf(self, path: str) -> etree._Element | None:
+        """Return the first SDF child with a path such as ``geometry/mesh``, if there is one."""
+        return None if self.sdf is None else self.sdf.find(path)
 
 
 NO_EXTENSION = Extension()

@@ -24,9 +24,8 @@ from typing import TypeVar
 from lxml import etree
 from opencv_tools.robot.model import (
     Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
-from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.document import DescriptionError, detached
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
 
 _Named = TypeVar('_Named', Robot, Link, Joint, Frame, Shape)
 _Names = Mapping[FrameId, str]
@@ -36,13 +35,11 @@ class Names:
     """Names that are taken, and new ones that differ from them and from each other."""
 
     def __init__(self, taken: Iterable[str] = ()) -> None:
-        """Begin with names that are taken."""
         self._taken = set(taken)
         # How many names of each base were tried, because it is slow to try many again.
         self._counts: dict[str, int] = {}
 
     def __contains__(self, name: str) -> bool:
-        """Return whether a name is taken."""
         return name in self._taken
 
     def add(self, name: str) -> None:

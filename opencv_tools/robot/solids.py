@@ -24,6 +24,10 @@ from opencv_tools.robot.geometry import Geometry
 from opencv_tools.robot.pose import Tensor, Vector
 
 
+class NoSolidError(ValueError):
+    """The volume of a shape cannot be computed."""
+
+
 class Solid(NamedTuple):
     """
     A body of constant density.

@@ -28,7 +28,7 @@ import subprocess
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Placement, Robot
@@ -126,7 +126,7 @@ def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
     for version in VERSIONS:
         for poses in POSES:
             root = convert_to_sdf(
-                robot, Report(), version=version, relative=poses == 'relative')
+                robot, Report(), SdfOptions(version=version, relative=poses == 'relative'))
             path = folder / f'{name}.{version}.{poses}.sdf'
             path.write_bytes(to_bytes(root))
             yield Case(path, with_valid_sdf_names(robot, Report()))
@@ -299,7 +299,7 @@ def test_rejected_moments_of_inertia(
                   links=(Link(name='a', placement=Placement(Pose(), MODEL), inertial=inertial),))
     path = tmp_path / 'robot.sdf'
     report = Report()
-    path.write_bytes(to_bytes(convert_to_sdf(robot, report, version='1.9')))
+    path.write_bytes(to_bytes(convert_to_sdf(robot, report, SdfOptions(version='1.9'))))
     assert run_libsdformat([path])[str(path)]['valid'] is not bool(report.warnings)
 
 

@@ -35,7 +35,7 @@ from hypothesis import given, HealthCheck, settings, strategies as st
 from mutations import mutated
 import numpy as np
 from opencv_tools.robot.compare.compare import differences
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.xml.document import DescriptionError, to_bytes
@@ -148,7 +148,7 @@ def urdf_through(workspace: Workspace, written: ElementTree.Element, random: Ran
         version = random.choice(VERSIONS)
         relative = random.random() < 0.5
         there = workspace.put('there.sdf', to_bytes(
-            convert_to_sdf(robot, report, version=version, relative=relative)))
+            convert_to_sdf(robot, report, SdfOptions(version=version, relative=relative))))
     except DescriptionError as err:
         workspace.count_refused(err, accepted)
         return
@@ -158,7 +158,8 @@ def urdf_through(workspace: Workspace, written: ElementTree.Element, random: Ran
         assert 'has invalid inertia' in workspace.libsdformat(there)['messages']
         if all(link.inertial is None or link.inertial.mass > 0 for link in robot.links):
             try:
-                physical = to_bytes(convert_to_sdf(robot, Report(), inertial='physical'))
+                physical = to_bytes(convert_to_sdf(
+                    robot, Report(), SdfOptions(inertial='physical')))
             except DescriptionError:  # the moments are near to those of no body
                 return
             assert workspace.model(workspace.put('physical.sdf', physical)), path.read_text()
@@ -193,7 +194,7 @@ def sdf_through(workspace: Workspace, written: ElementTree.Element, random: Rand
     assert workspace.urdf(there), (path.read_text(), there.read_text())
     try:
         back = workspace.put('back.sdf', to_bytes(convert_to_sdf(
-            read(there), Report(), version=random.choice(VERSIONS))))
+            read(there), Report(), SdfOptions(version=random.choice(VERSIONS)))))
     except DescriptionError:
         assert model is None, (path.read_text(), there.read_text())
     if model is None:

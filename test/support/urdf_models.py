@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.geometry import Sphere
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
@@ -69,7 +69,7 @@ def round_trip(model: Robot) -> Robot:
 
 def through_sdf(content: str, report: Report | None = None) -> Element:
     """Convert URDF to SDF and back."""
-    root = convert_to_sdf(read(content), Report(), inertial='zero', version='1.9')
+    root = convert_to_sdf(read(content), Report(), SdfOptions(inertial='zero', version='1.9'))
     robot = read_sdf(parse(to_bytes(root), 'r.sdf', Report()), Report())
     return convert_to_urdf(robot, report or Report())
 

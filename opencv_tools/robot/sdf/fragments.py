@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""SDF that a URDF may contain: axes, frames, and the contents of ``<gazebo>``."""
+"""What a file of the other format may contain: axes, mimics, frames, and SDF in ``<gazebo>``."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ from opencv_tools.robot.sdf.rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
-    AnyElement, DescriptionError, Element, ElementT, line_of, required_name)
-from opencv_tools.robot.xml.numbers import limit_number, number_text, numbers_text, vector
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
+    AnyElement, DescriptionError, Element, ElementT, line_of, required_name, TrackedElement)
+from opencv_tools.robot.xml.numbers import (
+    limit_number, number, number_text, numbers_text, vector)
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 AXES = ('axis', 'axis2')
-_XYZ = f'{{{URDF_NAMESPACE}}}xyz'
+_XYZ = f'{URDF_TAG}xyz'
 Rotation = Callable[[Vector], Vector]
 
 
@@ -68,7 +69,7 @@ def _limit(element: AnyElement, joint_type: str) -> Limit:
               if (child := element.find(tag)) is not None}
     for tag in ('effort', 'velocity'):
         # A preserved negative number of a URDF means no limit.
-        text = element.get(f'{{{URDF_NAMESPACE}}}{tag}', 'inf')
+        text = element.get(f'{URDF_TAG}{tag}', 'inf')
         negative = limit_number(text, element, f'urdf:{tag}')
         if tag not in values:
             values[tag] = negative if negative < 0 else math.inf
@@ -81,6 +82,16 @@ def _mimic(element: AnyElement) -> Mimic:
     multiplier = number_of(element, 'multiplier', 1.0)
     offset, reference = number_of(element, 'offset', 0.0), number_of(element, 'reference', 0.0)
     return Mimic(element.get('joint', ''), multiplier, offset - multiplier * reference)
+
+
+def mimic_of_urdf(element: TrackedElement, joint: str) -> Mimic:
+    """
+    Read the numbers of a ``<mimic>`` of URDF, which are attributes.
+
+    :param joint: name of the joint that is mimicked.
+    """
+    return Mimic(joint, number(element.get('multiplier', '1'), element, 'multiplier'),
+                 number(element.get('offset', '0'), element, 'offset'))
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version) -> Element:
@@ -114,7 +125,7 @@ def _limit_element(axis: Element, limit: Limit) -> None:
     for tag, value in vars(limit).items():
         # An omitted value means no limit.
         if tag in ('effort', 'velocity') and value < 0:
-            element.set(f'{{{URDF_NAMESPACE}}}{tag}', number_text(value))
+            element.set(f'{URDF_TAG}{tag}', number_text(value))
         elif math.isfinite(value):
             number_element(element, tag, value)
 

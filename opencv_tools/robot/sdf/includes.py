@@ -26,9 +26,9 @@ from urllib.parse import unquote
 
 from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version, version_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, local_name, parse, read_bytes, required_name, source_of)
+    DescriptionError, Element, local_name, parse, required_name, source_of, TrackedElement)
+from opencv_tools.robot.xml.input import read_bytes
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 #: Environment variables with model folders, searched in this order after the caller's folders.
 SEARCH_VARIABLES = ('GZ_SIM_RESOURCE_PATH', 'IGN_GAZEBO_RESOURCE_PATH', 'SDF_PATH',
@@ -78,7 +78,7 @@ class ModelFile:
 
     @property
     def name(self) -> str:
-        """Name of the model."""
+        """Name of the model in the robot: that of the outermost include that has one."""
         own = required_name(self.element)
         return next(filter(None, (text_of(include, 'name') for include in self.includes)), own)
 
@@ -97,15 +97,9 @@ class ModelFile:
 
 
 class ModelLoader:
-    """Loads included models and reads each file once."""
+    """Loads included models and reads each file once; for ``search`` see `search_folders`."""
 
     def __init__(self, search: Sequence[str], report: Report) -> None:
-        """
-        Create a loader.
-
-        :param search: folders that are searched before those of the environment.
-        :param report: receives the warnings about included files.
-        """
         self._search = search
         self._report = report
         self._roots: dict[Path, tuple[Element, Version]] = {}
@@ -152,7 +146,6 @@ class ModelLoader:
                                    'include fewer models', model.includes[0])
 
     def _read(self, path: Path, include: TrackedElement) -> tuple[Element, Version]:
-        """Read an included file; return its root element and its version."""
         if path not in self._roots:
             root = parse(read_bytes(str(path)), str(path), self._report)
             if local_name(root) == 'robot':

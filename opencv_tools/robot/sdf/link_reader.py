@@ -12,108 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reader of SDF links: inertials, visuals, collisions, and the context in which names are read."""
+"""Reader of SDF links: inertials, visuals and collisions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-import os
-from pathlib import Path
-
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
-from opencv_tools.robot.model import Extension, FrameId, Inertial, Link, MODEL, Placement, Shape
-from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
+from opencv_tools.robot.sdf.context import ReadContext
 from opencv_tools.robot.sdf.values import (
-    color_of, flag, FRAMES, MATERIAL_COLORS, MODEL_FRAME, number_of, pose_of, poses_in, SEPARATOR,
-    text_of)
+    color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of)
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name)
+    DescriptionError, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
-from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_NAMESPACE
-from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 _GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
-_URDF_CAPSULE = f'{{{URDF_NAMESPACE}}}capsule'
-
-
-@dataclass(frozen=True)
-class ReadContext:
-    """
-    The model that elements are read from, and the meaning of names in it.
-
-    :param folder: folder of the first file, to which relative mesh paths are converted.
-    """
-
-    scope: Scope
-    registry: FrameRegistry
-    report: Report
-    folder: str
-
-    def placement(self, holder: TrackedElement, default: FrameId) -> Placement:
-        """
-        Read the ``<pose>`` of an element.
-
-        :param default: the frame of a pose without ``relative_to``.
-        """
-        pose = holder.find('pose')
-        if pose is None:
-            return Placement(pose_of(None), default)
-        name, old_name = pose.get('relative_to', ''), pose.get('frame')
-        if old_name is not None and self.scope.file.version >= FRAMES:
-            self.report.warn('pose', holder.element.get('name', ''), line_of(pose),
-                             'frame= is ignored since SDF 1.7; use relative_to=')
-        elif old_name is not None:
-            name = old_name
-        frame = self.registry.lookup(self.scope, name, pose, 'relative_to') if name else default
-        return Placement(pose_of(pose), frame)
-
-    def extension(self, element: TrackedElement) -> Extension:
-        """Return the unread parts of an element."""
-        return Extension(urdf=extract_foreign(element, 'urdf'), sdf=self.unread(element))
-
-    def unread(self, element: TrackedElement) -> Element | None:
-        """Return the unread SDF of an element, in terms of SDF 1.7 and later."""
-        unread = element.unread()
-        if unread is None:
-            return None
-        is_old = self.scope.file.version < FRAMES
-        for axis in unread.iterchildren('axis', 'axis2') if element.tag in JOINTS else ():
-            if is_old:
-                _to_expressed_in(axis)
-            xyz = axis.find('xyz')
-            if xyz is not None and (name := xyz.get('expressed_in')):
-                # Renaming does not change it, so it gets the name in the flat robot here.
-                xyz.set('expressed_in', self._name_in_robot(name).replace(SEPARATOR, '__'))
-        for pose in poses_in(unread):
-            if is_old and 'frame' in pose.attrib:
-                pose.set('relative_to', pose.attrib.pop('frame'))
-            if name := pose.get('relative_to'):
-                pose.set('relative_to', self._name_in_robot(name))
-        return unread
-
-    def resolved_uri(self, uri: str) -> str:
-        """Return a relative path of an included file relative to the first file."""
-        files = self.scope.file.files
-        if not uri or '://' in uri or len(files) == 1 or Path(uri).is_absolute():
-            return uri
-        return os.path.relpath(files[-1].parent / uri, self.folder)
-
-    def _name_in_robot(self, name: str) -> str:
-        if self.scope.frame == MODEL:
-            return name
-        return self.scope.frame.name if name == MODEL_FRAME else self.scope.qualified(name)
-
-
-def _to_expressed_in(axis: Element) -> None:
-    """Replace ``use_parent_model_frame`` of older versions by ``expressed_in``."""
-    xyz, old = axis.find('xyz'), axis.find('use_parent_model_frame')
-    if old is not None:
-        if xyz is not None and flag(old.text, old):
-            xyz.set('expressed_in', MODEL_FRAME)
-        axis.remove(old)
+_URDF_CAPSULE = f'{URDF_TAG}capsule'
 
 
 def read_link(element: TrackedElement, context: ReadContext) -> Link:
@@ -149,17 +64,16 @@ def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext)
             context.report.warn(ignored.tag, link.name, line_of(ignored),
                                 'is ignored: auto="true" computes it from the collisions')
         element.find('mass')  # without its text, which stays among what is unread
-        return Inertial(Placement(pose_of(None), link), 1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+        return Inertial(Placement(pose_of(None), link), *DEFAULT_INERTIAL)
     inertia = element.find('inertia')
-    moments = {'ixx': 1.0, 'ixy': 0.0, 'ixz': 0.0, 'iyy': 1.0, 'iyz': 0.0, 'izz': 1.0}
-    if inertia is not None:
-        moments = {tag: number_of(inertia, tag, default) for tag, default in moments.items()}
-    ixx, ixy, ixz, iyy, iyz, izz = moments.values()
+    default_mass, default_moments = DEFAULT_INERTIAL
+    ixx, ixy, ixz, iyy, iyz, izz = default_moments if inertia is None else (
+        number_of(inertia, tag, default) for tag, default in zip(INERTIA, default_moments))
     pose = element.find('pose')
     if pose is not None and (pose.get('relative_to', '') or pose.get('frame', '')):
         context.report.warn('inertial', link.name, line_of(pose),
                             'relative_to= is ignored; the pose is relative to the link')
-    return Inertial(Placement(pose_of(pose), link), number_of(element, 'mass', 1.0),
+    return Inertial(Placement(pose_of(pose), link), number_of(element, 'mass', default_mass),
                     (ixx, ixy, ixz, iyy, iyz, izz))
 
 
@@ -176,11 +90,9 @@ def _shape_extension(element: TrackedElement, geometry: Geometry | None, context
                      ) -> Extension:
     """Return the unread parts of a shape, with ``<empty/>`` in place of a missing geometry."""
     extension = context.extension(element)
-    unread = extension.sdf
-    if geometry or (unread is not None and unread.find('geometry') is not None):
+    if geometry or extension.find_sdf('geometry') is not None:
         return extension
-    if unread is None:
-        unread = etree.Element(local_name(element))
+    unread = etree.Element(local_name(element)) if extension.sdf is None else extension.sdf
     etree.SubElement(etree.SubElement(unread, 'geometry'), 'empty')
     return Extension(extension.urdf, unread)
 
@@ -240,4 +152,4 @@ def _read_material(element: TrackedElement, context: ReadContext) -> Material:
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
-    return Material(name=element.get(f'{{{URDF_NAMESPACE}}}name', ''), texture=uri, **colors)
+    return Material(name=element.get(f'{URDF_TAG}name', ''), texture=uri, **colors)

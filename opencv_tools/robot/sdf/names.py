@@ -23,12 +23,12 @@ from opencv_tools.robot.kinematics import cycle_text, resolve_chain
 from opencv_tools.robot.model import FrameId, WORLD
 from opencv_tools.robot.sdf.scopes import Scope
 from opencv_tools.robot.sdf.values import CAPSULE, flag, FRAMES, MODEL_FRAME, SEPARATOR, text_of
-from opencv_tools.robot.xml.document import AnyElement, DescriptionError, local_name, required_name
-from opencv_tools.robot.xml.passthrough import URDF_NAMESPACE
-from opencv_tools.robot.xml.tracked import TrackedElement
+from opencv_tools.robot.xml.document import (
+    AnyElement, DescriptionError, line_of, local_name, required_name, TrackedElement)
+from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 # Joints and frames that are not supported by SDF are written in the namespace of URDF.
-JOINTS = ('joint', f'{{{URDF_NAMESPACE}}}joint')
+JOINTS = ('joint', f'{URDF_TAG}joint')
 # Before SDF 1.7 a link, a joint and a frame may share a name; a pose refers to the first of them.
 _KINDS = ('link', 'joint', 'frame')
 _NESTED_NAMES = CAPSULE  # from this version on, '::' separates model names
@@ -153,7 +153,7 @@ class FrameRegistry:
             first = self.elements[frame if frame in self.elements else namesake or frame]
             raise DescriptionError(
                 f'{name!r} is already the name of <{local_name(first)}> in line '
-                f'{first.sourceline}; use unique names', element)
+                f'{line_of(first)}; use unique names', element)
         self.elements[frame] = element
         self._declared_in[frame] = scope
         if namesake is None or _KINDS.index(frame.kind) < _KINDS.index(namesake.kind):

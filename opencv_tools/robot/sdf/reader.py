@@ -18,56 +18,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from graphlib import CycleError
 from pathlib import Path
 
-from lxml import etree
 from opencv_tools.robot.inertia import auto_inertial
-from opencv_tools.robot.kinematics import (
-    check_mimic_cycles, cycle_text, Kinematics, resolve_chain)
-from opencv_tools.robot.model import (
-    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
-from opencv_tools.robot.pose import IDENTITY, Pose, Transform
-from opencv_tools.robot.sdf.includes import first_file, ModelLoader, search_folders
-from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
-from opencv_tools.robot.sdf.link_reader import read_link, ReadContext
-from opencv_tools.robot.sdf.names import FrameRegistry, JOINTS
-from opencv_tools.robot.sdf.scopes import collect_scopes, Scope
-from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
+from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
+from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD
+from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.sdf.axis_reader import with_axes
+from opencv_tools.robot.sdf.context import model_contexts, ReadContext
+from opencv_tools.robot.sdf.includes import search_folders
+from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint
+from opencv_tools.robot.sdf.link_reader import read_link
+from opencv_tools.robot.sdf.model_extension import model_extension, report_nested
+from opencv_tools.robot.sdf.model_poses import (
+    check_placements, pose_in_world, with_placement_frames, with_world)
+from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of)
-from opencv_tools.robot.xml.passthrough import extract_foreign
+    DescriptionError, Element, line_of, local_name, required_name, source_of, TrackedElement)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, TrackedElement
-
-# Children of an <include> that are converted.
-_INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
-# Children of an <include> that replace those of the model.
-_OVERRIDES = ('pose', 'static')
 
 
-def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence[str] = ()
-             ) -> Robot:
+def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str = '',
+             search: Sequence[str] = ()) -> Robot:
     """
     Read a robot from SDF.
 
     :param root: the ``<sdf>``.
-    :param report: receives what is lossy and what is preserved.
     :param model: name of the model; empty if the file has only one.
+    :param root_link: root of the tree to read; empty for all trees.
     :param search: folders with included models.
     :raises DescriptionError: the file is not a valid robot.
     """
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF; the root must be <sdf>', root)
-    # Nested models and includes are collected first: each is a scope of names.
-    scopes = collect_scopes(root, ModelLoader(search, report), model, report)
-    top = scopes[0]
-    if not any(scope.element.take_all('link') for scope in scopes):
-        raise DescriptionError(f'model {top.file.name!r} has no links', top.element)
-    # All names are registered before elements are read, because they may refer to later elements.
-    registry = FrameRegistry(scopes)
-    folder = first_file(source_of(root)).parent
-    contexts = [ReadContext(scope, registry, report, str(folder)) for scope in scopes]
+    contexts = model_contexts(root, report, model, search)
+    top, registry = contexts[0].scope, contexts[0].registry
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)
     robot = Robot(name=top.file.name, links=links, joints=joints, frames=frames,
@@ -76,15 +61,15 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     if canonical != robot.links[0].name or top.element.get('canonical_link'):
         robot = replace(robot, canonical_link=canonical)
     # All following steps compute poses, which needs placements without cycles.
-    _check_placements(robot, registry)
+    check_placements(robot, registry)
     # Nested models get their final poses before other poses are computed from them.
-    robot = _with_placement_frames(robot, scopes, registry)
+    robot = with_placement_frames(robot, [context.scope for context in contexts], registry)
     # The pose in the world depends on the pose of the robot's own placement_frame.
-    pose_in_world = _pose_in_world(robot, top, registry)
-    robot = _with_world(robot, pose_in_world)
+    pose = pose_in_world(robot, top, registry)
+    robot = with_world(robot, pose)
     # Axes may be expressed in any frame, so all poses are final here.
     elements = ((element, context) for context in contexts
-                for element in context.scope.element.take_all(*JOINTS))
+                for element in context.joint_elements())
     kinematics = Kinematics(robot)
     robot = replace(robot, joints=tuple(
         with_axes(joint, element, context, kinematics)
@@ -92,11 +77,13 @@ def read_sdf(root: Element, report: Report, *, model: str = '', search: Sequence
     # Mimics are parts of axes.
     check_mimic_cycles(robot)
     # The centres of collisions depend on the final poses, too.
-    robot = _with_auto_inertials(robot, kinematics, search_folders(folder, search), report)
+    folders = search_folders(Path(contexts[0].folder), search)
+    robot = _with_auto_inertials(robot, kinematics, folders, report)
     # Loops do not change poses or axes; only trees of the robot depend on them.
     robot = mark_loops(robot, canonical)
     # The extension is what no step has read, so it is last.
-    return replace(robot, extension=_model_extension(contexts[0], pose_in_world))
+    robot = replace(robot, extension=model_extension(contexts[0], pose))
+    return select_root(robot, root_link, report) if root_link else robot
 
 
 def _read_elements(contexts: Sequence[ReadContext]
@@ -109,10 +96,10 @@ def _read_elements(contexts: Sequence[ReadContext]
     for context in contexts:
         element, scope = context.scope.element, context.scope
         links.extend(read_link(child, context) for child in element.take_all('link'))
-        joints.extend(read_joint(child, context) for child in element.take_all(*JOINTS))
+        joints.extend(read_joint(child, context) for child in context.joint_elements())
         if scope.parent is not None:
             frames.append(_model_frame(context, by_model[scope.parent.frame]))
-            _report_nested(context)
+            report_nested(context)
         frames.extend(_read_frame(child, context) for child in element.take_all('frame'))
     if any(joint.parent == WORLD for joint in joints):
         links.append(Link(name=WORLD, placement=Placement(Pose(), MODEL)))
@@ -128,81 +115,11 @@ def _read_frame(element: TrackedElement, context: ReadContext) -> Frame:
 
 
 def _model_frame(context: ReadContext, parent: ReadContext) -> Frame:
-    """Return the model frame of a nested model."""
     scope = context.scope
     return Frame(name=scope.frame.name,
                  attached_to=FrameId('link', context.registry.link_of(scope.frame)),
                  placement=parent.placement(scope.file.pose_holder, parent.scope.frame),
                  line=line_of(scope.element))
-
-
-def _report_nested(context: ReadContext) -> None:
-    """Report what a nested model loses by becoming a part of the robot."""
-    file = context.scope.file
-    preserved = extract_foreign(file.element, 'urdf')
-    for holder in (file.element, *file.includes):
-        holder.take_all(*_INCLUDE)
-    for lost in (context.unread(file.element), preserved, *map(context.unread, file.includes)):
-        for child in () if lost is None else lost:
-            # <static>false</static> is the default.
-            if child.tag != 'static' or flag(child.text, child):
-                context.report.warn(local_name(child), file.name, line_of(child),
-                                    'omitted: it belongs to a nested model')
-
-
-def _check_placements(robot: Robot, registry: FrameRegistry) -> None:
-    """Check that the placement of every frame leads to the model frame."""
-    bases = {frame: owner.placement.relative_to for frame, owner in robot.frame_owners()}
-    placed = {MODEL}
-    try:
-        for start in bases:
-            placed.update(resolve_chain(
-                start, lambda frame: None if frame in placed else bases[frame]))
-    except CycleError as err:
-        raise DescriptionError(f'placement cycle: {cycle_text(err)}',
-                               registry.elements.get(err.args[1][0])) from err
-
-
-def _with_placement_frames(robot: Robot, scopes: Sequence[Scope], registry: FrameRegistry
-                           ) -> Robot:
-    """Place the nested models whose pose is that of a frame in them, innermost first."""
-    for scope in reversed(scopes[1:]):
-        if not scope.file.placement_frame:
-            continue
-        inverse = _placement_frame(robot, scope, registry).inverse()
-        robot = replace(robot, frames=tuple(
-            replace(frame, placement=Placement(
-                (frame.placement.pose.transform() @ inverse).pose(), frame.placement.relative_to))
-            if frame.name == scope.frame.name else frame for frame in robot.frames))
-    return robot
-
-
-def _placement_frame(robot: Robot, scope: Scope, registry: FrameRegistry) -> Transform:
-    """Return the pose of the ``placement_frame`` in the model frame."""
-    name = scope.file.placement_frame
-    if not name:
-        return IDENTITY
-    frame = registry.lookup(scope, name, scope.element, 'placement_frame')
-    return Kinematics(robot).between(scope.frame, frame).transform()
-
-
-def _pose_in_world(robot: Robot, top: Scope, registry: FrameRegistry) -> Pose:
-    """Return the pose of the robot in the world; zero if relative to an object outside of it."""
-    pose = top.file.pose_holder.element.find('pose')
-    placed = _placement_frame(robot, top, registry)
-    if pose is not None and pose.get('relative_to'):
-        return Pose()
-    written = pose_of(pose)
-    return written if placed == IDENTITY else (written.transform() @ placed.inverse()).pose()
-
-
-def _with_world(robot: Robot, pose_in_world: Pose) -> Robot:
-    """Place the world relative to the robot, if a joint needs it."""
-    *links, last = robot.links
-    if last.name != WORLD or pose_in_world.is_identity:
-        return robot
-    placement = Placement(pose_in_world.transform().inverse().pose(), MODEL)
-    return replace(robot, links=(*links, replace(last, placement=placement)))
 
 
 def _with_auto_inertials(robot: Robot, kinematics: Kinematics, folders: Sequence[Path],
@@ -211,42 +128,3 @@ def _with_auto_inertials(robot: Robot, kinematics: Kinematics, folders: Sequence
     return replace(robot, links=tuple(
         replace(link, inertial=auto_inertial(link, kinematics, report, folders) or link.inertial)
         for link in robot.links))
-
-
-def _model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
-    """Return the unread parts of the model, with the overrides of its includes."""
-    file = context.scope.file
-    urdf, unread = extract_foreign(file.element, 'urdf'), context.unread(file.element)
-    if unread is None:
-        unread = etree.Element('model')
-    for include in reversed(file.includes):
-        for child in include.element.iterchildren('*'):
-            tag = local_name(child)
-            if tag in _OVERRIDES:
-                _remove(unread, tag)
-            if tag in (*_OVERRIDES, 'plugin'):
-                unread.append(detached(child))
-            elif tag not in _INCLUDE:
-                context.report.warn(tag, file.name, line_of(child), 'omitted from the <include>')
-    _resolve_model_pose(unread, context, pose_in_world)
-    return Extension(urdf=urdf, sdf=unread if len(unread) or unread.attrib else None)
-
-
-def _resolve_model_pose(unread: Element, context: ReadContext, pose_in_world: Pose) -> None:
-    """Write the pose of the model without names, which may be different in the output."""
-    file = context.scope.file
-    for pose in unread.findall('pose'):
-        if name := pose.get('relative_to'):
-            context.report.warn('pose', file.name, line_of(file.pose_holder),
-                                f'omitted: it is relative to {name!r}, outside the model')
-            unread.remove(pose)
-    if frame := file.placement_frame:
-        _remove(unread, 'pose')
-        pose_element(unread, pose_in_world)
-        context.report.preserve('pose', file.name, line_of(file.element),
-                                f'placed {frame!r}; converted to the pose of the model frame')
-
-
-def _remove(element: Element, tag: str) -> None:
-    for child in element.findall(tag):
-        element.remove(child)

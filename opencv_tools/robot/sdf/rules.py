@@ -33,7 +33,7 @@ from opencv_tools.robot.model import WORLD
 from opencv_tools.robot.renaming import allowed_name, flat_name, Names
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
-from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 _Value = TypeVar('_Value')
@@ -212,7 +212,6 @@ def keep_sdf_rules(root: Element, source: str, report: Report) -> None:
 
     :param root: the ``<sdf>``; it is changed.
     :param source: the file that the robot comes from.
-    :param report: receives the changes.
     :raises DescriptionError: an invalid value cannot be changed.
     """
     former: tuple[Element | None, str] = None, ''
@@ -253,11 +252,10 @@ def _rename_children(element: Element, report: Report) -> None:
 
 
 def _has_valid_name(child: Element) -> bool:
-    return child.tag in _VALID or str(child.tag).startswith(f'{{{URDF_NAMESPACE}}}')
+    return child.tag in _VALID or str(child.tag).startswith(URDF_TAG)
 
 
 def _clamp_color(element: Element, report: Report) -> None:
-    """Clamp the components of a colour to 0 to 1."""
     words = (element.text or '').split()
     values = tuple(value for word in words if (value := _read_number(word)) is not None)
     if len(values) == len(words) and clamped(values) != values:

@@ -22,12 +22,10 @@ from pathlib import Path
 
 from opencv_tools.robot.model import FrameId, MODEL
 from opencv_tools.robot.sdf.includes import first_file, ModelFile, ModelLoader, NoModelError
-from opencv_tools.robot.sdf.values import (
-    file_version, flag, MODEL_FRAME, SEPARATOR, text_of)
+from opencv_tools.robot.sdf.values import file_version, flag, MODEL_FRAME, SEPARATOR, text_of
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of)
+    DescriptionError, Element, line_of, local_name, required_name, source_of, TrackedElement)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 _MODELS = ('model', 'include')
 

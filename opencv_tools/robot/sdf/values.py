@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeVar
 
 from lxml import etree
 from opencv_tools.robot.geometry import Color
-from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Transform
+from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Tensor, Transform
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import (
     number, number_text, numbers, numbers_text, quoted)
@@ -39,7 +39,6 @@ class Version(NamedTuple):
     minor: int
 
     def __str__(self) -> str:
-        """Return the version as it is written in a file."""
         return f'{self.major}.{self.minor}'
 
 
@@ -56,6 +55,9 @@ CAPSULE = Version(1, 8)
 MIMIC = Version(1, 11)
 AUTO_INERTIA = Version(1, 11)
 
+# Mass and moments of inertia in kg and kg m2, where a file has none.
+DEFAULT_INERTIAL: tuple[float, Tensor] = (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+
 # The colours of a material, with the field of each.
 MATERIAL_COLORS = {
     'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
@@ -71,6 +73,8 @@ GAZEBO: Mapping[str, frozenset[str]] = {
         'velocity_decay'}),
     'joint': frozenset({'sensor'}),
 }
+# Tags in <gazebo reference="joint"> that preserve a fixed joint.
+PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
 # Elements of a link that have a pose, by default in the frame of the link.
 POSED = frozenset({'audio_source', 'light', 'particle_emitter', 'projector', 'sensor'})
 _POSE_HOLDERS = POSED | {'model', 'link', 'joint', 'frame', 'camera'}

@@ -36,13 +36,13 @@ from opencv_tools.robot.sdf.values import (
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
-    embed_foreign, merge_unread, namespaces, URDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, URDF_JOINT_TYPE, URDF_TAG)
 from opencv_tools.robot.xml.report import Report
 
 
 @dataclass(frozen=True)
 class _WriteContext:
-    """The output of a robot."""
+    """Facts of the whole robot that its elements are written with."""
 
     kinematics: Kinematics
     version: Version
@@ -114,7 +114,6 @@ def _substitute_frames(robot: Robot) -> dict[FrameId, FrameId]:
 
 
 def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
-    """Write a link into a model."""
     element = etree.SubElement(model, 'link', name=link.name)
     frame, kinematics = FrameId('link', link.name), context.kinematics
     joint = kinematics.parent_joint.get(link.name) if context.relative else None
@@ -140,7 +139,7 @@ def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link
     if auto:
         is_same = is_same_inertial(auto, inertial, frame, kinematics)
         if is_same and context.version >= AUTO_INERTIA:
-            return link  # it is a part of the extension
+            return link  # `write_extension` writes it, and SDF computes the same numbers
         reason = f'not supported by SDF {context.version}' if is_same else (
             'its numbers are not those of the collisions and their density')
         context.report.warn('inertial', link.name, link.line, f'auto="true" is omitted: {reason}')
@@ -155,14 +154,14 @@ def _write_inertial(parent: Element, link: Link, context: _WriteContext) -> Link
 
 
 def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> None:
-    geometry, unread = shape.geometry, shape.extension.sdf
-    if geometry is None and unread is not None and unread.find('geometry') is not None:
-        return  # it is a part of the extension
+    geometry = shape.geometry
+    if geometry is None and shape.extension.find_sdf('geometry') is not None:
+        return  # a geometry that only SDF has; `write_extension` writes it
     parent = etree.SubElement(element, 'geometry')
     if geometry is None:
         etree.SubElement(parent, 'empty')
     elif isinstance(geometry, Capsule) and context.version < CAPSULE:
-        etree.SubElement(parent, f'{{{URDF_NAMESPACE}}}capsule',
+        etree.SubElement(parent, f'{URDF_TAG}capsule',
                          radius=number_text(geometry.radius), length=number_text(geometry.length))
         length = geometry.length + 2 * geometry.radius
         _write_supported_geometry(parent, Cylinder(geometry.radius, length))
@@ -186,7 +185,7 @@ def _write_material(visual: Element, shape: Shape, context: _WriteContext) -> No
         return
     element = etree.SubElement(visual, 'material')
     if material.name:
-        element.set(f'{{{URDF_NAMESPACE}}}name', material.name)
+        element.set(f'{URDF_TAG}name', material.name)
     for tag, field in MATERIAL_COLORS.items():
         color = getattr(material, field)
         if color is not None:
@@ -199,7 +198,7 @@ def _write_material(visual: Element, shape: Shape, context: _WriteContext) -> No
 def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
     """Write a joint into a model; in the namespace of URDF if SDF does not support its type."""
     kinematics, version = context.kinematics, context.version
-    prefix = '' if joint.type in SDF_TYPES else f'{{{URDF_NAMESPACE}}}'
+    prefix = '' if joint.type in SDF_TYPES else URDF_TAG
     element = etree.SubElement(model, f'{prefix}joint', name=joint.name)
     element.set('type', joint.type)
     _preserve_type(element, joint, context)
@@ -212,7 +211,7 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
         element.append(axis_to_element(axis, tag, version))
         if axis.mimic and version < MIMIC:
             mimic = etree.SubElement(
-                element, f'{{{URDF_NAMESPACE}}}mimic', joint=axis.mimic.joint,
+                element, f'{URDF_TAG}mimic', joint=axis.mimic.joint,
                 multiplier=number_text(axis.mimic.multiplier),
                 offset=number_text(axis.mimic.offset))
             if tag != AXES[0]:
@@ -226,7 +225,7 @@ def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> No
     """Preserve a type that SDF does not support, or that its reader would change."""
     is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
     if joint.type == 'revolute' and is_unlimited:
-        element.set(f'{{{URDF_NAMESPACE}}}type', joint.type)
+        element.set(URDF_JOINT_TYPE, joint.type)
     if joint.type not in SDF_TYPES:
         context.report.warn('joint', joint.name, joint.line,
                             f'{joint.type} joints are not supported by SDF; preserved as '

@@ -20,24 +20,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
-from opencv_tools.robot.model import FrameId, MODEL
-from opencv_tools.robot.pose import Pose
+from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import GAZEBO, pose_of, POSED
-from opencv_tools.robot.trees import PRESERVING_TAGS
-from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
+from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
 from opencv_tools.robot.urdf.tree import LinkTree
-from opencv_tools.robot.xml.document import Element, line_of, local_name
-from opencv_tools.robot.xml.numbers import numbers_text
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.document import detached, Element, line_of, local_name, TrackedElement
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, TrackedElement
 
-# Rounding error of a pose that was transformed there and back.
-_ROUNDING = 1e-12
 # Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
 _WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
-_SDF_COLLISION = f'{{{SDF_NAMESPACE}}}collision'
+_SDF_COLLISION = f'{SDF_TAG}collision'
 
 
 @dataclass(frozen=True)
@@ -53,6 +47,10 @@ class Extracted:
     moved: dict[FrameId, list[Element]] = field(default_factory=dict)
     values: dict[tuple[str, str], Element] = field(default_factory=dict)
     remaining: list[Element] = field(default_factory=list)
+
+    def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
+        """Return an extension with the settings of a link or joint, or those of its collisions."""
+        return with_values(extension, self.values.get((owner, name)))
 
 
 def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extracted:
@@ -83,7 +81,7 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extract
 def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: LinkTree,
              extracted: Extracted, report: Report) -> str | None:
     """
-    Extract an element.
+    Read an element of a block as a setting, or as an element that SDF has in the owner.
 
     :param robot: name of the robot, for the report.
     :returns: why the element stays in its block, empty if it belongs there; None if it does not.
@@ -120,28 +118,3 @@ def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
         return any(link.find(tag) is not None for tag in ('collision', _SDF_COLLISION))
     return setting.fits(tree.joints[name].element.get('type', '') if (
         setting.owner == 'joint') else '')
-
-
-def in_link_frame(element: Element, offset: Pose | None) -> Element:
-    """Return an element of SDF with its pose in its link instead of the parent joint."""
-    pose = element.find('pose')
-    if not offset or element.tag not in POSED or (pose is not None and pose.attrib):
-        return element
-    in_link = (offset.transform() @ pose_of(pose).transform()).pose()
-    element = detached(element)
-    if max(map(abs, in_link.xyz + in_link.rpy)) >= _ROUNDING:
-        set_pose(element, in_link)
-    elif (pose := element.find('pose')) is not None:
-        element.remove(pose)
-        element.text = element.text if len(element) else None
-    return element
-
-
-def set_pose(element: Element, pose: Pose) -> None:
-    """Write the ``<pose>`` of an element of SDF in place of its former one."""
-    child = element.find('pose')
-    if child is None:
-        child = etree.Element('pose')
-        element.insert(0, child)
-    child.attrib.clear()
-    child.text = numbers_text(pose.xyz + pose.rpy)

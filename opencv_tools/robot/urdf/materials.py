@@ -24,11 +24,11 @@ from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
 from opencv_tools.robot.renaming import Names
-from opencv_tools.robot.xml.document import AnyElement, Element, line_of, required_attribute
+from opencv_tools.robot.xml.document import (
+    AnyElement, Element, line_of, PARTLY_READ, required_attribute, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, numbers_text
-from opencv_tools.robot.xml.passthrough import merge_unread, SDF_NAMESPACE
+from opencv_tools.robot.xml.passthrough import merge_unread, SDF_TAG
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import PARTLY_READ, TrackedElement
 
 _Appearance = tuple[Color | None, str]  # colour and texture
 
@@ -38,7 +38,6 @@ class MaterialTable:
     """
     The materials of a file.
 
-    :param by_element: materials by their elements.
     :param defined: materials that have a colour or a texture, by name.
     :param single: names that only one element has.
     """
@@ -57,7 +56,7 @@ def collect_materials(root: TrackedElement, report: Report) -> MaterialTable:
     by_element: dict[TrackedElement, Material] = {}
     defined: dict[str, Material] = {}
     counts: Counter[str] = Counter()
-    visuals = [visual for tag in ('visual', f'{{{SDF_NAMESPACE}}}visual')
+    visuals = [visual for tag in ('visual', f'{SDF_TAG}visual')
                for link in root.take_all('link') for visual in link.take_all(tag)]
     # Materials of the robot stay unread, so that the writer adds them again.
     shared = map(TrackedElement, root.element.iterchildren('material'))
@@ -90,7 +89,6 @@ def visual_material(visual: TrackedElement, preserved: TrackedElement | None,
     Return the material of a visual, by its own definition or by the name of another one.
 
     :param preserved: the SDF of the visual, which may have more colours.
-    :param link: the name of the link.
     """
     element = visual.find('material')
     lights = None if preserved is None else preserved.find('material')
@@ -126,7 +124,6 @@ class MaterialNames:
     The names of materials in a file that is written.
 
     :param appearances: colour and texture by name.
-    :param taken: names that are in use.
     """
 
     appearances: dict[str, _Appearance]

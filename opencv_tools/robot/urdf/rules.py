@@ -88,7 +88,6 @@ def _complete_dynamics(root: Element) -> None:
 
 
 def _clamp_colors(root: Element, report: Report) -> None:
-    """Clamp the components of colours to 0 and 1."""
     for material in (*root.iterfind('material'), *root.iterfind('link/visual/material')):
         for color in material.iterfind('color'):
             text = color.get('rgba', '')

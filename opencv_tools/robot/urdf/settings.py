@@ -28,10 +28,9 @@ from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.model import Extension, FrameId, Joint, Link, Robot, Shape
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.xml.document import Element
+from opencv_tools.robot.xml.document import detached, Element, PARTLY_READ
 from opencv_tools.robot.xml.passthrough import merge_unread
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, PARTLY_READ
 
 _Holder = TypeVar('_Holder', Shape, Link, Joint)
 _OPPOSITE = {'true': 'false', '1': 'false', 'false': 'true', '0': 'true'}

@@ -23,12 +23,12 @@ from graphlib import CycleError, TopologicalSorter
 from lxml import etree
 from opencv_tools.robot.kinematics import cycle_text
 from opencv_tools.robot.model import WORLD
-from opencv_tools.robot.xml.document import DescriptionError, line_of, required_name
-from opencv_tools.robot.xml.passthrough import SDF_NAMESPACE
+from opencv_tools.robot.xml.document import (
+    DescriptionError, line_of, required_name, TrackedElement)
+from opencv_tools.robot.xml.passthrough import SDF_TAG
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import TrackedElement
 
-_LOOP_JOINT = f'{{{SDF_NAMESPACE}}}joint'
+_LOOP_JOINT = f'{SDF_TAG}joint'
 _Elements = Mapping[str, TrackedElement]
 
 
@@ -114,6 +114,6 @@ def _by_name(elements: Iterable[TrackedElement]) -> dict[str, TrackedElement]:
         name = required_name(element)
         if name in found:
             raise DescriptionError(f'name={name!r} is also the name of the element in line '
-                                   f'{found[name].sourceline}; give each its own name', element)
+                                   f'{line_of(found[name])}; give each its own name', element)
         found[name] = element
     return found

@@ -20,7 +20,6 @@ URDF has no link poses. Everything in a link is placed in the frame of its paren
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -28,21 +27,17 @@ from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Placement, Robot, Shape)
+    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
-from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST, pose_of, POSED
-from opencv_tools.robot.urdf.gazebo import set_pose
+from opencv_tools.robot.sdf.values import NEWEST
+from opencv_tools.robot.urdf.gazebo_writer import GazeboBlocks, take_blocks
 from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
-from opencv_tools.robot.urdf.settings import take_settings
-from opencv_tools.robot.xml.document import Element, line_of, local_name
+from opencv_tools.robot.xml.document import Element, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
-    embed_foreign, merge_unread, namespaces, report_preserved, SDF_NAMESPACE)
+    embed_foreign, merge_unread, namespaces, report_preserved, SDF_TAG)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached
-
-_SDF = f'{{{SDF_NAMESPACE}}}'
 
 
 @dataclass(frozen=True)
@@ -52,13 +47,7 @@ class _WriteContext:
     kinematics: Kinematics
     report: Report
     materials: MaterialNames
-    frames: Mapping[str, FrameId]  # by the names that poses of SDF use
-
-    def gazebo_tags(self, owner: FrameId) -> frozenset[str]:
-        """Return the tags of an object's SDF that are written into a ``<gazebo>`` block."""
-        # If a link and a joint have the same name, the block belongs to the link.
-        is_shadowed = owner.kind == 'joint' and owner.name in self.kinematics.child_joints
-        return frozenset() if is_shadowed else GAZEBO[owner.kind]
+    gazebo: GazeboBlocks
 
 
 def write_urdf(robot: Robot, report: Report) -> Element:
@@ -68,16 +57,12 @@ def write_urdf(robot: Robot, report: Report) -> Element:
     :param robot: robot with one root link.
     :returns: the element ``<robot>``.
     """
-    robot, settings = take_settings(robot, report)
-    kinematics = Kinematics(robot)
-    frames = {MODEL_FRAME: MODEL}
-    for frame_id, owner in robot.frame_owners():
-        frames.setdefault(owner.name, frame_id)
-    context = _WriteContext(kinematics, report, MaterialNames.of(robot), frames)
+    robot, gazebo = take_blocks(robot, report)
+    context = _WriteContext(gazebo.kinematics, report, MaterialNames.of(robot), gazebo)
     root = etree.Element('robot', name=robot.name,
                          nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
-        root.set(f'{_SDF}canonical_link', robot.canonical_link)
+        root.set(f'{SDF_TAG}canonical_link', robot.canonical_link)
         report_preserved(report, 'sdf', robot.name, 0, '@canonical_link')
     for link in robot.links:
         _link_element(root, link, context)
@@ -85,10 +70,9 @@ def write_urdf(robot: Robot, report: Report) -> Element:
         _joint_element(root, joint, context)
     for frame in robot.frames:
         _frame_element(root, frame, context)
-    _gazebo_elements(root, robot, settings, context)
+    gazebo.write(root, robot)
     merge_unread(root, robot.extension.urdf)
-    embed_foreign(root, _without(robot.extension.sdf, GAZEBO['model']), 'sdf', report,
-                  robot.name, 0)
+    embed_foreign(root, gazebo.outside(robot.extension.sdf, MODEL), 'sdf', report, robot.name, 0)
     return root
 
 
@@ -108,15 +92,15 @@ def _link_element(root: Element, link: Link, context: _WriteContext) -> None:
     if link_frame.kind == 'link':
         _preserve_pose(element, kinematics.between(MODEL, link_frame), link, context.report)
     merge_unread(element, link.extension.urdf)
-    embed_foreign(element, _without(link.extension.sdf, GAZEBO['link']), 'sdf', context.report,
-                  link.name, link.line)
+    sdf = context.gazebo.outside(link.extension.sdf, FrameId('link', link.name))
+    embed_foreign(element, sdf, 'sdf', context.report, link.name, link.line)
 
 
 def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     kinematics, report = context.kinematics, context.report
     frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
     joint_type = joint.type if joint.type in URDF_TYPES else 'floating'
-    element = etree.SubElement(root, f'{_SDF}joint' if joint.is_loop else 'joint',
+    element = etree.SubElement(root, f'{SDF_TAG}joint' if joint.is_loop else 'joint',
                                name=joint.name, type=joint_type)
     if joint.is_loop:
         report.warn('joint', joint.name, joint.line, 'closes a loop of links, which URDF does not '
@@ -132,9 +116,9 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
     if joint.type != joint_type:
         report.warn('joint', joint.name, joint.line, f'{joint.type} joints are not supported by '
                     'URDF; written as a floating joint')
-        element.set(f'{_SDF}type', joint.type)
+        element.set(f'{SDF_TAG}type', joint.type)
         sdf = _with_axes(joint)
-    embed_foreign(element, _without(sdf, context.gazebo_tags(frame)), 'sdf', report, joint.name,
+    embed_foreign(element, context.gazebo.outside(sdf, frame), 'sdf', report, joint.name,
                   joint.line)
 
 
@@ -142,7 +126,7 @@ def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
     element = frame_to_element(frame, context.kinematics)
     merge_unread(element, frame.extension.sdf)
     embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
-    element.tag = f'{_SDF}frame'
+    element.tag = f'{SDF_TAG}frame'
     root.append(element)
     report_preserved(context.report, 'sdf', frame.name, frame.line, 'frame')
 
@@ -150,7 +134,7 @@ def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
 def _preserve_pose(element: Element, pose: Pose, owner: Link | Joint, report: Report) -> None:
     """Write a pose that URDF cannot express. Only loop joints need it if it is the identity."""
     if not pose.is_identity or (isinstance(owner, Joint) and owner.is_loop):
-        etree.SubElement(element, f'{_SDF}pose').text = numbers_text(pose.xyz + pose.rpy)
+        etree.SubElement(element, f'{SDF_TAG}pose').text = numbers_text(pose.xyz + pose.rpy)
     if not pose.is_identity:
         report_preserved(report, 'sdf', owner.name, owner.line, 'pose')
 
@@ -185,56 +169,6 @@ def _with_axes(joint: Joint) -> Element:
     return element
 
 
-def _without(unread: Element | None, tags: frozenset[str]) -> Element | None:
-    """Return the SDF of an object without what is written into a ``<gazebo>`` block."""
-    if unread is None or not any(child.tag in tags for child in unread):
-        return unread
-    copy = detached(unread)
-    for child in list(copy):
-        if child.tag in tags:
-            copy.remove(child)
-    return copy if len(copy) or copy.attrib else None
-
-
-def _gazebo_elements(root: Element, robot: Robot, settings: Mapping[FrameId, list[Element]],
-                     context: _WriteContext) -> None:
-    """Write elements of SDF into ``<gazebo>`` blocks, from which Gazebo reads them."""
-    owners: list[tuple[FrameId, Robot | Link | Joint]] = [
-        (MODEL, robot), *((FrameId('link', link.name), link) for link in robot.links),
-        *((FrameId('joint', joint.name), joint) for joint in robot.joints)]
-    for frame, owner in owners:
-        tags, unread = context.gazebo_tags(frame), owner.extension.sdf
-        children = [] if unread is None else [child for child in unread if child.tag in tags]
-        values = settings.get(frame, [])
-        if children or values:
-            block = etree.SubElement(root, 'gazebo', {} if frame == MODEL else {
-                'reference': owner.name})
-            block.extend(_in_joint_frame(child, frame, context) for child in children)
-            block.extend(values)
-        for child in (*children, *values):
-            context.report.preserve(str(child.tag), owner.name, line_of(child),
-                                    'not supported by URDF; preserved in <gazebo>')
-
-
-def _in_joint_frame(element: Element, owner: FrameId, context: _WriteContext) -> Element:
-    """Return an element of SDF with its pose in the frame of its link in URDF."""
-    element = detached(element)
-    if owner.kind != 'link' or element.tag not in POSED:
-        return element
-    pose, link_frame = element.find('pose'), context.kinematics.urdf_frame(owner.name)
-    if (pose is None or not pose.attrib) and (
-            context.kinematics.between(owner, link_frame).is_identity):
-        return element
-    name = '' if pose is None else pose.get('relative_to', pose.get('frame', ''))
-    if name and name not in context.frames:
-        context.report.warn(str(element.tag), owner.name, line_of(element),
-                            f'<pose> is relative to {name!r}, which does not exist; it is read as '
-                            'relative to the link')
-    placement = Placement(pose_of(pose), context.frames.get(name, owner))
-    set_pose(element, context.kinematics.within(link_frame, placement))
-    return element
-
-
 def _origin_element(parent: Element, pose: Pose) -> None:
     """Write ``<origin>``, unless it is the identity."""
     if not pose.is_identity:
@@ -245,7 +179,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
                    ) -> None:
     """Write a visual or a collision. A shape without a geometry of URDF is preserved."""
     name, report = shape.name or link.name, context.report
-    element = etree.SubElement(parent, tag if shape.geometry else f'{{{SDF_NAMESPACE}}}{tag}',
+    element = etree.SubElement(parent, tag if shape.geometry else f'{SDF_TAG}{tag}',
                                {'name': shape.name} if shape.name else {})
     _origin_element(element, context.kinematics.within(
         context.kinematics.urdf_frame(link.name), shape.placement))
@@ -268,8 +202,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
 
 def _missing_geometry(shape: Shape) -> str:
     """Return why a shape has no geometry of URDF."""
-    unread = shape.extension.sdf
-    geometry = None if unread is None else unread.find('geometry')
+    geometry = shape.extension.find_sdf('geometry')
     if geometry is None or not len(geometry):
         return 'has no geometry, which URDF requires'
     return f'<{local_name(geometry[0])}> is not supported by URDF'

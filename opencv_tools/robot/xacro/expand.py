@@ -33,17 +33,15 @@ import stat
 from typing import Any
 from xml.dom import minidom
 
-from lxml import etree
 from opencv_tools.regular_files import describe_kind
 from opencv_tools.remedies import installation
 from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
-from opencv_tools.robot.xml.document import (
-    DescriptionError, display_name, Element, parse, read_bytes)
+from opencv_tools.robot.xml.document import DescriptionError, parse
+from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report, SourceLine
 
-_NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
 _MARKER_URI = re.compile(f'(?:(?i:file:(?://localhost)?)/*)?{PACKAGE_MARKER.pattern}')
 # Macros that call each other. The recursion limit of Python is not much higher.
 _MAX_DEPTH = 120
@@ -53,19 +51,12 @@ _PACKAGE = re.compile(r'[\w.-]+')
 _URI_HOLDERS = ('mesh', 'texture', 'uri')
 
 
-def is_xacro(root: Element) -> bool:
-    """Return whether a document declares the namespace of xacro anywhere."""
-    return any(namespace and _NAMESPACE.fullmatch(namespace[1])
-               for _, namespace in etree.iterwalk(root, events=('start-ns',)))
-
-
 def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
            find: str = 'path') -> bytes:
     """
     Expand a xacro file.
 
     :param path: path of the file, to which includes are relative; ``-`` for standard input.
-    :param data: content of the file.
     :param arguments: values of ``xacro:arg``, by name.
     :param find: ``path`` or ``package``, for ``$(find package)`` in texts other than URIs.
     :returns: XML without xacro.
@@ -161,7 +152,6 @@ class _PatchedXacro:
         self._xacro.all_includes[:] = self._includes
 
     def expand(self, path: str, data: bytes, arguments: dict[str, str]) -> minidom.Document:
-        """Return the expanded document of a file."""
         self._xacro.init_stacks(None if path == '-' else path)
         document = self._document(data, display_name(path))
         self._xacro.process_doc(document, mappings=arguments, verbosity=0)

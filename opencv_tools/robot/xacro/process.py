@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Expansion of xacro files in a separate process.
+Recognition of xacro files, and their expansion in a separate process.
 
 The Python expressions in a file cannot be stopped reliably in the same process. The separate
 process has limits of memory and time.
@@ -26,17 +26,21 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
 import sys
 from types import FrameType
 
+from lxml import etree
 from opencv_tools.robot.xacro.errors import TOO_LARGE, XacroProblem
 from opencv_tools.robot.xacro.expand import expand
-from opencv_tools.robot.xml.document import DescriptionError, display_name, MAX_BYTES
+from opencv_tools.robot.xml.document import DescriptionError, Element
+from opencv_tools.robot.xml.input import display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
 
+_NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
 # The process imports from the same folders as this one.
 _START = ('import sys; sys.path[:] = sys.argv[1:]; '
           'from opencv_tools.robot.xacro.process import main; main()')
@@ -88,12 +92,17 @@ class Limits:
 LIMITS = Limits()
 
 
+def is_xacro(root: Element) -> bool:
+    """Return whether a document declares the namespace of xacro anywhere."""
+    return any(namespace and _NAMESPACE.fullmatch(namespace[1])
+               for _, namespace in etree.iterwalk(root, events=('start-ns',)))
+
+
 def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
                  limits: Limits = LIMITS, find: str = 'path') -> bytes:
     """
     Expand a xacro file as `expand` does, in a separate process.
 
-    :param limits: limits of the process.
     :raises DescriptionError: the file cannot be expanded within the limits.
     """
     source = display_name(path)

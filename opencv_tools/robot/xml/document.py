@@ -12,57 +12,145 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Documents of XML: robot descriptions that are read safely, and written.
-
-Errors of XML that public robot descriptions have are repaired. Every element keeps its line.
-
-===================================  =========================================================
-error                                repair
-===================================  =========================================================
-text before the XML declaration      is removed
-XML declaration of another version   has version 1.0
-XML declaration without a version    has version 1.0
-comment with ``--``                  is blanked
-prefix without a declaration         is declared on the root element
-===================================  =========================================================
-"""
+"""Documents of XML: robot descriptions that are read safely, their elements, and errors."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from copy import deepcopy
 import re
-import sys
-from typing import TypeVar
+from typing import overload, TypeVar
 
 from lxml import etree
-from opencv_tools.regular_files import read_regular
+from opencv_tools.robot.xml.repairs import repaired
 from opencv_tools.robot.xml.report import Report, SourceLine
-from opencv_tools.robot.xml.tracked import TrackedElement
 
 Element = etree._Element
-AnyElement = Element | TrackedElement
-ElementT = TypeVar('ElementT', Element, TrackedElement)
 
-MAX_BYTES = 100_000_000
+# Marks an unread element that the reader found. Its value is TEXT_READ if the text was read.
+PARTLY_READ = '{urn:opencv_tools:preserved}part'
+TEXT_READ = 'text'
 # Largest number of tags, attributes and comments. It bounds memory and time.
 _MAX_MARKUP = 1_000_000
 _MAX_ATTRIBUTES = 1000  # of an element, which lxml finds one after the other
-# Files that the shell has opened, for example for <(command).
-_OPEN_FILE = re.compile(r'/dev/stdin|/(?:dev|proc/self)/fd/\d+')
-_URI = re.compile(r'([A-Za-z][A-Za-z0-9+.-]+):/+(.*)', re.DOTALL)
-# Replacements at the beginning of the document.
-_DECLARATIONS = (
-    (re.compile(rb'\A(<\?xml\s+version\s*=\s*["\'])[\d.]*'), rb'\g<1>1.0'),
-    (re.compile(rb'\A<\?xml\s+(?!version)'), b'<?xml version="1.0" '),
-)
-_START = re.compile(rb'<\?xml[\s?]|<(sdf|robot)[\s>]')
-_ROOT = re.compile(rb'<(sdf|robot)(?=[\s>])')
-_DECLARED_PREFIX = re.compile(rb'xmlns:([\w.-]+)\s*=')
-_USED_PREFIXES = (re.compile(rb'</?([A-Za-z_][\w.-]*):[\w.-]+'),
-                  re.compile(rb'\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*["\']'))
-# A blank for each byte but line feeds.
-_BLANKS = bytes(byte if byte == ord('\n') else ord(' ') for byte in range(256))
+
+
+class TrackedElement:
+    """
+    An element that records which attributes, texts and children a reader consumed.
+
+    Reading an attribute or a text consumes it. A child from `find` keeps its unread parts in this
+    element; a child from `take_first` or `take_all` has its own. The XML is never changed.
+    """
+
+    __slots__ = ('_children', '_is_taken', '_names', 'element')
+
+    def __init__(self, element: Element) -> None:
+        self.element = element  # reading from it consumes nothing
+        self._names: set[str] = set()  # consumed attributes; '' is the text
+        self._children: dict[Element, TrackedElement] = {}
+        self._is_taken = True  # whether its unread parts are its own, not its parent's
+
+    @property
+    def tag(self) -> str:
+        """Tag of the element."""
+        return str(self.element.tag)
+
+    @property
+    def text(self) -> str | None:
+        """Text of the element; reading consumes it."""
+        self._names.add('')
+        return self.element.text
+
+    def __contains__(self, name: str) -> bool:
+        # This does not consume the attribute.
+        return name in self.element.attrib
+
+    @overload
+    def get(self, name: str) -> str | None: ...
+    @overload
+    def get(self, name: str, default: str) -> str: ...
+
+    def get(self, name: str, default: str | None = None) -> str | None:
+        """Return an attribute and consume it."""
+        value = self.element.get(name)
+        if value is None:
+            return default
+        self._names.add(name)
+        return value
+
+    def find(self, tag: str) -> TrackedElement | None:
+        """Return the first child with a tag; its unread parts stay those of this element."""
+        child = next(self.element.iterchildren(tag), None)
+        return None if child is None else self._child(child)
+
+    def findtext(self, tag: str) -> str | None:
+        """Return the text of the first child with a tag, and consume it."""
+        child = self.find(tag)
+        return None if child is None else child.text or ''
+
+    def take_first(self, tag: str) -> TrackedElement | None:
+        """Return the first child with a tag and consume it; its unread parts are its own."""
+        child = next(self.element.iterchildren(tag), None)
+        return None if child is None else self._child(child, take=True)
+
+    def take_all(self, *tags: str) -> list[TrackedElement]:
+        """Return the children with certain tags and consume them; unread parts are their own."""
+        return [self._child(child, take=True) for child in self.element.iterchildren(*tags)]
+
+    def put_back(self, child: TrackedElement) -> None:
+        """Mark a child as not consumed."""
+        self._children.pop(child.element, None)
+
+    def unread(self) -> Element | None:
+        """
+        Return a copy of the element with its unread parts only; None if everything was read.
+
+        Children from `find` have the attribute ``PARTLY_READ``, even if nothing of them was read:
+        the reader has an object for them, so the writer writes them again.
+        """
+        element, names = self.element, self._names
+        children = []
+        for child in element:
+            tracked = self._children.get(child)
+            if tracked is None:
+                children.append(detached(child))
+            elif not tracked._is_taken and (unread := tracked.unread()) is not None:
+                children.append(unread)
+        attributes = {str(name): str(value) for name, value in element.attrib.items()
+                      if name not in names and name != PARTLY_READ}
+        text = '' if '' in names else (element.text or '').strip()
+        if self._is_taken:  # only taken children are read again; a robot has many children
+            self._children = {child: tracked for child, tracked in self._children.items()
+                              if tracked._is_taken}
+        if not (children or attributes or text):
+            return None
+        if not self._is_taken:
+            attributes[PARTLY_READ] = (
+                TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
+        copy = etree.Element(element.tag, attributes, nsmap=element.nsmap)
+        copy.getroottree().docinfo.URL = element.getroottree().docinfo.URL  # for messages
+        copy.text = text or None
+        copy.extend(children)
+        return copy
+
+    def _child(self, child: Element, *, take: bool = False) -> TrackedElement:
+        tracked = self._children.get(child)
+        if tracked is None:
+            tracked = self._children[child] = TrackedElement(child)
+            tracked._is_taken = False
+        tracked._is_taken |= take
+        return tracked
+
+
+def detached(element: Element) -> Element:
+    """Return a copy of an element without the text that follows it."""
+    copy = deepcopy(element)
+    copy.tail = None
+    return copy
+
+
+AnyElement = Element | TrackedElement
+ElementT = TypeVar('ElementT', Element, TrackedElement)
 
 
 class DescriptionError(ValueError):
@@ -86,14 +174,18 @@ class DescriptionError(ValueError):
         super().__init__(': '.join(filter(None, [location, f'<{tag}>' if tag else '', message])))
 
 
+def _plain(element: AnyElement) -> Element:
+    return element.element if isinstance(element, TrackedElement) else element
+
+
 def source_of(element: AnyElement) -> str:
     """Return the name of the file that an element comes from."""
-    return element.getroottree().docinfo.URL or ''
+    return _plain(element).getroottree().docinfo.URL or ''
 
 
 def line_of(element: AnyElement) -> SourceLine:
     """Return the line where an element begins, 0 if it does not come from a file."""
-    return SourceLine(element.sourceline or 0, source_of(element))
+    return SourceLine(_plain(element).sourceline or 0, source_of(element))
 
 
 def local_name(element: AnyElement) -> str:
@@ -101,52 +193,11 @@ def local_name(element: AnyElement) -> str:
     return str(element.tag).rpartition('}')[2]
 
 
-def read_bytes(path: str) -> bytes:
-    """
-    Read a regular file, or standard input if the path is ``-``.
-
-    :raises DescriptionError: the file cannot be read, or is larger than ``MAX_BYTES``.
-    """
-    try:
-        if path == '-':
-            data = sys.stdin.buffer.read(MAX_BYTES + 1)
-        elif _OPEN_FILE.fullmatch(path):
-            with Path(path).open('rb') as file:
-                data = file.read(MAX_BYTES + 1)
-        else:
-            data = read_regular(Path(path), MAX_BYTES)
-    except OSError as err:
-        raise DescriptionError(_reason(path, err), source=display_name(path)) from err
-    if len(data) > MAX_BYTES:
-        raise DescriptionError(f'cannot be read: it is larger than {MAX_BYTES} bytes',
-                               source=display_name(path))
-    return data
-
-
-def _reason(path: str, err: OSError) -> str:
-    """Return why a file cannot be read, and what to give instead of a URI."""
-    uri = _URI.fullmatch(path)
-    if not uri:
-        return f'cannot be read: {err.strerror}'
-    scheme, rest = uri.groups()
-    package, _, inside = rest.partition('/')
-    instead = {'file': f'give the path /{rest}',
-               'package': f'give the path $(ros2 pkg prefix --share {package})/{inside}',
-               'model': 'give the path of the file or of the model folder'}
-    return (f'cannot be read: URIs of {scheme}: are not supported; '
-            + instead.get(scheme.lower(), 'download the file and give its path'))
-
-
-def display_name(path: str) -> str:
-    """Return the name of a file for messages."""
-    return '<stdin>' if path == '-' else path
-
-
 def parse(data: bytes, source: str, report: Report) -> Element:
     """
     Read XML without entities, without network access and with limits of size and depth.
 
-    Errors of the table above are repaired with a warning.
+    Errors that `repairs.repaired` knows are repaired with a warning.
 
     :param source: name of the file, for messages.
     :returns: the root element.
@@ -172,41 +223,6 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     report.warn(local_name(root), '', SourceLine(error.lineno or 0, source),
                 f'{_message(error)}; the file is read with this error repaired')
     return root
-
-
-def repaired(data: bytes) -> bytes | None:
-    """Return a document with the errors of the table repaired, or None if it has none of them."""
-    start = _START.search(data)
-    if start is None:
-        return None
-    document = data[start.start():]
-    for pattern, replacement in _DECLARATIONS:
-        document = pattern.sub(replacement, document, count=1)
-    document = _without_dashes(document)
-    used = {prefix for pattern in _USED_PREFIXES for prefix in pattern.findall(document)}
-    prefixes = sorted(used - {*_DECLARED_PREFIX.findall(document), b'xmlns', b'xml'})
-    if b'xacro' in prefixes:  # without the namespace of xacro, xacro does not expand the file
-        return None
-    # The lines of the text that is removed move into the tag of the root element.
-    lines = b'\n' * data.count(b'\n', 0, start.start())
-    namespaces = b''.join(b' xmlns:%b="urn:undeclared:%b"' % (prefix, prefix)
-                          for prefix in prefixes)
-    document = _ROOT.sub(lambda tag: tag[0] + lines + namespaces, document, count=1)
-    return document if document != data else None
-
-
-def _without_dashes(document: bytes) -> bytes:
-    """Blank the comments that contain ``--``."""
-    blanked = bytearray(document)
-    start = document.find(b'<!--')
-    while start >= 0:
-        end = document.find(b'-->', start + 4)
-        if end < 0:
-            break
-        if document.find(b'--', start + 4, end + 1) >= 0:
-            blanked[start + 4:end] = document[start + 4:end].translate(_BLANKS)
-        start = document.find(b'<!--', end + 3)
-    return bytes(blanked)
 
 
 def _parse(data: bytes, source: str) -> Element:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import sys
 
-from opencv_tools.robot.xml.document import AnyElement, DescriptionError
+from opencv_tools.robot.xml.document import AnyElement, DescriptionError, required_attribute
 
 # A limit of this magnitude or more means no limit, because URDF and older SDF have no infinity.
 UNLIMITED = 1e16
@@ -30,10 +30,8 @@ def numbers(text: str | None, count: int, element: AnyElement, attribute: str = 
     """
     Read finite numbers from a text.
 
-    :param count: expected number of numbers.
-    :param element: element of the text, for messages.
-    :param attribute: attribute of the text, for messages; empty for the text of the element.
-    :raises DescriptionError: the text is not as many finite numbers.
+    :param attribute: attribute with the text, for messages; empty for the text of the element.
+    :raises DescriptionError: the text is not ``count`` finite numbers.
     """
     try:
         values = tuple(map(c_float, (text or '').split()))
@@ -48,6 +46,11 @@ def numbers(text: str | None, count: int, element: AnyElement, attribute: str = 
 def number(text: str | None, element: AnyElement, attribute: str = '') -> float:
     """Read one number, as `numbers` does."""
     return numbers(text, 1, element, attribute)[0]
+
+
+def required_number(element: AnyElement, name: str) -> float:
+    """Read a number from an attribute that an element must have."""
+    return number(required_attribute(element, name), element, name)
 
 
 def vector(text: str | None, element: AnyElement, attribute: str = ''

@@ -24,16 +24,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lxml import etree
-from opencv_tools.robot.xml.document import Element, local_name
+from opencv_tools.robot.xml.document import (
+    detached, Element, local_name, PARTLY_READ, TEXT_READ, TrackedElement)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import detached, PARTLY_READ, TEXT_READ, TrackedElement
 
 URDF_NAMESPACE = 'urn:opencv_tools:urdf'
 SDF_NAMESPACE = 'urn:opencv_tools:sdf'
 _PRESERVED = 'urn:opencv_tools:preserved'
 PREFIXES = {'urdf': URDF_NAMESPACE, 'sdf': SDF_NAMESPACE, 'preserved': _PRESERVED}
+# Beginnings of the tags and attributes that only one format has.
+URDF_TAG, SDF_TAG = f'{{{URDF_NAMESPACE}}}', f'{{{SDF_NAMESPACE}}}'
 # The name that an element has in URDF, if SDF does not allow it.
-URDF_NAME = f'{{{URDF_NAMESPACE}}}name'
+URDF_NAME = f'{URDF_TAG}name'
+# The type that a joint has in URDF, if SDF does not have it or reads another one.
+URDF_JOINT_TYPE = f'{URDF_TAG}type'
 _OTHER_FORMAT = {'urdf': 'SDF', 'sdf': 'URDF'}
 
 
@@ -72,8 +76,6 @@ def embed_foreign(element: Element, unread: Element | None, origin: str, report:
     :param element: element that was written from the model; it is changed.
     :param unread: result of `TrackedElement.unread`.
     :param origin: the format of the unread XML, ``urdf`` or ``sdf``.
-    :param name: name of the element, for the report.
-    :param line: line of the element, for the report.
     """
     if unread is None:
         return

@@ -65,11 +65,7 @@ class Note:
 
 @dataclass
 class Report:
-    """
-    Notes of one conversion, in the order in which they were made.
-
-    :param source: the file that is read.
-    """
+    """Notes of one conversion of a file, in the order in which they were made."""
 
     source: str = ''
     notes: list[Note] = field(default_factory=list)

@@ -31,7 +31,7 @@ import re
 
 from lxml import etree
 from opencv_tools.robot.compare.compare import differences
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -401,7 +401,7 @@ def _converted(language: str, root: Element) -> tuple[Element, Report]:
     report = Report()
     robot = _read(language, root, report)
     if language == 'urdf':
-        return convert_to_sdf(robot, report, version='1.12'), report
+        return convert_to_sdf(robot, report, SdfOptions(version='1.12')), report
     return convert_to_urdf(robot, report), report
 
 

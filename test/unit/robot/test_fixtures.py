@@ -33,8 +33,8 @@ from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Extension, FrameId, Link, Robot
 from opencv_tools.robot.pose import normalised, Pose
+from opencv_tools.robot.xml.document import PARTLY_READ
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import PARTLY_READ
 import pytest
 
 Command = Callable[[Sequence[str] | None], int]

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Inertial, Robot
 from opencv_tools.robot.pose import rotated_tensor
@@ -100,7 +100,7 @@ def sdf_of(urdf: Element, version: str = '1.11') -> tuple[Element, Report]:
     """Convert URDF to SDF, and return the model."""
     report = Report()
     robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), report)
-    return convert_to_sdf(robot, report, version=version)[0], report
+    return convert_to_sdf(robot, report, SdfOptions(version=version))[0], report
 
 
 def test_computed_inertial_there_and_back() -> None:
@@ -138,7 +138,8 @@ def test_lumped_auto_inertials_become_one_sum() -> None:
         '<joint name="j" type="fixed"><parent>a</parent><child>b</child></joint>')
     urdf, _ = urdf_of(text)
     robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), Report())
-    inertial, = convert_to_sdf(robot, Report(), lump=True).findall('model/link/inertial')
+    root = convert_to_sdf(robot, Report(), SdfOptions(lump=True))
+    inertial, = root.findall('model/link/inertial')
     assert (inertial.get('auto'), inertial.findtext('mass')) == (None, '2000')
 
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Box, Mesh
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.meshes import mesh_solid, MeshError
-from opencv_tools.robot.solids import solid_of
+from opencv_tools.robot.meshes import mesh_solid
+from opencv_tools.robot.solids import NoSolidError, solid_of
 from opencv_tools.robot.xml.document import to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -124,7 +124,7 @@ def test_mesh_without_a_volume(name: str, content: bytes | None, reason: str, tm
                                ) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(MeshError, match=reason):
+    with pytest.raises(NoSolidError, match=reason):
         mesh_solid(Mesh(name), [tmp_path])
 
 
@@ -133,9 +133,9 @@ def test_special_and_large_files(tmp_path: Path) -> None:
     with (tmp_path / 'large.stl').open('wb') as file:
         file.truncate(60_000_000)
     for name, reason in (('pipe.stl', 'a named pipe'), ('large.stl', 'larger than 50000000')):
-        with pytest.raises(MeshError, match=reason):
+        with pytest.raises(NoSolidError, match=reason):
             mesh_solid(Mesh(name), [tmp_path])
-    with pytest.raises(MeshError, match='is not on this computer'):
+    with pytest.raises(NoSolidError, match='is not on this computer'):
         mesh_solid(Mesh('https://example.org/a.stl'), [tmp_path])
 
 

@@ -23,7 +23,7 @@ import xml.etree.ElementTree as ElementTree
 from hypothesis import given, HealthCheck, settings, strategies as st
 from lxml import etree
 from opencv_tools.robot.compare.compare import differences
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -58,7 +58,7 @@ def check_there_and_back(
     Assert that each step has the same robot and that the result has all elements of the original.
     """
     robot = urdf_of(ElementTree.tostring(written))
-    there = to_bytes(convert_to_sdf(robot, Report(), relative=relative))
+    there = to_bytes(convert_to_sdf(robot, Report(), SdfOptions(relative=relative)))
     again = sdf_of(there)
     assert not differences(robot, again, samples=2, tolerance=TOLERANCE)
     back = to_bytes(convert_to_urdf(again, Report()))
@@ -91,7 +91,7 @@ def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
     there = to_bytes(convert_to_urdf(robot, Report()))
     again = urdf_of(there)
     assert not differences(robot, again, samples=2, tolerance=TOLERANCE)
-    back = to_bytes(convert_to_sdf(again, Report(), relative=relative))
+    back = to_bytes(convert_to_sdf(again, Report(), SdfOptions(relative=relative)))
     assert not differences(robot, sdf_of(back), samples=2, tolerance=TOLERANCE)
     missing = robots.elements(written) - robots.elements(ElementTree.fromstring(back))
     # A pose that is the default is omitted.
@@ -102,11 +102,11 @@ def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
 @PROPERTY
 def test_identical_bytes_after_two_conversions_to_sdf(seed: int, links: int) -> None:
     robot = urdf_of(ElementTree.tostring(robots.urdf(Random(seed), links)))
-    first = to_bytes(convert_to_sdf(robot, Report(), relative=True))
+    first = to_bytes(convert_to_sdf(robot, Report(), SdfOptions(relative=True)))
     # The command restores original names when it writes, not when it reads.
     there = read_sdf(parse(first, 'made_up.sdf', Report()), Report())
     back = to_bytes(convert_to_urdf(there, Report()))
-    assert to_bytes(convert_to_sdf(urdf_of(back), Report(), relative=True)) == first
+    assert to_bytes(convert_to_sdf(urdf_of(back), Report(), SdfOptions(relative=True))) == first
 
 
 # Unknown elements, some with the names of elements that the writers use.
@@ -148,14 +148,15 @@ def _elements(data: bytes) -> Counter[str]:
 
 @pytest.mark.parametrize('version', ['1.7', '1.10', '1.12'])
 def test_unknown_elements_of_urdf_after_sdf(version: str) -> None:
-    there = to_bytes(convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), version=version))
+    there = to_bytes(convert_to_sdf(
+        urdf_of(URDF_WITH_MORE), Report(), SdfOptions(version=version)))
     back = to_bytes(convert_to_urdf(sdf_of(there), Report()))
     assert _elements(URDF_WITH_MORE) - _elements(back) == Counter()
-    assert to_bytes(convert_to_sdf(urdf_of(back), Report(), version=version)) == there
+    assert to_bytes(convert_to_sdf(urdf_of(back), Report(), SdfOptions(version=version))) == there
 
 
 def test_urdf_elements_of_a_lumped_frame() -> None:
-    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), lump=True)
+    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), SdfOptions(lump=True))
     assert len(robot.xpath('model/frame/*/mimic')) == 1
     back = to_bytes(convert_to_urdf(sdf_of(to_bytes(robot)), Report()))
     again = convert_to_sdf(urdf_of(back), Report())
@@ -164,7 +165,7 @@ def test_urdf_elements_of_a_lumped_frame() -> None:
 
 def test_unknown_elements_of_sdf_after_urdf() -> None:
     there = to_bytes(convert_to_urdf(sdf_of(SDF_WITH_MORE), Report()))
-    back = to_bytes(convert_to_sdf(urdf_of(there), Report(), version='1.9'))
+    back = to_bytes(convert_to_sdf(urdf_of(there), Report(), SdfOptions(version='1.9')))
     assert _elements(SDF_WITH_MORE) - _elements(back) == Counter()
     assert _elements(to_bytes(convert_to_urdf(sdf_of(back), Report()))) == _elements(there)
 
@@ -183,6 +184,6 @@ def test_unchanged_contents_of_plugins(version: str) -> None:
     assert robot.links[0].extension.sdf.xpath('sensor/pose/@relative_to') == ['a']
     back = urdf_of(to_bytes(convert_to_urdf(robot, Report())))
     for one in (robot, back):
-        made = convert_to_sdf(one, Report(), version='1.9')
+        made = convert_to_sdf(one, Report(), SdfOptions(version='1.9'))
         assert [_elements(etree.tostring(part)) for part in made.iter('plugin')] == [
             _elements(plugin.encode())] * 3

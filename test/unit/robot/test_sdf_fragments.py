@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 
 from lxml import etree
-from opencv_tools.robot.convert import convert_to_sdf
+from opencv_tools.robot.convert import convert_to_sdf, SdfOptions
 from opencv_tools.robot.model import Axis, Dynamics, FrameId, Limit, Mimic, MODEL, Placement
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.sdf.fragments import axis_from_element, axis_to_element, frame_from_element
@@ -48,7 +48,7 @@ def test_attributes_of_an_omitted_limit_are_lost() -> None:
     # An infinite limit is omitted, and with it its attributes.
     model = read(TWO + joint('<axis><limit><lower odd="1">-1e17</lower><upper>1</upper></limit>'
                              '</axis>', 'revolute'))
-    there = convert_to_sdf(model, Report(), version='1.9')
+    there = convert_to_sdf(model, Report(), SdfOptions(version='1.9'))
     assert [child.tag for child in there.iterfind('model/joint/axis/limit/*')] == ['upper']
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.kinematics import attached_links, Kinematics
 from opencv_tools.robot.model import FrameId
 import pytest
 from sdf_models import joint, read, TWO
@@ -46,6 +46,6 @@ def test_static_nested_model_without_links() -> None:
                  .replace('>a<', '>world<'))
     assert [frame.name for frame in robot.frames] == ['n::__model__', 'n::f']
     kinematics = Kinematics(robot)
-    assert set(kinematics.attached_links().values()) == {FrameId('link', 'a')}
+    assert set(attached_links(robot).values()) == {FrameId('link', 'a')}
     assert kinematics.pose(FrameId('frame', 'n::f')).translation == (1, 2, 0)
     assert (robot.joints[0].parent, robot.joints[0].child) == ('world', 'a')

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from lxml import etree
 import numpy as np
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.geometry import Material, Sphere
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, MODEL, Placement, Robot, Shape
@@ -61,7 +61,7 @@ def check_names(element: Element) -> None:
 def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
     path = DATA / 'urdf' / fixture
     robot, _ = read_robot(str(path), Report())
-    root = convert_to_sdf(robot, Report(), version=version)
+    root = convert_to_sdf(robot, Report(), SdfOptions(version=version))
     model = root[0]
     check_names(root)
     assert not {'world', '__lamp__'} & {name.get('name') for name in (model, *model.iter('light'))}
@@ -80,7 +80,7 @@ def test_clamped_colours() -> None:
                   material=Material(name='red', color=color, ambient=color, specular=BLACK,
                                     emissive=BLACK))
     report = Report()
-    root = convert_to_sdf(with_shape(shape), report, inertial='zero')
+    root = convert_to_sdf(with_shape(shape), report, SdfOptions(inertial='zero'))
     assert root.findtext('.//diffuse') == root.findtext('.//ambient') == '1 0.5 0 1'
     assert [note.element for note in report.warnings] == ['ambient']
     assert "'1.5 0.5 -1 1' is outside of 0 to 1" in report.warnings[0].message
@@ -154,7 +154,7 @@ def test_linear_cost_of_many_equal_names() -> None:
                               geometry=Sphere(1.0))
                         for _ in range(count))
         links = (replace(robot.links[0], visuals=visuals),)
-        root = convert_to_sdf(replace(robot, links=links), Report(), inertial='zero')
+        root = convert_to_sdf(replace(robot, links=links), Report(), SdfOptions(inertial='zero'))
         assert len(set(root.xpath('//@name'))) == 2 * count + 2
 
     assert robots.is_linear(convert)
@@ -166,7 +166,7 @@ def converted_from_gazebo(content: str) -> tuple[list[str], Element]:
     text = f'<robot name="r"><link name="a"/><gazebo reference="a">{content}</gazebo></robot>'
     robot = read_urdf(parse(text.encode(), '', report), report)
     flaws = [note.message for note in report.warnings]
-    return flaws, convert_to_sdf(robot, report, inertial='zero')
+    return flaws, convert_to_sdf(robot, report, SdfOptions(inertial='zero'))
 
 
 @pytest.mark.parametrize('content', [

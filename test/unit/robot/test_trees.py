@@ -22,13 +22,14 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
-from opencv_tools.robot.convert import convert_to_sdf
+from opencv_tools.robot.convert import convert_to_sdf, SdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.lumping import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.trees import lump_fixed, with_frame_links
+from opencv_tools.robot.trees import with_frame_links
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.report import Report
@@ -87,7 +88,7 @@ def test_poses_of_lumped_shapes_links_and_frames() -> None:
 
 
 def test_sensor_pose_in_the_frame_of_a_lumped_link() -> None:
-    root = convert_to_sdf(urdf(ARM), Report(), lump=True)
+    root = convert_to_sdf(urdf(ARM), Report(), SdfOptions(lump=True))
     pose = root.find("model/link[@name='base']/sensor/pose")
     assert pose is not None and pose.get('relative_to') == 'plate'
     frame = root.find("model/frame[@name='plate']")
@@ -134,7 +135,7 @@ def test_mass_and_poses_of_random_robots(seed: int) -> None:
 
 def test_lumped_robot_read_from_sdf() -> None:
     lumped = lump_fixed(urdf(ARM), Report())
-    root = convert_to_sdf(urdf(ARM), Report(), lump=True)
+    root = convert_to_sdf(urdf(ARM), Report(), SdfOptions(lump=True))
     again = with_original_names(read_sdf(parse(to_bytes(root), 'arm.sdf', Report()), Report()))
     before, after = Kinematics(lumped), Kinematics(again)
     for frame in ('plate', 'screws'):
@@ -144,7 +145,7 @@ def test_lumped_robot_read_from_sdf() -> None:
 
 def test_fixed_joint_with_a_sensor_stays() -> None:
     data = ARM.replace(b'reference="plate"', b'reference="screws"')
-    model = convert_to_sdf(urdf(data), Report(), lump=True)[0]
+    model = convert_to_sdf(urdf(data), Report(), SdfOptions(lump=True))[0]
     assert model.xpath('joint[@name="screws"]/sensor/@name') == ['eye']
     assert model.xpath('frame') == []
 
@@ -155,7 +156,7 @@ def test_lumped_link_has_each_setting_once() -> None:
         <gazebo reference="plate"><selfCollide>false</selfCollide>
         <turnGravityOff>true</turnGravityOff></gazebo>
         <gazebo reference="screws"><provideFeedback>true</provideFeedback></gazebo></robot>""")
-    model = convert_to_sdf(urdf(data), Report(), lump=True)[0]
+    model = convert_to_sdf(urdf(data), Report(), SdfOptions(lump=True))[0]
     assert model.xpath('link[@name="base"]/self_collide/text()') == ['true']
     assert model.xpath('link[@name="base"]/gravity/text()') == ['false']
     assert model.xpath('frame/physics') == []

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 
-from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.convert import convert_to_urdf, UrdfOptions
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
@@ -61,7 +61,7 @@ def test_version_of_urdf(version: str, back: str) -> None:
     text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
     model = read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
     report = Report()
-    root = convert_to_urdf(model, report, inertial='zero')
+    root = convert_to_urdf(model, report, UrdfOptions(inertial='zero'))
     assert root.get('version') == back
     assert [version in note.message for note in report.warnings] == [True] * (version != back)
 

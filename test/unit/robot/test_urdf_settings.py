@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions, UrdfOptions
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.settings import Setting, SETTINGS
 from opencv_tools.robot.xml.document import Element, parse, to_bytes
@@ -36,14 +36,14 @@ def sdf_of(content: str) -> tuple[Element, Report]:
     """Convert URDF to SDF, and return the model."""
     report = Report()
     robot = read(ROBOT + content, report)
-    return convert_to_sdf(robot, report, inertial='zero')[0], report
+    return convert_to_sdf(robot, report, SdfOptions(inertial='zero'))[0], report
 
 
 def urdf_of(content: str) -> tuple[Element, Report]:
     """Convert a link of SDF with this content to URDF."""
     report = Report()
     robot = read_model(f'<link name="a">{content}</link>', report=report)
-    return convert_to_urdf(robot, report, inertial='zero'), report
+    return convert_to_urdf(robot, report, UrdfOptions(inertial='zero')), report
 
 
 def settings_in(urdf: Element) -> list[tuple[str | None, str, str | None]]:
@@ -106,7 +106,7 @@ def test_spring_of_a_joint_without_an_axis_stays_preserved() -> None:
     robot = read_model('<link name="a"/><link name="b"/><joint name="j" type="revolute2">'
                        f'<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz>{text}</axis>'
                        '</joint>')
-    urdf = convert_to_urdf(robot, Report(), inertial='zero')
+    urdf = convert_to_urdf(robot, Report(), UrdfOptions(inertial='zero'))
     assert settings_in(urdf) == []
     assert urdf.xpath('joint//spring_stiffness/text()') == ['3']
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.robot.compare.compare import differences
-from opencv_tools.robot.convert import convert_to_urdf
+from opencv_tools.robot.convert import convert_to_urdf, UrdfOptions
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Placement, Robot
@@ -174,7 +174,7 @@ def test_robot_name_without_double_colons() -> None:
     text = '<sdf version="1.7"><model name="a::b"><link name="a"/></model></sdf>'
     report = Report()
     model = read_sdf(parse(text.encode(), 'r.sdf', Report()), Report())
-    assert convert_to_urdf(model, report, inertial='zero').get('name') == 'a__b'
+    assert convert_to_urdf(model, report, UrdfOptions(inertial='zero')).get('name') == 'a__b'
     assert [note.name for note in report.warnings] == ['a::b']
 
 

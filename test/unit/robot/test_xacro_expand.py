@@ -21,7 +21,8 @@ import os
 from pathlib import Path
 import sys
 
-from opencv_tools.robot.xacro.expand import expand, is_xacro
+from opencv_tools.robot.xacro.expand import expand
+from opencv_tools.robot.xacro.process import is_xacro
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from lxml import etree
+from opencv_tools.robot.xml.document import PARTLY_READ, TrackedElement
 from opencv_tools.robot.xml.passthrough import (
     embed_foreign, extract_foreign, merge_unread, namespaces)
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.robot.xml.tracked import PARTLY_READ, TrackedElement
 import pytest
 
 LINK = '<link name="a" x="1"><mass value="2" unit="g"/><pose>1</pose><odd/></link>'

@@ -1,0 +1,133 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One of two robots that are compared: its objects by names that are the same in both formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from opencv_tools.robot.compare.elements import element_properties
+from opencv_tools.robot.compare.properties import (
+    axis_properties, geometry_properties, is_continuous, material_properties, Properties)
+from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.model import (
+    Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
+from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
+from opencv_tools.robot.renaming import flat_name
+
+Key = tuple[str, str]  # element and name
+Poses = Mapping[FrameId, Transform]
+
+
+@dataclass(frozen=True)
+class Item:
+    """An object that is compared, with the frame in which it is fixed at an offset."""
+
+    frame: FrameId
+    offset: Transform = IDENTITY
+    properties: Properties = field(default_factory=dict)
+
+
+class Side:
+    """One of the two robots, with its objects by names that are the same in both formats."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.kinematics = Kinematics(robot)
+        self.links = dict(zip(_keys(link.name for link in robot.links), robot.links))
+        self.joints = dict(zip(_keys(joint.name for joint in robot.joints), robot.joints))
+        self.frames = dict(zip(_keys(frame.name for frame in robot.frames), robot.frames))
+
+    def items(self, base: str, skipped: set[str], ordered: set[Key], everything: bool
+              ) -> dict[Key, Item]:
+        """Return all objects that are compared, by element and name."""
+        def kept(owner: Robot | Link | Joint | Frame | Shape) -> Properties:
+            return element_properties(owner.extension) if everything else {}
+
+        to_base = self.kinematics.pose(self._base_frame(base)).inverse()
+        items = {}
+        if everything:
+            items['robot', ''] = Item(self._base_frame(base), IDENTITY, {
+                'name': self.robot.name, **kept(self.robot)})
+        for key, link in self.links.items():
+            if key in skipped:
+                continue
+            frame = FrameId('link', link.name)
+            items['link', key] = Item(frame, IDENTITY, kept(link))
+            if link.inertial:
+                # The axes of the moments are arbitrary, so the moments are rotated into the base.
+                offset = self._offset(link, link.inertial.placement)
+                rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
+                items['inertial', key] = Item(frame, Transform(translation=offset.translation), {
+                    'mass': (link.inertial.mass,),
+                    'inertia': rotated_tensor(link.inertial.inertia, rotation)})
+            for element, shapes in shapes_of(link):
+                names = (map(str, range(len(shapes))) if (element, key) in ordered
+                         else (shape.name for shape in shapes))
+                for name, shape in zip(names, shapes):
+                    items[element, f'{key}/{name}'] = Item(
+                        frame, self._offset(link, shape.placement),
+                        {**geometry_properties(shape), **material_properties(shape.material),
+                         **kept(shape)})
+        for key, joint in self.joints.items():
+            items['joint', key] = Item(
+                FrameId('joint', joint.name), IDENTITY,
+                {**self._joint_properties(joint, to_base), **kept(joint)})
+        for key, other in self.frames.items():
+            items['frame', key] = Item(FrameId('frame', other.name), IDENTITY, kept(other))
+        return items
+
+    def poses(self, base: str, positions: Mapping[str, Sequence[float]]) -> Poses:
+        """Return the poses of links, joints and frames in the base link."""
+        poses = self.kinematics.forward(positions)
+        to_base = poses.get(self._base_frame(base), IDENTITY).inverse()
+        return {frame: to_base @ pose for frame, pose in poses.items()}
+
+    def is_unused_world(self, key: str) -> bool:
+        """Return whether a link is an empty world without joints to other links."""
+        link = self.links[key]
+        return link.is_world and not self.kinematics.child_joints[link.name]
+
+    def _base_frame(self, base: str) -> FrameId:
+        return FrameId('link', self.links[base].name) if base else MODEL
+
+    def _offset(self, link: Link, placement: Placement) -> Transform:
+        return self.kinematics.within(FrameId('link', link.name), placement).transform()
+
+    def _joint_properties(self, joint: Joint, to_base: Transform) -> Properties:
+        pose = to_base @ self.kinematics.pose(FrameId('joint', joint.name))
+        continuous = is_continuous(joint)
+        properties: Properties = {
+            'type': 'continuous' if continuous else joint.type,
+            'parent': flat_name(joint.parent), 'child': flat_name(joint.child),
+            'closes a loop': 'yes' if joint.is_loop else 'no'}
+        for index, axis in enumerate(joint.axes[:joint.kind.axes]):
+            suffix = ' of axis2' if index else ''
+            properties.update((f'{name}{suffix}', value)
+                              for name, value in axis_properties(axis, pose).items()
+                              if not (continuous and name in ('lower', 'upper')))
+        return properties
+
+
+def _keys(names: Iterable[str]) -> list[str]:
+    """Return names as both formats write them; unchanged names if that would make two equal."""
+    originals = list(names)
+    keys = list(map(flat_name, originals))
+    return keys if len(set(keys)) == len(set(originals)) else originals
+
+
+def shapes_of(link: Link) -> tuple[tuple[str, tuple[Shape, ...]], ...]:
+    return ('visual', link.visuals), ('collision', link.collisions)
