@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from opencv_tools.robot.inertia import auto_inertial
+from opencv_tools.robot.sdf.inertia import auto_inertial
 from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD
 from opencv_tools.robot.pose import Pose

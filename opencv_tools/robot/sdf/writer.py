@@ -23,7 +23,7 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
-from opencv_tools.robot.inertia import auto_inertial, is_same_inertial, without_auto
+from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (

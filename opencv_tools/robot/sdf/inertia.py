@@ -22,7 +22,7 @@ import math
 import operator
 from pathlib import Path
 
-from opencv_tools.robot.collision_solids import solid_of_collision
+from opencv_tools.robot.sdf.collision_solids import solid_of_collision
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
