@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, KW_ONLY
 from typing import Any
 
 import numpy as np
@@ -87,8 +88,10 @@ def _fill_inner(
         for column, site in enumerate(colors_of_row):
             own, other = (_flat(planes[parity][index], 1 - parity, count)
                           for index in (column, 1 - column))
-            values = fill(site, present, missing, target, own, _horizontal_sum(other, column),
-                          vertical[column], _horizontal_sum(vertical[1 - column], column))
+            values = fill(_Pixels(
+                site, present, missing, own, across=_horizontal_sum(other, column),
+                vertical=vertical[column],
+                diagonal=_horizontal_sum(vertical[1 - column], column)), target)
             filled.append([value.reshape(count, width) for value in values])
         write_columns(filled, colors[2 - parity:-1:2])
 
@@ -124,41 +127,50 @@ def _horizontal_sum(other: NDArray[Any], column: int) -> NDArray[Any]:
     return total
 
 
-def _fill_colors(
-    site: str, present: str, missing: str, target: str,
-    own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
-) -> list[NDArray[Any]]:
+@dataclass(frozen=True)
+class _Pixels:
     """
-    Return the colour channels of the pixels with one colour of the mosaic.
+    The pixels with one colour of the mosaic, as flat arrays.
 
     :param site: colour of the pixels in the mosaic.
     :param present: the colour other than green in the rows of the pixels.
     :param missing: the colour that is missing in the rows of the pixels.
-    :param target: channels in order.
     :param own: values of the pixels.
     :param across: sums of the left and right neighbours.
     :param vertical: sums of the upper and lower neighbours.
     :param diagonal: sums of the four diagonal neighbours.
-    :returns: an array for each channel except alpha.
     """
-    if site == 'g':
-        means = {'g': own, present: _mean(across, 1), missing: _mean(vertical, 1)}
+
+    site: str
+    present: str
+    missing: str
+    own: NDArray[Any]
+    _: KW_ONLY
+    across: NDArray[Any]
+    vertical: NDArray[Any]
+    diagonal: NDArray[Any]
+
+
+def _fill_colors(pixels: _Pixels, target: str) -> list[NDArray[Any]]:
+    """Return the channels of a target, except alpha."""
+    if pixels.site == 'g':
+        means = {'g': pixels.own, pixels.present: _mean(pixels.across, 1),
+                 pixels.missing: _mean(pixels.vertical, 1)}
     else:
-        means = {site: own, 'g': _mean(across + vertical, 2), missing: _mean(diagonal, 2)}
+        means = {pixels.site: pixels.own, 'g': _mean(pixels.across + pixels.vertical, 2),
+                 pixels.missing: _mean(pixels.diagonal, 2)}
     return [means[channel] for channel in target[:3]]
 
 
-def _fill_gray(
-    site: str, present: str, missing: str, _: str,
-    own: NDArray[Any], across: NDArray[Any], vertical: NDArray[Any], diagonal: NDArray[Any],
-) -> list[NDArray[Any]]:
-    """Return the gray of the pixels with one colour; parameters as for ``_fill_colors``."""
+def _fill_gray(pixels: _Pixels, _: str) -> list[NDArray[Any]]:
+    """Return the gray, as the only channel."""
+    site, own = pixels.site, pixels.own
     if site == 'g':
         shift = 15
-        sums = {'g': own, present: across, missing: vertical}
+        sums = {'g': own, pixels.present: pixels.across, pixels.missing: pixels.vertical}
     else:
         shift = 16
-        sums = {site: own, 'g': across + vertical, missing: diagonal}
+        sums = {site: own, 'g': pixels.across + pixels.vertical, pixels.missing: pixels.diagonal}
     # The pixel itself has the weight of two or four neighbours, because the others are sums.
     weights = {**_GRAY_WEIGHTS, site: _GRAY_WEIGHTS[site] << (shift - 14)}
     # Without dtype, numpy 1 chooses the type by value and multiplies in 16 bits.

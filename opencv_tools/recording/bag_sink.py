@@ -33,7 +33,7 @@ from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import BagFile, RecordedImage, RecordedMessage
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_format import FileFormat
+from opencv_tools.recording.file_format import FileFormat, OpenFile
 from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
@@ -41,7 +41,6 @@ from opencv_tools.recording.image_encoder import (
     COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.open_file import OpenFile
 from opencv_tools.recording.selection import Limits
 from opencv_tools.units import NANO
 

@@ -12,18 +12,83 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Interface of the formats whose files hold many frames: videos and bags."""
+"""Files that hold many frames, and the interface of their formats: videos and bags."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
-from opencv_tools.recording.open_file import OpenFile, W
 from opencv_tools.recording.recorder import Prepared
+from opencv_tools.recording.selection import Limits
+
+class FileWriter(Protocol):
+    """
+    The writer of one file with many frames.
+
+    ``frames`` were accepted. ``flushed`` of them are complete in the file, and ``skipped`` exceed
+    the maximum size. ``is_full`` means that the next frame would exceed it. ``bytes_waiting`` is
+    an upper bound for the frames that are not in the file.
+    """
+
+    frames: int
+    flushed: int
+    skipped: int
+    is_full: bool
+    bytes_waiting: int
+
+    @property
+    def size(self) -> int:
+        """Size of the file in bytes."""
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+
+    def close(self) -> None:
+        """Finish the file; remove it if it has no frame."""
+
+
+W = TypeVar('W', bound=FileWriter)
+
+
+@dataclass(kw_only=True)
+class OpenFile(Generic[W]):
+    """
+    A file that frames are written to.
+
+    :param path: path of the file.
+    :param entry: manifest entry of the file, without its size and digest.
+    :param writer: writer of the file.
+    :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
+    :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
+    :param last_ns: the same of the last frame.
+    """
+
+    path: Path
+    entry: ManifestEntry
+    writer: W
+    offset_ns: int
+    began_ns: int
+    last_ns: int = 0
+
+    def time_ns(self, frame: ReceivedFrame) -> int:
+        """Return the time of a frame, independent of changes of the system clock."""
+        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
+
+    def is_over(self, limits: Limits, frame: ReceivedFrame) -> bool:
+        """Return whether the file has reached the limits of one file before a frame."""
+        writer = self.writer
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+                or 0 < limits.max_ns <= frame.arrival_ns - self.began_ns)
+
+    def removed_text(self) -> str:
+        """Return the reason for the loss of frames in a file that is gone."""
+        return f'{self.path.name} was removed or moved while it was written'
+
 
 P = TypeVar('P', bound=Prepared)
 

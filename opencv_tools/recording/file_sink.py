@@ -26,11 +26,10 @@ from typing import Generic
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.disk_outage import DiskOutage
 from opencv_tools.recording.errors import error_text, LimitReached
-from opencv_tools.recording.file_format import FileFormat, P
+from opencv_tools.recording.file_format import FileFormat, OpenFile, P, W
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.open_file import OpenFile, W
 from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.stored_files import StoredFiles
