@@ -29,7 +29,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 
 FRAMES, RESULTS = 'video_frames', 'flipped_frames'
 SETTLED_FRAMES = 500  # after which memory should not grow
@@ -142,7 +142,7 @@ class Camera:
         """Pass over a frame."""
         self._due += 1 / self.rate
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         """Return the next frame."""
         self.skip()
         if self._counts and self.meter.frames == self._frames:
@@ -154,7 +154,7 @@ class Camera:
             _number_in(image[row])[0] = number
         if self._counts:
             self.meter.tick()
-        return Frame(image, 'bgr8', time.monotonic_ns())
+        return CapturedFrame(image, 'bgr8', time.monotonic_ns())
 
     def close(self) -> None:
         """Release nothing."""

@@ -29,7 +29,7 @@ from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
-from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, Recorded
+from opencv_tools.capture.frame import CapturedFrame, JPEG, MAX_RATE, Recorded
 from opencv_tools.capture.image_files import natural_order
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, cdr_to_image, COMPRESSED_IMAGE, WireMessage)
@@ -98,7 +98,7 @@ class BagSource:
             except BrokenFrameError as err:
                 self._skipped_damage.append(err)  # the next call of read reports it
 
-    def read(self) -> Frame | None:
+    def read(self) -> CapturedFrame | None:
         if self._skipped_damage:
             raise self._skipped_damage.pop()
         message = self._next_image()
@@ -169,7 +169,7 @@ class BagSource:
             if len(serialized) <= _MAX_INFO:
                 self._last_info = bytes(serialized)  # a view would keep its chunk in memory
 
-    def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> Frame:
+    def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> CapturedFrame:
         """Return the frame of a message, as a view of its data."""
         wire: WireMessage
         if self.topic.type_name == COMPRESSED_IMAGE:
@@ -180,7 +180,7 @@ class BagSource:
             image = view_pixels(wire.data, wire.height, wire.width, wire.step,
                                 find_encoding(wire.encoding), wire.is_bigendian)
             encoding = wire.encoding
-        return Frame(
+        return CapturedFrame(
             image, encoding, position=(message.log_ns - self._first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
                               play=self._play, publish_ns=message.publish_ns,

@@ -64,7 +64,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Frame:
+class CapturedFrame:
     """
     One captured image.
 
@@ -118,7 +118,7 @@ class FileSource(_Readable, Protocol):
         :raises CaptureError: the source has failed.
         """
 
-    def read(self) -> Frame | None:
+    def read(self) -> CapturedFrame | None:
         """
         Read the next frame.
 
@@ -161,7 +161,7 @@ class LiveSource(_Readable, Protocol):
         :raises UnavailableError: the camera or stream is disconnected.
         """
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         """
         Read the frame for which ``wait`` returned True, which is the newest one.
 

@@ -23,7 +23,7 @@ from threading import Event
 from typing import Protocol
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import Frame, LiveSource, Source
+from opencv_tools.capture.frame import CapturedFrame, LiveSource, Source
 from opencv_tools.capture.player import Clock, Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
@@ -203,7 +203,7 @@ class Grabber:
         """Request that a camera or stream is closed and opened with the current settings."""
         self._reopened.set()
 
-    def frames(self) -> Iterator[Frame | None]:
+    def frames(self) -> Iterator[CapturedFrame | None]:
         """
         Yield each frame when it is due, and None for a camera frame without a subscriber.
 
@@ -245,7 +245,7 @@ class Grabber:
             return self.source
         return None
 
-    def _live_frames(self, source: LiveSource) -> Iterator[Frame | None]:
+    def _live_frames(self, source: LiveSource) -> Iterator[CapturedFrame | None]:
         """Yield the newest frame whenever one is due, until the source has to be closed."""
         pacer = Pacer(self._clock)
         # A frame that is up to half a period early is nearer to the due time than the next frame.
@@ -259,7 +259,7 @@ class Grabber:
                 continue
             self.outage.end(source)
             if pacer.is_due(early) and self._demand.may_publish():
-                frame: Frame | None = None
+                frame: CapturedFrame | None = None
                 try:
                     if self._demand.has_subscribers():
                         frame = source.read()

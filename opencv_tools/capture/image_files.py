@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.image.encodings import opencv_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
@@ -73,7 +73,7 @@ class ImageFileSource:
         self._next += 1
         return self._next <= len(self.paths)
 
-    def read(self) -> Frame | None:
+    def read(self) -> CapturedFrame | None:
         if self._next >= len(self.paths):
             return None
         path = self.paths[self._next]
@@ -82,9 +82,9 @@ class ImageFileSource:
         try:
             content = read_regular(path, _FILE_BYTES)
             if self.keeps_jpegs and content.startswith(JPEG_SOI):
-                return Frame(np.frombuffer(content, np.uint8), JPEG)
+                return CapturedFrame(np.frombuffer(content, np.uint8), JPEG)
             image = decode_image(content, upright=True)
-            return Frame(image, opencv_encoding(image).name)
+            return CapturedFrame(image, opencv_encoding(image).name)
         except OSError as err:
             raise BrokenFrameError(f'{shown} cannot be read: {err.strerror}') from err
         except ImageError as err:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import Frame, JPEG, Recorded
+from opencv_tools.capture.frame import CapturedFrame, JPEG, Recorded
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
@@ -62,7 +62,7 @@ class OutputImage:
     All properties raise an ImageError if the frame cannot be decoded or converted.
     """
 
-    def __init__(self, frame: Frame, settings: OutputSettings) -> None:
+    def __init__(self, frame: CapturedFrame, settings: OutputSettings) -> None:
         """
         Keep a frame; nothing is converted yet.
 

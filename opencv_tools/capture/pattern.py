@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import Frame, MAX_RATE
+from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
 
 _SPEC = re.compile(r'pattern(?::([0-9]+)x([0-9]+)(?:@([0-9]+(?:\.[0-9]+)?))?)?')
 _MAX_SIDE = 16384
@@ -94,10 +94,10 @@ class PatternSource:
         self._number += 1
         return True
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         image = _draw_over(self._background, self._number)
         self._number += 1
-        return Frame(image, 'bgr8', position=(self._number - 1) / self.rate)
+        return CapturedFrame(image, 'bgr8', position=(self._number - 1) / self.rate)
 
     def rewind(self) -> None:
         self._number = 0

@@ -22,7 +22,7 @@ from threading import Event
 import time
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import FileSource, Frame
+from opencv_tools.capture.frame import CapturedFrame, FileSource
 
 ON_END = ('stop', 'loop', 'hold')
 IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
@@ -143,14 +143,14 @@ class Player:
         self._on_broken = on_broken
         self._clock = clock
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CapturedFrame]:
         """
         Yield each frame at its due time, with the due time as its stamp.
 
         :raises CaptureError: the source has failed, or has no readable frame.
         """
         pacer = Pacer(self._clock)
-        last: Frame | None = None
+        last: CapturedFrame | None = None
         for frame in self._sequence():
             if last is not None:
                 pacer.advance(self._interval(last, frame))
@@ -162,7 +162,7 @@ class Player:
             yield replace(frame, stamp_ns=due_ns)
             last = frame
 
-    def _interval(self, last: Frame, frame: Frame) -> float:
+    def _interval(self, last: CapturedFrame, frame: CapturedFrame) -> float:
         """Return the seconds from one frame to the next."""
         rate = self._playback().rate
         if not rate and last.position is not None and frame.position is not None:
@@ -171,7 +171,7 @@ class Player:
                 return interval
         return 1.0 / (rate or self._source.rate or IMAGE_RATE)
 
-    def _sequence(self) -> Iterator[Frame]:
+    def _sequence(self) -> Iterator[CapturedFrame]:
         """Yield the frames in playback order, with repetitions."""
         played = 0
         while True:
@@ -192,7 +192,7 @@ class Player:
                 yield last
             return
 
-    def _readable_frames(self) -> Iterator[Frame]:
+    def _readable_frames(self) -> Iterator[CapturedFrame]:
         """Yield the readable frames of one pass."""
         playback = self._playback()
         for number in range(playback.first):

@@ -22,7 +22,7 @@ from typing import Literal
 
 import cv2
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.video import describe_video, video_rate
 from opencv_tools.image.text import without_password
 
@@ -49,7 +49,7 @@ class StreamSource:
         self.missed = 0
         self._capture = capture
         self._changed = Condition()
-        self._newest: Frame | None = None
+        self._newest: CapturedFrame | None = None
         self._ended = False
         self._thread = Thread(target=self._read_all, name='stream', daemon=True)
         self._thread.start()
@@ -65,7 +65,7 @@ class StreamSource:
         with self._changed:
             self._newest = None
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         with self._changed:
             newest, self._newest = self._newest, None
         if newest is None:
@@ -84,7 +84,7 @@ class StreamSource:
             with self._changed:
                 if decoded:
                     self.missed += self._newest is not None
-                    self._newest = Frame(image, 'bgr8', time.monotonic_ns())
+                    self._newest = CapturedFrame(image, 'bgr8', time.monotonic_ns())
                 else:
                     self._ended = True
                 self._changed.notify()

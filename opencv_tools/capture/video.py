@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 import cv2
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import Frame, MAX_RATE
+from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
 from opencv_tools.image.text import MAX_PATH, printable, without_password
 
 # Containers with an index of their frames. For other containers OpenCV estimates the number.
@@ -67,7 +67,7 @@ class VideoSource:
         self._check_end()
         return False
 
-    def read(self) -> Frame | None:
+    def read(self) -> CapturedFrame | None:
         if not self.skip():
             return None
         position = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
@@ -77,7 +77,7 @@ class VideoSource:
         decoded, image = self._capture.retrieve()
         if not decoded:
             raise BrokenFrameError(f'frame {self._number - 1} of {self.name} cannot be decoded')
-        return Frame(image, 'bgr8', position=position if known else None)
+        return CapturedFrame(image, 'bgr8', position=position if known else None)
 
     def rewind(self) -> None:
         # Reopening is exact for every container; seeking to frame 0 is not.

@@ -28,7 +28,7 @@ from typing import Any
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
-from opencv_tools.capture.frame import Frame, JPEG, Source
+from opencv_tools.capture.frame import CapturedFrame, JPEG, Source
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
@@ -205,7 +205,8 @@ class _Conversion:
         return _EXIT_OK if is_ok else _EXIT_FAILURE
 
     def _record(
-        self, recorder: Recorder[Any], sink: Sink[Any], frames: Iterable[tuple[int, Frame]],
+        self, recorder: Recorder[Any], sink: Sink[Any],
+        frames: Iterable[tuple[int, CapturedFrame]],
     ) -> bool:
         """Record frames and finish the files; return False if the source did not end."""
         last_info = None
@@ -233,7 +234,7 @@ class _Conversion:
         if isinstance(outcome, Path):
             self._written = outcome if self._written in (None, outcome) else self._folder
 
-    def _check_loss(self, frame: Frame) -> None:
+    def _check_loss(self, frame: CapturedFrame) -> None:
         """
         Check that the target is as lossless as the source, or that a loss is allowed.
 
@@ -254,7 +255,7 @@ class _Conversion:
                 'with an extension such as .png or .mcap'
                 + (', with --compressed png or without it' if compressed else ''))
 
-    def _is_lossless(self, frame: Frame) -> bool:
+    def _is_lossless(self, frame: CapturedFrame) -> bool:
         """Return whether a frame was never compressed with a loss, as far as that is known."""
         if isinstance(self._source, BagSource):
             return not (frame.encoding == JPEG and frame.image[:2].tobytes() == JPEG_SOI)
@@ -275,12 +276,12 @@ class _Conversion:
         self._failure_log.bad_frame(f'a frame was not read: {err}')
 
 
-def _threads(first: Frame) -> int:
+def _threads(first: CapturedFrame) -> int:
     """Return the number of threads: one a processor, as far as the size of a frame allows."""
     return max(1, min(len(os.sched_getaffinity(0)), _QUEUED_BYTES // (first.image.nbytes or 1)))
 
 
-def _description(frame: Frame) -> str:
+def _description(frame: CapturedFrame) -> str:
     """Return the size and encoding of a frame, which is not decoded."""
     if frame.encoding == JPEG:
         return f'{frame.image.nbytes} compressed bytes'

@@ -23,7 +23,7 @@ import time
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import Frame, JPEG, LiveSource, Recorded, Source
+from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.recording.bag_file import RecordedMessage
@@ -42,7 +42,7 @@ OnBroken = Callable[[BrokenFrameError], object]
 def numbered_frames(
     source: Source, first: int, stop: int, every: int, on_broken: OnBroken,
     has_ended: Callable[[], bool],
-) -> Iterator[tuple[int, Frame]]:
+) -> Iterator[tuple[int, CapturedFrame]]:
     """
     Yield frames with their numbers; the other frames are not decoded.
 
@@ -75,7 +75,7 @@ def numbered_frames(
                          'numbered from 0')
 
 
-def _read_live(source: LiveSource) -> Frame | None:
+def _read_live(source: LiveSource) -> CapturedFrame | None:
     """Return the next frame of a stream; None at its end."""
     try:
         return source.read() if source.wait(_READ_SECONDS) else None
@@ -83,7 +83,9 @@ def _read_live(source: LiveSource) -> Frame | None:
         return None
 
 
-def received_frame(frame: Frame, number: int, rate: float, for_bag: bool = False) -> ReceivedFrame:
+def received_frame(
+    frame: CapturedFrame, number: int, rate: float, for_bag: bool = False,
+) -> ReceivedFrame:
     """
     Return a frame for a recorder.
 

@@ -21,7 +21,7 @@ from threading import Event
 from typing import Any
 
 from opencv_tools.capture.errors import BrokenFrameError
-from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.player import PlaybackSettings, Player
 import pytest
 from stepped_clock import SteppedClock
@@ -35,7 +35,7 @@ def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytes
                   on_broken, clock or SteppedClock())
 
 
-def frames_of(source: Source) -> Iterator[Frame]:
+def frames_of(source: Source) -> Iterator[CapturedFrame]:
     return iter(source.read, None)
 
 

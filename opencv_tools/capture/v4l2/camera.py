@@ -23,7 +23,7 @@ import time
 from typing import Literal
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.v4l2.controls import Control
 from opencv_tools.capture.v4l2.device import DequeuedBuffer, VideoDevice
 from opencv_tools.capture.v4l2.modes import (
@@ -78,7 +78,7 @@ class CameraSource:
         with capture_errors(self.name):
             self._requeue()
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         if self._held is None:
             raise BrokenFrameError(f'camera {self.name} has no frame yet')
         held = self._held
@@ -168,7 +168,7 @@ class CameraSource:
             self._requeue()
             self.missed += 1
 
-    def _to_frame(self, buffer: DequeuedBuffer) -> Frame:
+    def _to_frame(self, buffer: DequeuedBuffer) -> CapturedFrame:
         """Return a copy of the frame in a buffer."""
         if buffer.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
@@ -177,7 +177,7 @@ class CameraSource:
             stamp_ns = now_ns
         image = read_pixels(self._pixel_format, self._device.copy_image(buffer),
                             self._mode.height, self._mode.width, self._step)
-        return Frame(image, self._pixel_format.encoding, stamp_ns)
+        return CapturedFrame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
         """Requeue the held buffer."""

@@ -21,7 +21,7 @@ import time
 from typing import Any
 
 from opencv_tools.capture.errors import CaptureError
-from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import describe_opening, open_source
@@ -152,7 +152,7 @@ class PublishLoop:
         self._log.info(response.message)
         return response
 
-    def _publish(self, frame: Frame | None) -> None:
+    def _publish(self, frame: CapturedFrame | None) -> None:
         """Publish one frame; None means a frame without a subscriber."""
         if frame is None:
             self._count_unseen()

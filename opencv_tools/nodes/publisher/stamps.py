@@ -20,7 +20,7 @@ import time
 from typing import cast, Protocol
 
 from builtin_interfaces.msg import Time
-from opencv_tools.capture.frame import Frame, Recorded
+from opencv_tools.capture.frame import CapturedFrame, Recorded
 from opencv_tools.units import NANO
 from rclpy.clock import ROSClock
 from rclpy.node import Node
@@ -129,7 +129,7 @@ class FrameHeaders:
         self._stamper = Stamper(cast(ROSClock, node.get_clock()))
         self._clock = node.create_publisher(Clock, '/clock', 10) if has_clock else None
 
-    def header(self, frame: Frame, settings: HeaderSettings) -> tuple[Time, str]:
+    def header(self, frame: CapturedFrame, settings: HeaderSettings) -> tuple[Time, str]:
         """
         Return the stamp and the ``frame_id`` of a frame; publish the time of a frame of a bag.
 

@@ -31,7 +31,7 @@ from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import expected_size, names_bag, open_source
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
@@ -87,7 +87,7 @@ def test_big_endian_pixels_are_converted(tmp_path: Path, encoding: str) -> None:
     image = random_image('mono16', 4, 6)
     path = write_mcap(tmp_path / 'a.mcap', [image_entry(1, image.astype('>u2'), 'mono16')])
     frame = BagSource(path).read()
-    native = Frame(image, 'mono16')
+    native = CapturedFrame(image, 'mono16')
     for output in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
         np.testing.assert_array_equal(
             OutputImage(frame, output).image, OutputImage(native, output).image)

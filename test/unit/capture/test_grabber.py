@@ -22,7 +22,7 @@ from threading import Thread
 
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
 from opencv_tools.capture.player import PlaybackSettings
 import pytest
@@ -66,11 +66,11 @@ class Camera:
     def skip(self) -> None:
         self.skipped.append(self._number)
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         self.decoded.append(self._number)
         if len(self.decoded) == self.damaged:
             raise BrokenFrameError('it is damaged')
-        return Frame(np.full((1, 1), self._number, np.uint16), 'mono16',
+        return CapturedFrame(np.full((1, 1), self._number, np.uint16), 'mono16',
                      int(self._clock.now * 10**9))
 
     def close(self) -> None:
@@ -136,13 +136,13 @@ def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
     return _grab
 
 
-def take(grabber: Grabber, clock: SteppedClock, seconds: float) -> list[Frame | None]:
+def take(grabber: Grabber, clock: SteppedClock, seconds: float) -> list[CapturedFrame | None]:
     """Return the frames that come within some seconds."""
     clock.plan(seconds, grabber.stop)
     return list(grabber.frames())
 
 
-def numbers_of(frames: list[Frame]) -> list[int]:
+def numbers_of(frames: list[CapturedFrame]) -> list[int]:
     return [int(frame.image[0, 0]) for frame in frames]
 
 

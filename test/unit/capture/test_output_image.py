@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from opencv_tools.capture.frame import Frame, JPEG
+from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.image.errors import ImageError
@@ -30,14 +30,14 @@ DECODED = cv2.imdecode(JPEG_BYTES, cv2.IMREAD_UNCHANGED)
 NUMBERS = np.random.default_rng(4).integers(0, 256, (72, 64, 2), np.uint8)
 
 
-def frame_of(encoding: str) -> Frame:
+def frame_of(encoding: str) -> CapturedFrame:
     image = {
         'bgr8': PICTURE, 'mono8': cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY),
         'rgb8': PICTURE[..., ::-1], 'bgr16': PICTURE * np.uint16(257),
         'yuv422_yuy2': NUMBERS[:48], 'yuyv': NUMBERS[:48], 'yuv422': NUMBERS[:48],
         'nv12': NUMBERS[..., 0], 'bayer_rggb8': NUMBERS[:48, :, 1],
         '32FC1': np.ones((48, 64), np.float32), JPEG: JPEG_BYTES}[encoding]
-    return Frame(image, encoding)
+    return CapturedFrame(image, encoding)
 
 
 @pytest.mark.parametrize(('captured', 'requested'), [
@@ -88,10 +88,10 @@ def test_camera_jpeg_is_published_unchanged() -> None:
 def test_gray_camera_jpeg_is_declared_as_mono8() -> None:
     gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
     for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
-        data, format_text = OutputImage(Frame(gray, JPEG), OutputSettings(encoding)).jpeg
+        data, format_text = OutputImage(CapturedFrame(gray, JPEG), OutputSettings(encoding)).jpeg
         assert data is gray
         assert format_text == 'mono8; jpeg compressed mono8'
-    rotated = OutputImage(Frame(gray, JPEG), OutputSettings('mono8', rotate=90))
+    rotated = OutputImage(CapturedFrame(gray, JPEG), OutputSettings('mono8', rotate=90))
     assert rotated.jpeg[1] == format_text
 
 
@@ -144,7 +144,7 @@ def test_impossible_conversions_are_refused(captured: str, settings: OutputSetti
 
 @pytest.mark.parametrize('data', [b'', b'no picture', JPEG_BYTES.tobytes()[:-300]])
 def test_damaged_jpeg_is_refused(data: bytes) -> None:
-    frame = Frame(np.frombuffer(data, np.uint8), JPEG)
+    frame = CapturedFrame(np.frombuffer(data, np.uint8), JPEG)
     with pytest.raises(ImageError):
         _ = OutputImage(frame, OutputSettings()).size
 

@@ -26,7 +26,7 @@ from conftest import CLIP, CLIP_FRAMES
 import cv2
 import numpy as np
 from opencv_tools.capture.errors import CaptureError
-from opencv_tools.capture.frame import Frame, Source
+from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.pattern import draw_pattern, PatternSource, PatternSpec
 from opencv_tools.capture.player import Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 from opencv_tools.capture.source import open_source
@@ -143,7 +143,7 @@ class StampedSource(PatternSource):
         super().__init__(PatternSpec(8, 8, 25.0))
         self._positions = positions
 
-    def read(self) -> Frame | None:
+    def read(self) -> CapturedFrame | None:
         number = self._number
         if number == len(self._positions):
             return None

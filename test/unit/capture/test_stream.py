@@ -22,7 +22,7 @@ from threading import Thread
 
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.stream import StreamSource
 import pytest
 
@@ -54,12 +54,12 @@ class CheckedSource(StreamSource):
     """A stream that checks that its newest frame is accessed only with the lock held."""
 
     @property
-    def _newest(self) -> Frame | None:
+    def _newest(self) -> CapturedFrame | None:
         assert self._changed._is_owned(), 'read without the lock'
         return self._checked
 
     @_newest.setter
-    def _newest(self, frame: Frame | None) -> None:
+    def _newest(self, frame: CapturedFrame | None) -> None:
         assert self._is_being_made() or self._changed._is_owned(), 'written without the lock'
         self._checked = frame
 

@@ -32,7 +32,7 @@ from images import oriented_jpeg, random_image
 from mcap.reader import make_reader
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
@@ -53,7 +53,7 @@ def convert(*words: object) -> int:
     return main([str(word) for word in words])
 
 
-def frames(path: Path) -> list[Frame]:
+def frames(path: Path) -> list[CapturedFrame]:
     return list(frames_of(open_source(str(path))))
 
 

@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
 from opencv_tools.convert.source_frames import numbered_frames, received_frame
 import pytest
@@ -47,10 +47,10 @@ class Stream:
     def skip(self) -> None:
         pytest.fail('a frame of a stream is read, because each has a number')
 
-    def read(self) -> Frame:
+    def read(self) -> CapturedFrame:
         if self._number == 1:
             raise BrokenFrameError('broken')
-        return Frame(np.full((2, 2), self._number, np.uint8), 'mono8', 5)
+        return CapturedFrame(np.full((2, 2), self._number, np.uint8), 'mono8', 5)
 
     def close(self) -> None:
         pass
@@ -70,7 +70,7 @@ def test_frames_of_a_stream_until_its_end(
 
 def test_skipped_frames_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
     source = PatternSource(PatternSpec(64, 48, 25.0))
-    reads: list[Frame] = []
+    reads: list[CapturedFrame] = []
     read = source.read
     monkeypatch.setattr(source, 'read', lambda: reads.append(read()) or reads[-1])
     found = list(numbered_frames(source, 3, 20, 5, pytest.fail, bool))
@@ -81,7 +81,7 @@ def test_skipped_frames_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_time_of_a_frame_of_a_stream() -> None:
     captured_ns = time.monotonic_ns()
     before = time.time_ns()
-    frame = received_frame(Frame(np.zeros((2, 2), np.uint8), 'mono8', captured_ns), 7, 0.0)
+    frame = received_frame(CapturedFrame(np.zeros((2, 2), np.uint8), 'mono8', captured_ns), 7, 0.0)
     assert abs(frame.metadata.stamp_ns - before) < 60 * 10**9
     assert frame.receive_ns == frame.metadata.stamp_ns == frame.arrival_ns
 
@@ -90,5 +90,5 @@ def test_time_of_a_frame_of_a_stream() -> None:
     (0.25, 25.0, 250_000_000), (None, 25.0, 280_000_000), (None, 0.0, 700_000_000)])
 def test_time_of_a_frame_of_a_file(position: float | None, rate: float, expected: int) -> None:
     frame = received_frame(
-        Frame(np.zeros((2, 2), np.uint8), 'mono8', position=position), 7, rate)
+        CapturedFrame(np.zeros((2, 2), np.uint8), 'mono8', position=position), 7, rate)
     assert (frame.receive_ns, frame.time_ns) == (expected, expected)

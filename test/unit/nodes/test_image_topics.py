@@ -20,7 +20,7 @@ from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
 from conftest import spin_until
-from opencv_tools.capture.frame import Frame
+from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -69,7 +69,7 @@ def test_frames_of_a_live_source_are_shared(node: Node, camera: Node, is_live: b
         nonlocal number
         if viewer.count == number:
             number += 1
-            output = OutputImage(Frame(picture(number), '16UC1'), OutputSettings())
+            output = OutputImage(CapturedFrame(picture(number), '16UC1'), OutputSettings())
             assert topics.publish(output, Time(sec=number), 'eye', is_live=is_live)
         return viewer.shared > 20 if is_live else viewer.count > 300
 
