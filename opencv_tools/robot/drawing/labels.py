@@ -24,13 +24,13 @@ from typing import Any
 from opencv_tools.robot.drawing.figure import matplotlib_module, size_of, text_box
 from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, Point, TEXT_COLOR
 
-# Positions of a label relative to its point, the best first: distance in points, and angle.
-_POSITIONS = [(distance, math.radians(angle))
-              for distance in (8, 14, 22, 34, 50, 72, 100, 140, 200, 280, 400)
-              for angle in (25, -25, 155, 205, 60, -60, 120, 240, 90, 270)]
+# Offsets of a label from its point in points: eight directions, then the same further away.
+_OFFSETS = [(distance * math.cos(math.radians(angle)), distance * math.sin(math.radians(angle)))
+            for distance in (8, 14, 22, 34, 50, 72, 100, 140, 200, 280, 400)
+            for angle in (25, -25, 155, 205, 60, -60, 120, 240)]
 _GAP = 5.0  # pixels between two texts in a row
 _LINE_GAP, _ENTRY_GAP = 0.03, 0.08  # inches, in a column
-_NEAR = 14  # greatest distance in points without a line from the label to its point
+_NEAR = 14.5  # distance in points; labels further away have a line to their point
 
 
 class Labels:
@@ -46,15 +46,12 @@ class Labels:
         self._axes = axes
         self._bounds = bounds or axes.bbox
         self._scale = axes.figure.dpi / 72
-        self._line_points: list[Point] = []
+        self._lines: list[Any] = []
         self._texts: list[Any] = []
 
-    def avoid_line(self, start: Point, end: Point) -> None:
+    def avoid_line(self, *points: Point) -> None:
         """Keep labels off a line if possible."""
-        (a, b), (c, d) = self._axes.transData.transform([start, end])
-        steps = max(1, int(math.hypot(c - a, d - b) / (4 * self._scale)))
-        self._line_points += [(a + (c - a) * step / steps, b + (d - b) * step / steps)
-                              for step in range(steps + 1)]
+        self._lines.append(matplotlib_module('path').Path(self._axes.transData.transform(points)))
 
     def avoid_text(self, text: Any) -> None:
         """Keep labels off another text."""
@@ -62,10 +59,7 @@ class Labels:
 
     def place_if_free(self, text: str, point: Point, offset: Point, **style: Any) -> None:
         """Write a label at an offset in points, unless it would overlap another text."""
-        label = self._axes.annotate(
-            plain(text), point, xytext=offset, textcoords='offset points', ha='center',
-            va='center', annotation_clip=False, **style)
-        label.update_positions(self._axes.figure.canvas.get_renderer())
+        label = self._annotate(text, point, offset, ha='center', **style)
         box = text_box(label)
         if self._overlaps(box):
             label.remove()
@@ -73,49 +67,43 @@ class Labels:
             self._texts.append(box)
 
     def place(self, text: str, point: Point, **style: Any) -> None:
-        """Write a label near a point, with a line to the point if it is not close."""
-        label = self._axes.annotate(
-            plain(text), point, xytext=(0, 0), textcoords='offset points', va='center',
-            annotation_clip=False, zorder=20, bbox={
-                'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.6, 'pad': 0.5}, **style)
-        size = text_box(label)
-        distance, angle = min(_POSITIONS, key=lambda position: self._cost(
-            self._box(point, position, size.width, size.height)))
-        self._texts.append(self._box(point, (distance, angle), size.width, size.height))
-        offset = (distance * math.cos(angle), distance * math.sin(angle))
-        label.set_position(offset)
-        label.set_horizontalalignment(_alignment(angle))
-        if distance > _NEAR:
-            self._axes.annotate(
-                '', point, xytext=offset, textcoords='offset points', annotation_clip=False,
-                zorder=19, arrowprops={'arrowstyle': '-', 'color': PALE, 'lw': 0.7, 'shrinkA': 0})
+        """
+        Write a label at the first free position near a point, with a line if it is not close.
 
-    def _box(self, point: Point, position: tuple[float, float], width: float, height: float
-             ) -> Any:
-        (x, y), (distance, angle) = self._axes.transData.transform(point), position
-        left = x + distance * self._scale * math.cos(angle)
-        middle = y + distance * self._scale * math.sin(angle)
-        if _alignment(angle) == 'right':
-            left -= width
-        return matplotlib_module('transforms').Bbox.from_bounds(
-            left, middle - height / 2, width, height)
+        If no position is free, the label covers lines, and texts only if that is not possible.
+        """
+        label = self._annotate(text, point, _OFFSETS[0], zorder=20, bbox={
+            'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.6, 'pad': 0.5}, **style)
+        offset = next((offset for lines in (self._lines, []) for offset in _OFFSETS
+                       if self._is_free(_move(label, offset), lines)), _OFFSETS[0])
+        self._texts.append(_move(label, offset))
+        if math.hypot(*offset) > _NEAR:
+            self._annotate('', point, offset, zorder=19, arrowprops={
+                'arrowstyle': '-', 'color': PALE, 'lw': 0.7, 'shrinkA': 0})
 
-    def _cost(self, box: Any) -> tuple[bool, int, int]:
-        """Return what a position covers; `min` prefers the first of equal positions."""
-        bounds = self._bounds
-        outside = not (bounds.x0 <= box.x0 and box.x1 <= bounds.x1
-                       and bounds.y0 <= box.y0 and box.y1 <= bounds.y1)
-        return (outside, self._overlaps(box),
-                box.padded(1.5 * self._scale).count_contains(self._line_points))
+    def _annotate(self, text: str, point: Point, offset: Point, **style: Any) -> Any:
+        label = self._axes.annotate(plain(text), point, offset, textcoords='offset points',
+                                    va='center', annotation_clip=False, **style)
+        label.update_positions(self._axes.figure.canvas.get_renderer())
+        return label
 
-    def _overlaps(self, box: Any) -> int:
+    def _is_free(self, box: Any, lines: Sequence[Any]) -> bool:
+        inside = all(self._bounds.contains(*corner) for corner in (box.p0, box.p1))
+        wide = box.padded(1.5 * self._scale)
+        return inside and not self._overlaps(box) and not any(
+            line.intersects_bbox(wide, filled=False) for line in lines)
+
+    def _overlaps(self, box: Any) -> bool:
         wide = matplotlib_module('transforms').Bbox.from_extents(
             box.x0 - _GAP, box.y0, box.x1 + _GAP, box.y1)
-        return int(wide.count_overlaps(self._texts))
+        return bool(wide.count_overlaps(self._texts))
 
 
-def _alignment(angle: float) -> str:
-    return 'left' if math.cos(angle) > -1e-9 else 'right'
+def _move(label: Any, offset: Point) -> Any:
+    """Move a label to an offset from its point, and return its bounding box in pixels."""
+    label.set_position(offset)
+    label.set_horizontalalignment('left' if offset[0] > 0.0 else 'right')
+    return text_box(label)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 from opencv_tools.robot.drawing.labels import Labels
@@ -73,8 +72,7 @@ def label(axes: Any, listing: Listing, shapes: list[PlacedShape], length: float)
         if text.get_text():
             labels.avoid_text(text)
     for line in axes.lines:
-        for start, end in pairwise((float(x), float(y)) for x, y in zip(*line.get_data())):
-            labels.avoid_line(start, end)
+        labels.avoid_line(*line.get_xydata())
     for transform in link_poses(listing).values():
         _label_axes(labels, transform, length)
     for name, transform in link_poses(listing).items():
