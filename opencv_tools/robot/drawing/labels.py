@@ -34,15 +34,14 @@ _NEAR = 14.5  # distance in points; labels further away have a line to their poi
 
 
 class Labels:
-    """Labels of points in axes, each beside other texts and if possible beside lines."""
+    """
+    Labels of points in axes, each beside other texts and if possible beside lines.
+
+    :param axes: axes with final limits, in a figure that has been laid out.
+    :param bounds: bounding box of all labels in pixels; by default that of the axes.
+    """
 
     def __init__(self, axes: Any, bounds: Any = None) -> None:
-        """
-        Create an empty set of labels.
-
-        :param axes: axes with final limits, in a figure that has been laid out.
-        :param bounds: bounding box of all labels in pixels; by default that of the axes.
-        """
         self._axes = axes
         self._bounds = bounds or axes.bbox
         self._scale = axes.figure.dpi / 72
