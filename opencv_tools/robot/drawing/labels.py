@@ -24,10 +24,10 @@ from typing import Any
 from opencv_tools.robot.drawing.figure import matplotlib_module, size_of, text_box
 from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, Point, TEXT_COLOR
 
-# Offsets of a label from its point in points: eight directions, then the same further away.
+# Offsets of a label from its point in points: ten directions, then the same further away.
 _OFFSETS = [(distance * math.cos(math.radians(angle)), distance * math.sin(math.radians(angle)))
             for distance in (8, 14, 22, 34, 50, 72, 100, 140, 200, 280, 400)
-            for angle in (25, -25, 155, 205, 60, -60, 120, 240)]
+            for angle in (25, -25, 155, 205, 60, -60, 120, 240, 90, 270)]
 _GAP = 5.0  # pixels between two texts in a row
 _LINE_GAP, _ENTRY_GAP = 0.03, 0.08  # inches, in a column
 _NEAR = 14.5  # distance in points; labels further away have a line to their point
@@ -69,12 +69,16 @@ class Labels:
         """
         Write a label at the first free position near a point, with a line if it is not close.
 
-        If no position is free, the label covers lines, and texts only if that is not possible.
+        A position is free within the bounds, beside texts and beside lines. If there is none, the
+        label covers lines, then texts, and only at last it reaches beyond the bounds.
         """
         label = self._annotate(text, point, _OFFSETS[0], zorder=20, bbox={
             'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.6, 'pad': 0.5}, **style)
-        offset = next((offset for lines in (self._lines, []) for offset in _OFFSETS
-                       if self._is_free(_move(label, offset), lines)), _OFFSETS[0])
+        boxes = {offset: _move(label, offset) for offset in _OFFSETS}
+        inside = [offset for offset, box in boxes.items() if self._is_inside(box)] or _OFFSETS
+        apart = [offset for offset in inside if not self._overlaps(boxes[offset])] or inside
+        offset = next((offset for offset in apart if not self._covers_line(boxes[offset])),
+                      apart[0])
         self._texts.append(_move(label, offset))
         if math.hypot(*offset) > _NEAR:
             self._annotate('', point, offset, zorder=19, arrowprops={
@@ -86,11 +90,12 @@ class Labels:
         label.update_positions(self._axes.figure.canvas.get_renderer())
         return label
 
-    def _is_free(self, box: Any, lines: Sequence[Any]) -> bool:
-        inside = all(self._bounds.contains(*corner) for corner in (box.p0, box.p1))
+    def _is_inside(self, box: Any) -> bool:
+        return all(self._bounds.contains(*corner) for corner in (box.p0, box.p1))
+
+    def _covers_line(self, box: Any) -> bool:
         wide = box.padded(1.5 * self._scale)
-        return inside and not self._overlaps(box) and not any(
-            line.intersects_bbox(wide, filled=False) for line in lines)
+        return any(line.intersects_bbox(wide, filled=False) for line in self._lines)
 
     def _overlaps(self, box: Any) -> bool:
         wide = matplotlib_module('transforms').Bbox.from_extents(
@@ -101,7 +106,7 @@ class Labels:
 def _move(label: Any, offset: Point) -> Any:
     """Move a label to an offset from its point, and return its bounding box in pixels."""
     label.set_position(offset)
-    label.set_horizontalalignment('left' if offset[0] > 0.0 else 'right')
+    label.set_horizontalalignment('left' if offset[0] > -1e-9 else 'right')
     return text_box(label)
 
 
