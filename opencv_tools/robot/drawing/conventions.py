@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -51,8 +51,7 @@ class _Panel:
 
     :param frames: poses of the frames in the model.
     :param arrows: arrows from a frame of reference to the placed frame.
-    :param offsets: lines between a joint and its link.
-    :param joints: positions of the joints.
+    :param offsets: lines from a joint to its link.
     """
 
     title: str
@@ -60,7 +59,6 @@ class _Panel:
     frames: list[Transform] = field(default_factory=list)
     arrows: list[tuple[Point, Point]] = field(default_factory=list)
     offsets: list[tuple[Point, Point]] = field(default_factory=list)
-    joints: list[Point] = field(default_factory=list)
     entries: list[Entry] = field(default_factory=list)
 
 
@@ -84,12 +82,11 @@ def draw(robot: Robot, listing: Listing) -> Any:
                            _sdf_panel(listing, kinematics, poses))]
     title = figure.text(0.5, 0.5, plain(heading(listing), 150), fontsize=13, fontweight='bold',
                         color=TEXT_COLOR, ha='center', va='center')
-    low, high = ([end(values) for values in zip(*(view.bounds[index] for view in views))]
-                 for index, end in enumerate((min, max)))
-    size = [max(end - start, 1e-9) for start, end in zip(low, high)]
-    height = max(min(_HEIGHT, _WIDTH * size[1] / size[0]), *(view.text_height for view in views))
-    scale = min(_WIDTH / size[0], height / size[1])
-    widths = [view.lay_out(height, low, size, scale) for view in views]
+    bounds = matplotlib_module('transforms').Bbox.union([view.axes.dataLim for view in views])
+    wide, high = (max(length, 1e-9) for length in bounds.size)
+    height = max(min(_HEIGHT, _WIDTH * high / wide), *(view.text_height for view in views))
+    scale = min(_WIDTH / wide, height / high)
+    widths = [view.lay_out(height, bounds, scale) for view in views]
     whole = max(sum(widths) + 3 * _MARGIN, size_of(title)[0] + 2 * _MARGIN)
     figure.set_size_inches(whole, height + _HEAD + _TITLE + 2 * _MARGIN)
     left = (whole - sum(widths) - _MARGIN) / 2
@@ -117,7 +114,6 @@ def _urdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId
             point = _project((parent @ origin.transform()).translation)
             panel.arrows.append((_project(parent.translation), point))
             panel.offsets.append((point, _project(pose.translation)))
-            panel.joints.append(point)
             panel.entries.append(Entry(
                 joint_text(joint.name, listing['joints'][joint.name]),
                 f'in {joint.parent}\n{pose_text(origin.xyz, origin.rpy, "  ")}', point,
@@ -144,8 +140,7 @@ def _sdf_panel(listing: Listing, kinematics: Kinematics, poses: Mapping[FrameId,
         if any(abs(value) > 1e-9 for value in (*offset['xyz'], *offset['rpy'])):
             point = _project(poses[FrameId('joint', name)].translation)
             link = poses[FrameId('link', joint['child'])]
-            panel.offsets.append((_project(link.translation), point))
-            panel.joints.append(point)
+            panel.offsets.append((point, _project(link.translation)))
             panel.entries.append(Entry(f'joint {joint_text(name, joint)}', (
                 f'in {joint["child"]}\n{pose_text(**offset, separator="  ")}'), point,
                 rank=_rank(joint['child'], kinematics)))
@@ -161,96 +156,98 @@ def _rank(link: str, kinematics: Kinematics) -> int:
 
 
 class _View:
-    """A drawn panel, on axes in inches that have its size."""
+    """A drawn panel, on axes in metres with columns of entries beside the drawing."""
 
     def __init__(self, axes: Any, panel: _Panel, shapes: _Shapes) -> None:
-        self.axes, self._panel, self._shapes = axes, panel, shapes
+        self.axes, self._panel = axes, panel
         axes.set_axis_off()
-        self._heads = [axes.text(0, 0, panel.title, fontsize=12, fontweight='bold',
-                                 color=TEXT_COLOR, ha='center', va='top'),
-                       axes.text(0, 0, panel.subtitle, fontsize=9, color=GREY, ha='center',
-                                 va='top')]
-        lefts = [entry for entry in panel.entries if entry.on_left]
-        rights = [entry for entry in panel.entries if not entry.on_left]
-        if len(rights) > _MAX_ENTRIES:
-            self._heads[1].set_text(f'{panel.subtitle}; numbers of {_MAX_ENTRIES} of '
-                                    f'{len(rights)}, the listing has all')
-            ranks = sorted(range(len(rights)), key=lambda index: rights[index].rank)
-            rights = [rights[index] for index in sorted(ranks[:_MAX_ENTRIES])]
-        many = len(panel.frames) > _FEW_LINKS
-        if many:
-            rights.sort(key=lambda entry: entry.point[0])
-            half = len(rights) // 2
-            lefts, rights = lefts + rights[:half], rights[half:]
-        self._columns = [Column(axes, lefts), Column(axes, rights)]
+        self._heads = [axes.text(0.5, 1, text, fontsize=size, fontweight=weight, color=color,
+                                 ha='center', va='top', transform=axes.transAxes)
+                       for text, size, weight, color in (
+                           (panel.title, 12, 'bold', TEXT_COLOR),
+                           (panel.subtitle, 9, 'normal', GREY))]
+        self._columns = [Column(axes, entries) for entries in self._entries()]
         self.text_height = max(column.height for column in self._columns)  # inches
-        self._arrows = [
-            (start, end, -_BEND if many and end[0] > start[0] + 0.1 * abs(end[1] - start[1])
-             else _BEND) for start, end in panel.arrows if math.dist(start, end) > 1e-6]
-        curves = [[start, *bezier_curve(start, end, bend), end]
-                  for start, end, bend in self._arrows]
-        points = [point for line in (*curves, *panel.offsets, *(
-            line for _, lines in shapes for line in lines)) for point in line]
-        points += [_project(pose.translation) for pose in panel.frames]
-        points.append((0.0, 0.0))
-        size = max(max(column) - min(column) for column in zip(*points)) or 1.0
+        self._draw_shapes(shapes)
+        self._draw_arrows()
+        axes.update_datalim([(0.0, 0.0), *(_project(pose.translation) for pose in panel.frames)])
+        size = max(axes.dataLim.size) or 1.0
         length = size * max(0.04, 0.14 / math.sqrt(len(panel.frames)))
-        self._triads = [[(_project(pose.translation), _project(pose.apply(scaled(unit, length))))
-                         for pose in panel.frames] for unit in UNITS]
-        points += [tip for lines in self._triads for _, tip in lines]
-        xs, ys = zip(*points)
-        self.bounds = (min(xs), min(ys)), (max(xs), max(ys))
-        self._to_inches: Callable[[Point], Point] = lambda point: point
+        for unit, color in zip(UNITS, AXIS_COLORS):
+            self._add_lines([(_project(pose.translation), _project(pose.apply(
+                scaled(unit, length)))) for pose in panel.frames], color, 1.8, 5)
 
-    def lay_out(self, height: float, low: Sequence[float], size: Sequence[float], scale: float
-                ) -> float:
-        """Draw the panel with a height in inches and inches for each metre; return its width."""
+    def lay_out(self, height: float, bounds: Any, scale: float) -> float:
+        """
+        Place the drawing and all texts.
+
+        :param height: height of the drawing in inches, without the headings.
+        :param bounds: bounding box of the drawing in metres.
+        :param scale: inches for each metre.
+        :returns: width of the panel in inches.
+        """
         left, right = self._columns
-        drawn = scale * size[0]
         begin = left.width + _GAP if left.width else 0.0
-        width = begin + drawn + _GAP + right.width
+        width = begin + scale * bounds.width + _GAP + right.width
         heads = [size_of(text) for text in self._heads]
         margin = max(0.0, *(head[0] - width for head in heads)) / 2
         width += 2 * margin
-        begin += margin
-        bottom = (height - scale * size[1]) / 2
-        self._to_inches = lambda point: (begin + scale * (point[0] - low[0]),
-                                         bottom + scale * (point[1] - low[1]))
-        self.axes.set_xlim(0.0, width)
-        self.axes.set_ylim(0.0, height + _HEAD)
-        for text, y in zip(self._heads, (height + _HEAD, height + _HEAD - heads[0][1] - 0.06)):
-            text.set_position((width / 2, y))
-        self._draw()
-        left.lay_out(begin - _GAP, -1, height, self._to_inches)
-        right.lay_out(begin + drawn + _GAP, 1, height, self._to_inches)
+        self._heads[1].set_y(1 - (heads[0][1] + 0.06) / (height + _HEAD))
+        x = bounds.x0 - (begin + margin) / scale
+        low = bounds.y0 + (bounds.height - height / scale) / 2
+        high = low + height / scale
+        self.axes.set_xlim(x, x + width / scale)
+        self.axes.set_ylim(low, high + _HEAD / scale)
+        left.lay_out(bounds.x0 - _GAP / scale, -1, (low, high), scale)
+        right.lay_out(bounds.x1 + _GAP / scale, 1, (low, high), scale)
         return width
 
-    def _draw(self) -> None:
-        for kind, lines in self._shapes:
+    def _entries(self) -> tuple[list[Entry], list[Entry]]:
+        """Return the entries left and right of the drawing, as many as have room."""
+        lefts = [entry for entry in self._panel.entries if entry.on_left]
+        rights = [entry for entry in self._panel.entries if not entry.on_left]
+        if len(rights) > _MAX_ENTRIES:
+            self._heads[1].set_text(f'{self._panel.subtitle}; numbers of {_MAX_ENTRIES} of '
+                                    f'{len(rights)}, the listing has all')
+            ranks = sorted(range(len(rights)), key=lambda index: rights[index].rank)
+            rights = [rights[index] for index in sorted(ranks[:_MAX_ENTRIES])]
+        if len(self._panel.frames) <= _FEW_LINKS:
+            return lefts, rights
+        rights.sort(key=lambda entry: entry.point[0])
+        half = len(rights) // 2
+        return lefts + rights[:half], rights[half:]
+
+    def _draw_shapes(self, shapes: _Shapes) -> None:
+        for kind, lines in shapes:
             corners = hull(point for line in lines for point in line)
-            self.axes.fill(*zip(*map(self._to_inches, corners)), facecolor=SHAPE_COLORS[kind],
-                           alpha=0.1, zorder=1, clip_on=False)
-            self._add_lines(lines, SHAPE_COLORS[kind], 0.5, 1, '-')
-        for axis, color in zip(self._triads, AXIS_COLORS):
-            self._add_lines(axis, color, 1.8, 5, '-')
-        self._add_lines(self._panel.offsets, GREY, 1.2, 4, ':')
-        width = 1.3 if len(self._arrows) <= _FEW_LINKS else 0.8
-        self._add_lines([bezier_curve(*arrow) for arrow in self._arrows[_MAX_ARROWS:]],
-                        TEXT_COLOR, width, 6, '-')
-        for start, end, bend in self._arrows[:_MAX_ARROWS]:
-            self.axes.annotate(
-                '', self._to_inches(end), xytext=self._to_inches(start), zorder=6, arrowprops={
-                    'arrowstyle': '-|>', 'color': TEXT_COLOR, 'lw': width, 'shrinkA': 4,
-                    'shrinkB': 5, 'connectionstyle': f'arc3,rad={-bend}'})
-        if self._panel.joints:
-            self.axes.plot(*zip(*map(self._to_inches, self._panel.joints)), 'h', color=GREY,
+            self.axes.fill(*zip(*corners), facecolor=SHAPE_COLORS[kind], alpha=0.1, zorder=1,
+                           clip_on=False)
+            self._add_lines(lines, SHAPE_COLORS[kind], 0.5, 1)
+
+    def _draw_arrows(self) -> None:
+        """Draw the arrows, the joints, and the lines between joints and links."""
+        many, arrows = len(self._panel.frames) > _FEW_LINKS, []
+        for start, end in self._panel.arrows:
+            if math.dist(start, end) > 1e-6:
+                right = end[0] - start[0] > 0.1 * abs(end[1] - start[1])
+                arrows.append((start, end, -_BEND if many and right else _BEND))
+        width = 1.3 if len(arrows) <= _FEW_LINKS else 0.8
+        self._add_lines([bezier_curve(*arrow) for arrow in arrows[_MAX_ARROWS:]], TEXT_COLOR,
+                        width, 6)
+        for start, end, bend in arrows[:_MAX_ARROWS]:
+            self.axes.update_datalim(bezier_curve(start, end, bend))
+            self.axes.annotate('', end, xytext=start, zorder=6, arrowprops={
+                'arrowstyle': '-|>', 'color': TEXT_COLOR, 'lw': width, 'shrinkA': 4,
+                'shrinkB': 5, 'connectionstyle': f'arc3,rad={-bend}'})
+        if self._panel.offsets:
+            self._add_lines(self._panel.offsets, GREY, 1.2, 4, ':')
+            self.axes.plot(*zip(*(joint for joint, _ in self._panel.offsets)), 'h', color=GREY,
                            zorder=4, markersize=9, markerfacecolor='none', markeredgewidth=1.2)
 
-    def _add_lines(self, lines: Iterable[Sequence[Point]], color: str, width: float, order: int,
-                   style: str) -> None:
+    def _add_lines(self, lines: Sequence[Sequence[Point]], color: str, width: float, order: int,
+                   style: str = '-') -> None:
         self.axes.add_collection(matplotlib_module('collections').LineCollection(
-            [[self._to_inches(point) for point in line] for line in lines], colors=color,
-            linewidths=width, linestyles=style, zorder=order, clip_on=False), autolim=False)
+            lines, colors=color, linewidths=width, linestyles=style, zorder=order, clip_on=False))
 
 
 def _project(point: Vector) -> Point:

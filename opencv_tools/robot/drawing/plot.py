@@ -83,14 +83,11 @@ def _lay_out_tree(figure: Any, tree: Any, bottom: float, height: float) -> float
     """Widen the figure for the texts of the tree, and return the width of the tree."""
     left = _MARGIN + _VIEW_WIDTH + _GAP
     tree.set_position(in_inches(figure, left, bottom, _TREE_WIDTH, height))
-    figure.draw_without_rendering()
-    (start, _), (end, _) = tree.transAxes.transform([(0, 0), (1, 0)])
     width = _TREE_WIDTH
     for text in tree.texts:
+        x, _ = getattr(text, 'xycoords', text).get_position()  # of the link in this row
         box = text.get_window_extent(figure.canvas.get_renderer())
-        row = text.xycoords if hasattr(text, 'xycoords') else text
-        x = row.get_position()[0]
-        needed = (box.x1 - (start + x * (end - start))) / figure.dpi + 0.05
+        needed = box.x1 / DPI - left - x * _TREE_WIDTH + 0.05
         width = max(width, needed / (1 - x))
     figure.set_size_inches(left + width + _MARGIN, figure.get_size_inches()[1])
     tree.set_position(in_inches(figure, left, bottom, width, height))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
+import math
 from typing import Any
 
 from opencv_tools.robot.drawing.labels import Labels
@@ -73,8 +73,7 @@ def label(axes: Any, listing: Listing, shapes: list[PlacedShape], length: float)
         if text.get_text():
             labels.avoid_text(text)
     for line in axes.lines:
-        for start, end in pairwise((float(x), float(y)) for x, y in zip(*line.get_data())):
-            labels.avoid_line(start, end)
+        labels.avoid_line(*line.get_xydata())
     for transform in link_poses(listing).values():
         _label_axes(labels, transform, length)
     for name, transform in link_poses(listing).items():
@@ -122,18 +121,14 @@ def _triad_length(listing: Listing, unit: float) -> float:
     return max(0.06 * unit, min(0.16 * unit, 0.5 * min(distances, default=unit)))
 
 
-def _draw_mark(axes: Any, point: Point, marker: str, **style: Any) -> None:
-    axes.plot(*([value] for value in point), marker, **style)
-
-
 def _draw_shape(axes: Any, shape: PlacedShape) -> None:
     color, corners = SHAPE_COLORS[shape.kind], _corners(shape)
     if corners:
         xs, zs = zip(*hull(corners))
         axes.fill(xs, zs, facecolor=color, alpha=0.13, zorder=2)
         axes.plot([*xs, xs[0]], [*zs, zs[0]], color=color, lw=1.3, zorder=3)
-    _draw_mark(axes, _seen(shape.pose), 'D' if shape.kind == 'visual' else 's', color=color,
-               markersize=5, zorder=4)
+    axes.plot(*_seen(shape.pose), 'D' if shape.kind == 'visual' else 's', color=color,
+              markersize=5, zorder=4)
 
 
 def _draw_triad(axes: Any, pose: Transform, length: float) -> None:
@@ -142,19 +137,19 @@ def _draw_triad(axes: Any, pose: Transform, length: float) -> None:
         x, y, z = pose.rotate(unit)
         if abs(y) > 0.99:
             # A circle with a cross points away from the viewer, one with a dot to the viewer.
-            _draw_mark(axes, start, 'o', markersize=9, markerfacecolor='white',
-                       markeredgecolor=color, markeredgewidth=1.6, zorder=8)
-            _draw_mark(axes, start, 'x' if y > 0 else '.', markersize=5, color=color, zorder=9)
+            axes.plot(*start, 'o', markersize=9, markerfacecolor='white',
+                      markeredgecolor=color, markeredgewidth=1.6, zorder=8)
+            axes.plot(*start, 'x' if y > 0 else '.', markersize=5, color=color, zorder=9)
             continue
         end = (start[0] + length * x, start[1] + length * z)
-        axes.plot(*zip(start, end), color=color, lw=0.1, zorder=6)
-        _draw_arrow(axes, start, end, '-|>', color, 2.0, 7)
+        _draw_arrow(axes, start, end, 7, color=color, lw=2.0)
 
 
-def _draw_arrow(axes: Any, start: Point, end: Point, style: str, color: str, width: float,
-                order: int) -> None:
+def _draw_arrow(axes: Any, start: Point, end: Point, order: int, **style: Any) -> None:
+    """Draw an arrow, and a thin line that keeps labels off it."""
+    axes.plot(*zip(start, end), color=style['color'], lw=0.1, zorder=order - 1)
     axes.annotate('', end, xytext=start, zorder=order, arrowprops={
-        'arrowstyle': style, 'color': color, 'lw': width, 'shrinkA': 0, 'shrinkB': 0})
+        'arrowstyle': '-|>', 'shrinkA': 0, 'shrinkB': 0, **style})
 
 
 def _label_axes(labels: Labels, pose: Transform, length: float) -> None:
@@ -172,19 +167,15 @@ def _draw_joints(axes: Any, listing: Listing, poses: Mapping[str, Transform]) ->
         joint = listing['joints'][name]
         start, end, child = (_seen(poses[joint['parent']]), _seen(origin),
                              _seen(poses[joint['child']]))
-        _draw_mark(axes, end, 'h', markersize=14, markerfacecolor='none',
-                   markeredgecolor=GREY, markeredgewidth=1.5, zorder=5)
-        if _apart(end, child):
+        axes.plot(*end, 'h', markersize=14, markerfacecolor='none', markeredgecolor=GREY,
+                  markeredgewidth=1.5, zorder=5)
+        if math.dist(end, child) > _MIN_DISTANCE:
             axes.plot(*zip(end, child), color=GREY, lw=1.2, linestyle=':', zorder=5)
-        if _apart(start, end):
+        if math.dist(start, end) > _MIN_DISTANCE:
             # The arrow is bent, because axes of frames often lie on the straight line.
             curve = bezier_curve(start, end, 0.35)
             axes.plot(*zip(*curve), color=GREY, lw=1.5, linestyle='--', zorder=5)
-            _draw_arrow(axes, curve[-2], curve[-1], '-|>', GREY, 1.5, 5)
-
-
-def _apart(a: Point, b: Point) -> bool:
-    return max(abs(a[0] - b[0]), abs(a[1] - b[1])) > _MIN_DISTANCE
+            _draw_arrow(axes, curve[-2], curve[-1], 5, color=GREY, lw=1.5)
 
 
 def _draw_distances(axes: Any, listing: Listing, shapes: list[PlacedShape], bounds: _Bounds,
@@ -196,7 +187,7 @@ def _draw_distances(axes: Any, listing: Listing, shapes: list[PlacedShape], boun
                   (_seen(origin), _seen(poses[joints[name]['child']]), TEXT_COLOR)]
     pairs += [(_seen(poses[shape.link]), _seen(shape.pose), SHAPE_COLORS[shape.kind])
               for shape in shapes]
-    pairs = [pair for pair in dict.fromkeys(pairs) if _apart(*pair[:2])]
+    pairs = [pair for pair in dict.fromkeys(pairs) if math.dist(*pair[:2]) > _MIN_DISTANCE]
     left, _, _, high = bounds
     columns = rows = 0
     for (a, b), (c, d), color in pairs[:_MAX_DISTANCES]:
@@ -218,5 +209,4 @@ def _draw_distance(axes: Any, first: tuple[Point, Point], second: tuple[Point, P
                    ) -> None:
     for line in (first, second):
         axes.plot(*zip(*line), color=PALE, lw=0.7, zorder=1)
-    axes.plot(*zip(first[1], second[1]), color=color, lw=0.1, zorder=1)
-    _draw_arrow(axes, first[1], second[1], '<|-|>', color, 1.0, 6)
+    _draw_arrow(axes, first[1], second[1], 6, arrowstyle='<|-|>', color=color, lw=1.0)

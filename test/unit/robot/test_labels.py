@@ -102,6 +102,23 @@ def test_labels_off_other_texts() -> None:
     assert not name.overlaps(taken)
 
 
+def test_labels_without_a_free_position() -> None:
+    axes = empty_axes()
+    everywhere = Labels(axes)
+    for row in range(101):
+        everywhere.avoid_line((0.0, row / 100), (1.0, row / 100))
+    for _ in range(2):
+        everywhere.place('a_long_name', (0.999, 0.5))
+    one, other = boxes_of(axes)
+    assert not one.overlaps(other)
+    crowded = Labels(axes)
+    crowded.avoid_text(axes.text(0.5, 0.5, 'M', fontsize=1000, ha='center', va='center'))
+    crowded.place('a_long_name', (0.999, 0.5))
+    last, view = boxes_of(axes)[-1], axes.bbox
+    for box in (one, other, last):
+        assert view.x0 < box.x0 < box.x1 < view.x1 and view.y0 < box.y0 < box.y1 < view.y1
+
+
 def test_label_of_a_point_outside_the_axes() -> None:
     axes = empty_axes()
     bounds = axes.figure.bbox
