@@ -33,8 +33,8 @@ from opencv_tools.bags.index import (
     FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE,
     OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
 )
-from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
+from opencv_tools.image.types import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 
 _BLOCK = 1 << 20

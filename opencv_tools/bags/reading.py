@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.types import COMPRESSED_IMAGE, IMAGE
 
 #: Largest chunk or message in bytes that is read. A reader holds at most four of them.
 MAX_BYTES = 3 << 26

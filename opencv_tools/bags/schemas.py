@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Types of the messages in bags, and their definitions, which a bag contains as schemas."""
+"""Definitions of the types of the messages in bags, which a bag contains as schemas."""
 
 from __future__ import annotations
 
-IMAGE = 'sensor_msgs/msg/Image'
-COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
-CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+from opencv_tools.image.types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+
+__all__ = ['CAMERA_INFO', 'COMPRESSED_IMAGE', 'IMAGE', 'MESSAGE_DEFINITIONS', 'camera_info_topic']
 
 _SEPARATOR = 80 * '=' + '\nMSG: '
 _HEADER = f"""\

@@ -27,7 +27,7 @@ from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, COMPRESSED_IMAGE
+from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import Frame, JPEG, MAX_RATE, NANO, Recorded
 from opencv_tools.capture.image_files import natural_order
@@ -36,6 +36,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
 from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.image.types import CAMERA_INFO, COMPRESSED_IMAGE
 
 _REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
 _MAX_LISTED = 10  # topics in an error message

@@ -21,11 +21,11 @@ from typing import Any
 
 from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image, WireMessage
 from opencv_tools.image.errors import CdrError, EncapsulationError
+from opencv_tools.image.types import COMPRESSED_IMAGE, IMAGE
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
-IMAGE = 'sensor_msgs/msg/Image'
-COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+__all__ = ['COMPRESSED_IMAGE', 'IMAGE', 'MESSAGE_TYPES', 'read_message']
 
 #: Class of the messages and reader of plain CDR, by message type.
 MESSAGE_TYPES: dict[str, tuple[Any, Callable[[Any], WireMessage]]] = {
