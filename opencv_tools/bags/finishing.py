@@ -41,7 +41,9 @@ _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
 _MAX_RECORDS = 1000  # schemas and channels
 _FOOTER_BYTES = 29
-_NAMES = (PROFILE.encode(), LIBRARY.encode())
+# Magic, opcode and length of the header, and two texts with their lengths.
+_START = struct.Struct(f'<{len(MAGIC)}sBQI{len(PROFILE)}sI{len(LIBRARY)}s')
+_OWN_START = MAGIC, HEADER_CODE, PROFILE.encode(), LIBRARY.encode()
 
 
 def finish_bag(path: Path) -> int | None:
@@ -90,20 +92,13 @@ def _has_footer(file: int, size: int) -> bool:
 
 
 def _has_own_header(file: int) -> bool:
-    """Return whether a file begins like those of ``BagWriter``."""
-    start = os.pread(file, 256, 0)
-    position = len(MAGIC) + RECORD.size
-    try:
-        code, _ = RECORD.unpack_from(start, len(MAGIC))
-        for name in _NAMES:
-            length, = struct.unpack_from('<I', start, position)
-            position += 4
-            if not start[position:position + length].startswith(name):
-                return False
-            position += length
-    except struct.error:
+    """Return whether a file begins like those of ``BagWriter``, with a whole header."""
+    start = os.pread(file, _START.size, 0)
+    if len(start) < _START.size:
         return False
-    return start.startswith(MAGIC) and bool(code == HEADER_CODE) and position <= len(start)
+    *found, length, _, profile, _, library = _START.unpack(start)
+    return ((*found, profile, library) == _OWN_START
+            and len(MAGIC) + RECORD.size + length <= os.fstat(file).st_size)
 
 
 def _write_end(file: int, scan: _Scan) -> None:
@@ -195,7 +190,8 @@ class _Scan:
         if len(start) < CHUNK.size:
             return False
         _, length, _, _, size, crc, compression, data_bytes = CHUNK.unpack(start)
-        if crc or compression or not size == data_bytes == length - CHUNK.size + RECORD.size:
+        if (crc or compression
+                or not 0 < size == data_bytes == length - CHUNK.size + RECORD.size):
             raise self._damaged()
         self.chunk, self._index_offsets = OpenChunk(self.end), {}
         self.end = self.chunk.end
