@@ -21,26 +21,25 @@ that can be finished again.
 
 from __future__ import annotations
 
-from io import BytesIO
 import os
 from pathlib import Path
 import struct
-from typing import Any
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK, CHUNK_BYTES, CHUNK_CODE, DATA_END_CODE, encode_record,
-    FOOTER_CODE, HEADER_CODE, LIBRARY, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX_CODE,
-    OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
-)
+    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, HEADER_CODE, INDEX_ENTRY_BYTES, MAGIC,
+    MESSAGE, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD, SCHEMA_CODE)
+from opencv_tools.bags.mcap_records import (
+    definition, file_reader, message_head, Read, Record, records, summary_start)
 from opencv_tools.image.text import printable
 from opencv_tools.image.types import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 
 _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
-_MAX_RECORDS = 1000  # schemas and channels
-_FOOTER_BYTES = 29
+_MAX_DEFINITIONS = 1000  # schemas and channels
 # Magic, opcode and length of the header, and two texts with their lengths.
 _START = struct.Struct(f'<{len(MAGIC)}sBQI{len(PROFILE)}sI{len(LIBRARY)}s')
 _OWN_START = MAGIC, HEADER_CODE, PROFILE.encode(), LIBRARY.encode()
@@ -59,14 +58,16 @@ def finish_bag(path: Path) -> int | None:
     """
     file = open_regular(path, os.O_RDWR, follow=False)
     try:
-        if not _has_own_header(file) or not try_lock(file) or not is_same_file(file, path):
+        read = file_reader(file)
+        if (not _has_own_header(read, os.fstat(file).st_size) or not try_lock(file)
+                or not is_same_file(file, path)):
             return None
         check_mcap()
-        scan = _Scan(file, path)
-        scan.read()
-        frames = scan.frame_count()
-        if not scan.is_finished:
-            _write_end(file, scan)
+        bag = _OwnBag(read, os.fstat(file).st_size, printable(path.name))
+        bag.read()
+        frames = bag.frame_count()
+        if not bag.is_finished:
+            _write_end(file, bag)
         return frames
     finally:
         os.close(file)
@@ -81,42 +82,37 @@ def has_footer(path: Path) -> bool:
     """
     file = open_regular(path, follow=False)
     try:
-        return _has_footer(file, os.fstat(file).st_size)
+        return summary_start(file_reader(file), os.fstat(file).st_size) is not None
     finally:
         os.close(file)
 
 
-def _has_footer(file: int, size: int) -> bool:
-    end = os.pread(file, _FOOTER_BYTES + len(MAGIC), max(0, size - _FOOTER_BYTES - len(MAGIC)))
-    return end[:1] == bytes((FOOTER_CODE,)) and end.endswith(MAGIC)
-
-
-def _has_own_header(file: int) -> bool:
+def _has_own_header(read: Read, size: int) -> bool:
     """Return whether a file begins like those of ``BagWriter``, with a whole header."""
-    start = os.pread(file, _START.size, 0)
+    start = read(0, _START.size)
     if len(start) < _START.size:
         return False
     *found, length, _, profile, _, library = _START.unpack(start)
     return ((*found, profile, library) == _OWN_START
-            and len(MAGIC) + RECORD.size + length <= os.fstat(file).st_size)
+            and len(MAGIC) + RECORD.size + length <= size)
 
 
-def _write_end(file: int, scan: _Scan) -> None:
+def _write_end(file: int, bag: _OwnBag) -> None:
     """Remove what follows the complete messages, and write the indexes and the summary."""
-    os.ftruncate(file, scan.end)
-    end, chunk = b'', scan.chunk
+    os.ftruncate(file, bag.end)
+    end, chunk = b'', bag.chunk
     if chunk:
         os.pwrite(file, chunk.header(), chunk.offset)
         end, offsets = chunk.message_indexes()
-        scan.index.add_chunk(chunk, chunk.counts(), offsets, len(end))
-    end += scan.index.end(scan.end + len(end))
-    position = scan.end
+        bag.index.add_chunk(chunk, chunk.counts(), offsets, len(end))
+    end += bag.index.end(bag.end + len(end))
+    position = bag.end
     while end:
         written = os.pwrite(file, end, position)
         position, end = position + written, end[written:]
 
 
-class _Scan:
+class _OwnBag:
     """
     The records of a bag of this package, without the data of messages.
 
@@ -125,18 +121,18 @@ class _Scan:
     complete messages and indexes.
     """
 
-    def __init__(self, file: int, path: Path) -> None:
+    def __init__(self, read: Read, size: int, name: str) -> None:
         self.index = BagIndex()
         self.chunk: OpenChunk | None = None
         self.end = len(MAGIC)
         self.is_finished = False
-        self.image_channels: set[int] = set()
-        self._file = file
-        self._name = printable(path.name)
-        self._size = os.fstat(file).st_size
+        self._read = read
+        self._size = size
+        self._name = name
         self._image_schemas: set[int] = set()
+        self._image_channels: set[int] = set()
         self._channels: set[int] = set()
-        self._record_count = 0
+        self._definition_count = 0
         self._index_offsets: dict[int, int] = {}
 
     def read(self) -> None:
@@ -145,8 +141,10 @@ class _Scan:
 
         :raises BagError: a record is not one that ``BagWriter`` writes there.
         """
-        while self._read_record():
-            pass
+        for record in records(self._read, self.end, self._size):
+            if not self._add(record):
+                break
+            self.end = record.end
         if self.chunk:
             self.end = self.chunk.end  # without incomplete message indexes
 
@@ -154,117 +152,110 @@ class _Scan:
         """Return the number of images."""
         counts = self.chunk.counts() if self.chunk else {}
         return sum(self.index.counts.get(channel_id, 0) + counts.get(channel_id, 0)
-                   for channel_id in self.image_channels)
+                   for channel_id in self._image_channels)
 
-    def _read_record(self) -> bool:
-        """Read the next record; return whether it is complete and another one may follow."""
-        start = os.pread(self._file, RECORD.size, self.end)
-        if len(start) < RECORD.size:
-            return False
-        code, length = RECORD.unpack(start)
-        end = self.end + RECORD.size + length
-        if not code:
-            return self._skip_zeros()
+    def _add(self, record: Record) -> bool:
+        """Add a record; return whether it is complete and another one may follow."""
+        code = record.opcode
         if code == CHUNK_CODE and not self.chunk:
-            return self._read_chunk(end)
+            return self._add_chunk(record)
         if code == MESSAGE_CODE and self.chunk and not self._index_offsets:
             # The recorder was killed before it wrote the longer header of the chunk.
-            return self._read_message(end)
-        if end > self._size and length <= _MAX_RECORD:
+            return self._add_message(record, record.end)
+        if not code:
+            return self._skip_zeros(record)
+        if record.end > self._size and record.size <= _MAX_RECORD:
             return False
         if code == MESSAGE_INDEX_CODE and self.chunk:
-            self._read_message_index(self.chunk, length)
-        elif code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk and length <= _MAX_RECORD:
-            self._read_text(code, end)
+            self._add_message_index(self.chunk, record)
+        elif (code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk
+                and record.size <= _MAX_RECORD):
+            self._add_definition(record)
         elif code == DATA_END_CODE and not self.chunk:
-            self.is_finished = _has_footer(self._file, self._size)
+            self.is_finished = summary_start(self._read, self._size) is not None
             return False
-        elif code != HEADER_CODE or self.end != len(MAGIC):
-            raise self._damaged()
-        self.end = end
+        elif code != HEADER_CODE or record.begin != len(MAGIC):
+            raise self._damaged(record)
         return True
 
-    def _read_chunk(self, end: int) -> bool:
-        """Read a chunk, of which the file may have only the first messages."""
-        start = os.pread(self._file, CHUNK.size, self.end)
+    def _add_chunk(self, record: Record) -> bool:
+        """Add a chunk, of which the file may have only the first messages."""
+        start = self._read(record.begin, CHUNK.size)
         if len(start) < CHUNK.size:
             return False
-        _, length, _, _, size, crc, compression, data_bytes = CHUNK.unpack(start)
-        if (crc or compression
-                or not 0 < size == data_bytes == length - CHUNK.size + RECORD.size):
-            raise self._damaged()
-        self.chunk, self._index_offsets = OpenChunk(self.end), {}
-        self.end = self.chunk.end
-        while self.end < end and self._read_message(end):
-            pass
-        is_complete = self.end == end
+        *_, size, crc, name_bytes, data_bytes = CHUNK.unpack(start)
+        if crc or name_bytes or not 0 < size == data_bytes == record.size - CHUNK.size:
+            raise self._damaged(record)
+        self.chunk, self._index_offsets = OpenChunk(record.begin), {}
+        for inner in records(self._read, self.chunk.end, min(record.end, self._size)):
+            if not self._add_message(inner, record.end):
+                break
+        is_complete = self.chunk.end == record.end
         if not self.chunk.size:
-            self.end, self.chunk = self.chunk.offset, None
+            self.chunk = None
         return is_complete
 
-    def _read_message(self, limit: int) -> bool:
-        """Read a message of the chunk, without its data."""
-        start = os.pread(self._file, MESSAGE.size, self.end)
-        if len(start) < MESSAGE.size:
+    def _add_message(self, record: Record, limit: int) -> bool:
+        """Add a message of the chunk; return whether it is complete."""
+        if not record.opcode:
+            return self._skip_zeros(record)
+        if self._size - record.begin < MESSAGE.size:
             return False
-        if not start[0]:
-            return self._skip_zeros()
-        code, length, channel_id, _, log_ns, _ = MESSAGE.unpack(start)
-        size = RECORD.size + length
-        chunk = self.chunk
-        if (not chunk or code != MESSAGE_CODE or size < MESSAGE.size or self.end + size > limit
-                or channel_id not in self._channels
-                or (chunk.size and chunk.size + size > CHUNK_BYTES)):
-            raise self._damaged()
-        if self.end + size > self._size:
+        chunk, head = self.chunk, message_head(self._read, record)
+        if (not chunk or not head or record.opcode != MESSAGE_CODE or record.end > limit
+                or head.channel not in self._channels
+                or (chunk.size and chunk.size + record.size > CHUNK_BYTES)):
+            raise self._damaged(record)
+        if record.end > self._size:
             return False
-        self.chunk = chunk.extended(log_ns, size)
-        self.chunk.enter(channel_id, log_ns, size)
-        self.end += size
+        self.chunk = chunk.extended(head.log_ns, record.size)
+        self.chunk.enter(head.channel, head.log_ns, record.size)
         return True
 
-    def _read_message_index(self, chunk: OpenChunk, length: int) -> None:
-        """Read which channel an index is of; the index of the last channel ends the chunk."""
-        channel_id, entry_bytes = struct.unpack(
-            '<HI', os.pread(self._file, 6, self.end + RECORD.size).ljust(6, b'\0'))
+    def _add_message_index(self, chunk: OpenChunk, record: Record) -> None:
+        """Add the index of a channel; that of the last channel ends the chunk."""
+        start = bytes(self._read(record.begin, MESSAGE_INDEX.size)).ljust(
+            MESSAGE_INDEX.size, b'\0')
+        *_, channel_id, entry_bytes = MESSAGE_INDEX.unpack(start)
         entries = chunk.entries.get(channel_id, ())
-        if not length - 6 == entry_bytes == 16 * len(entries) > 0:
-            raise self._damaged()
-        self._index_offsets[channel_id] = self.end
+        if not (record.size - MESSAGE_INDEX.size == entry_bytes
+                == INDEX_ENTRY_BYTES * len(entries) > 0):
+            raise self._damaged(record)
+        self._index_offsets[channel_id] = record.begin
         if len(self._index_offsets) == len(chunk.entries):
-            self.index.add_chunk(chunk, chunk.counts(), self._index_offsets,
-                                 self.end + RECORD.size + length - chunk.end)
+            self.index.add_chunk(
+                chunk, chunk.counts(), self._index_offsets, record.end - chunk.end)
             self.chunk = None
 
-    def _read_text(self, code: int, end: int) -> None:
-        """Read a schema or a channel."""
-        from mcap.data_stream import ReadDataStream
+    def _add_definition(self, record: Record) -> None:
+        """Add a schema or a channel."""
         from mcap.records import Channel, Schema
-        record = os.pread(self._file, end - self.end, self.end)
-        kind: Any = Channel if code == CHANNEL_CODE else Schema
-        try:
-            found = kind.read(ReadDataStream(BytesIO(record[RECORD.size:])))
-        except Exception as err:  # noqa: B902 - the library has no error of its own for it
-            raise self._damaged() from err
-        self._record_count += 1
-        if self._record_count > _MAX_RECORDS or encode_record(found) != record:
-            raise self._damaged()
-        if code == SCHEMA_CODE and found.name in (IMAGE, COMPRESSED_IMAGE):
-            self._image_schemas.add(found.id)
-        elif code == CHANNEL_CODE:
+        data = bytes(self._read(record.begin, record.size))
+        found = (definition(Channel, self._read, record) if record.opcode == CHANNEL_CODE
+                 else definition(Schema, self._read, record))
+        self._definition_count += 1
+        if (not found or self._definition_count > _MAX_DEFINITIONS
+                or encode_record(found) != data):
+            raise self._damaged(record)
+        if isinstance(found, Channel):
             self._channels.add(found.id)
             if found.schema_id in self._image_schemas:
-                self.image_channels.add(found.id)
-        self.index.add_record(code, record)
+                self._image_channels.add(found.id)
+        elif found.name in (IMAGE, COMPRESSED_IMAGE):
+            self._image_schemas.add(found.id)
+        self.index.add_record(record.opcode, data)
 
-    def _skip_zeros(self) -> bool:
+    def _skip_zeros(self, record: Record) -> bool:
         """Return False at zeros up to the end of the file, which a power cut can leave."""
-        position = self.end
-        while block := os.pread(self._file, _BLOCK, position):
-            if block.strip(b'\0'):
-                raise self._damaged()
+        position = record.begin
+        if self._size - position < RECORD.size:  # the opcode is not known
+            return False
+        while block := self._read(position, _BLOCK):
+            if bytes(block).strip(b'\0'):
+                raise self._damaged(record)
             position += len(block)
         return False
 
-    def _damaged(self) -> BagError:
-        return BagError(f'the bag {self._name} is damaged at byte {self.end}; it was not changed')
+    def _damaged(self, record: Record) -> BagError:
+        return BagError(
+            f'the bag {self._name} is damaged at byte {record.begin}; it was not changed')

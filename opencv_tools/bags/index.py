@@ -17,37 +17,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-import struct
 from typing import Any
 import zlib
 
-MAGIC = b'\x89MCAP0\r\n'
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, COUNT_BYTES,
+    DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD, SCHEMA_CODE,
+    STATISTICS_BYTES, STATISTICS_CODE, SUMMARY_OFFSET_BYTES)
+
 PROFILE = 'ros2'
 #: Name at the start of a file, by which ``finish_bag`` recognises the files of this package.
 LIBRARY = 'opencv_tools'
 #: Size in bytes at which a chunk ends, as in rosbag2. A larger message has a chunk of its own.
 CHUNK_BYTES = 786432
-#: Opcode and length of a record.
-RECORD = struct.Struct('<BQ')
-#: Opcode, length, channel, sequence, log time and publish time of a message record.
-MESSAGE = struct.Struct('<BQHIQQ')
-#: Opcode, length, first and last time, size, CRC, length of the compression, size of the data.
-CHUNK = struct.Struct('<BQQQQIIQ')
 MAX_TIME = 2**63 - 1  # larger ones are legal, but some readers have signed times
-
-HEADER_CODE, FOOTER_CODE, SCHEMA_CODE, CHANNEL_CODE, MESSAGE_CODE, CHUNK_CODE = range(1, 7)
-MESSAGE_INDEX_CODE, CHUNK_INDEX_CODE = 7, 8
-STATISTICS_CODE, DATA_END_CODE = 11, 15
-
-# Sizes of the records at the end of a file.
-_DATA_END_BYTES, _FOOTER_BYTES, _OFFSET_BYTES = 13, 29, 26
-_STATISTICS_BYTES = 55
-#: Size of the count of messages of a channel.
-COUNT_BYTES = 10
-_MESSAGE_INDEX_BYTES, _INDEX_ENTRY_BYTES, _CHUNK_INDEX_BYTES = 15, 16, 73
 #: Largest number of bytes that a message adds to a file, without its data.
-MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + _MESSAGE_INDEX_BYTES + _INDEX_ENTRY_BYTES
-                 + _CHUNK_INDEX_BYTES + COUNT_BYTES)
+MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + MESSAGE_INDEX.size + INDEX_ENTRY_BYTES
+                 + CHUNK_INDEX_BYTES + COUNT_BYTES)
 
 
 def encode_record(record: Any) -> bytes:
@@ -112,8 +98,8 @@ class OpenChunk:
     def index_bytes(self) -> int:
         """Size of the message indexes of the chunk, and of its record in the summary."""
         entries = sum(map(len, self.entries.values()))
-        return (_CHUNK_INDEX_BYTES + entries * _INDEX_ENTRY_BYTES
-                + len(self.entries) * (_MESSAGE_INDEX_BYTES + COUNT_BYTES))
+        return (CHUNK_INDEX_BYTES + entries * INDEX_ENTRY_BYTES
+                + len(self.entries) * (MESSAGE_INDEX.size + COUNT_BYTES))
 
 
 class BagIndex:
@@ -160,9 +146,9 @@ class BagIndex:
         """Size of the bytes that ``end`` returns, of a file with a message in each channel."""
         sizes = [len(records) for records in self._records.values()]
         channels = self._records[CHANNEL_CODE]
-        return (_DATA_END_BYTES + sum(sizes) + _STATISTICS_BYTES + _FOOTER_BYTES + len(MAGIC)
+        return (DATA_END_BYTES + sum(sizes) + STATISTICS_BYTES + FOOTER.size + len(MAGIC)
                 + COUNT_BYTES * count_records(channels)
-                + _OFFSET_BYTES * len(self._records))
+                + SUMMARY_OFFSET_BYTES * len(self._records))
 
     def end(self, position: int) -> bytes:
         """

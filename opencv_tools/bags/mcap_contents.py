@@ -21,23 +21,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 import io
 import struct
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from opencv_tools.bags.index import (
-    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER_CODE, MAGIC, MESSAGE_CODE, RECORD,
-    SCHEMA_CODE)
-from opencv_tools.bags.mcap_records import flat_records, message_head, Read, Record, records
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
+from opencv_tools.bags.mcap_records import (
+    definition, flat_records, message_head, Read, Record, records, summary_start)
 from opencv_tools.bags.reading import BagTopic, Damage
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, McapRecord, Schema
+    from mcap.records import Channel, McapRecord
 
-T = TypeVar('T', 'Channel', 'Schema')
-
-_FOOTER = struct.Struct('<BQQQI8s')  # opcode, length, offsets of the summary, CRC and magic
-_FOOTER_START = FOOTER_CODE, 20  # opcode and length
 _MAX_SUMMARY = 1 << 24
-_MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
 _MAX_NAME = 1000  # characters of a topic or type
 _SPAN_BYTES = 1 << 20
 
@@ -97,12 +92,8 @@ def _read_index(read: Read, size: int) -> Contents | None:
     """Read the summary of a file; return None if there is none with a valid index."""
     from mcap.exceptions import McapError
     from mcap.stream_reader import StreamReader
-    tail = read(max(0, size - _FOOTER.size), _FOOTER.size)
-    if len(tail) < _FOOTER.size:
-        return None
-    *footer, start, _, _, magic = _FOOTER.unpack(tail)
-    summary_bytes = size - _FOOTER.size - start
-    if (*footer,) != _FOOTER_START or magic != MAGIC or not 0 < summary_bytes <= _MAX_SUMMARY:
+    start = summary_start(read, size)
+    if not start or not 0 < size - start <= _MAX_SUMMARY:
         return None
     summary = io.BytesIO(read(start, size - start))
     try:
@@ -116,7 +107,7 @@ def _read_index(read: Read, size: int) -> Contents | None:
 def _are_chunks(read: Read, spans: list[Span]) -> bool:
     """Return whether each part of a file is a chunk."""
     return all(next(records(read, span.begin, span.end), None) == Record(
-        CHUNK_CODE, span.begin + RECORD.size, span.end) for span in spans)
+        CHUNK_CODE, span.begin, span.end) for span in spans)
 
 
 def _use_index(found: list[McapRecord], size: int) -> Contents | None:
@@ -190,23 +181,10 @@ class _Scan:
                     contents.times = min(times), max(times)
                     yield head.log_ns
             elif record.opcode == SCHEMA_CODE:
-                schema = _definition(Schema, read, record)
+                schema = definition(Schema, read, record)
                 if schema is not None:
                     self._schemas[schema.id] = schema.name[:_MAX_NAME]
             elif record.opcode == CHANNEL_CODE:
-                channel = _definition(Channel, read, record)
+                channel = definition(Channel, read, record)
                 if channel is not None:
                     contents.add_channel(channel, self._schemas)
-
-
-def _definition(kind: type[T], read: Read, record: Record) -> T | None:
-    """Return the schema or channel in a record; None if it is damaged or too large."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.exceptions import McapError
-    size = record.end - record.begin
-    if size > _MAX_DEFINITION:
-        return None
-    try:
-        return kind.read(ReadDataStream(io.BytesIO(read(record.begin, size))))
-    except (McapError, ValueError, struct.error):
-        return None

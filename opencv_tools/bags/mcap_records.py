@@ -23,22 +23,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 import os
 import struct
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING, TypeVar
 import zlib
 
 from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.index import CHUNK_CODE, RECORD
+from opencv_tools.bags.mcap_format import (
+    CHUNK, CHUNK_CODE, FOOTER, FOOTER_CODE, MAGIC, MESSAGE, RECORD)
 from opencv_tools.bags.reading import Damage, MAX_BYTES
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+T = TypeVar('T', 'Channel', 'Schema')
 
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-#: Channel, sequence, log time and publish time of a message.
-MESSAGE_HEAD = struct.Struct('<HIQQ')
-_CHUNK = struct.Struct('<QQQII')  # times, size, CRC and length of the name of the compression
+_MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
 _LONGEST_NAME = 16  # characters of the name of a compression
 
 
@@ -53,13 +58,18 @@ class Record:
     A record of a file or of a chunk.
 
     :param opcode: kind of the record.
-    :param begin: offset of its content.
+    :param begin: offset of its opcode.
     :param end: offset behind its content.
     """
 
     opcode: int
     begin: int
     end: int
+
+    @property
+    def size(self) -> int:
+        """Size in bytes with opcode and length, as the record claims it."""
+        return self.end - self.begin
 
 
 def records(read: Read, begin: int, end: int) -> Iterator[Record]:
@@ -75,9 +85,9 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
         opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)
         if not opcode:  # no record has the opcode 0
             length = end
-        begin += RECORD.size
-        yield Record(opcode, begin, begin + length)
-        begin += length
+        record = Record(opcode, begin, begin + RECORD.size + length)
+        yield record
+        begin = record.end
 
 
 class MessageHead(NamedTuple):
@@ -98,12 +108,36 @@ class MessageHead(NamedTuple):
 
 def message_head(read: Read, record: Record) -> MessageHead | None:
     """Return the head of a message; None if the record is too short."""
-    if record.end - record.begin < MESSAGE_HEAD.size:
+    head = read(record.begin, min(MESSAGE.size, record.size))
+    return MessageHead(*MESSAGE.unpack(head)[2:]) if len(head) == MESSAGE.size else None
+
+
+def definition(kind: type[T], read: Read, record: Record) -> T | None:
+    """Return the schema or channel in a record; None if it is damaged or too large."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    if record.size > _MAX_DEFINITION:
         return None
-    head = read(record.begin, MESSAGE_HEAD.size)
-    if len(head) < MESSAGE_HEAD.size:
+    content = read(record.begin, record.size)[RECORD.size:]
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except (McapError, ValueError, struct.error):
         return None
-    return MessageHead(*MESSAGE_HEAD.unpack(head))
+
+
+def summary_start(read: Read, size: int) -> int | None:
+    """
+    Return the offset of the summary, which the footer of a file has; None without a footer.
+
+    :param read: function that reads the file.
+    :param size: size of the file in bytes.
+    """
+    tail_bytes = FOOTER.size + len(MAGIC)
+    tail = read(max(0, size - tail_bytes), tail_bytes)
+    if len(tail) < tail_bytes or tail[FOOTER.size:] != MAGIC:
+        return None
+    opcode, length, start, _, _ = FOOTER.unpack_from(tail)
+    return start if (opcode, length) == (FOOTER_CODE, FOOTER.size - RECORD.size) else None
 
 
 def flat_records(
@@ -134,7 +168,7 @@ def flat_records(
         if inner_read is not read:
             sizes.append(last - first)
         for count, inner in enumerate(records(inner_read, first, last)):
-            if count > record.end - record.begin:
+            if count >= record.size:
                 yield read, _damage(record, 'it has more records than bytes')
                 break
             if inner.end <= last:
@@ -144,7 +178,8 @@ def flat_records(
 
 
 def _damage(record: Record, reason: str) -> Damage:
-    return Damage(f'the record at byte {record.begin} cannot be read: {reason}')
+    begin = record.begin + RECORD.size
+    return Damage(f'the record at byte {begin} cannot be read: {reason}')
 
 
 def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
@@ -153,14 +188,14 @@ def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
 
     :raises BagError: the chunk cannot be read; the message does not name the file.
     """
-    head = read(record.begin, min(_CHUNK.size + _LONGEST_NAME + 8, record.end - record.begin))
-    if len(head) < _CHUNK.size:
+    head = read(record.begin, min(CHUNK.size + _LONGEST_NAME, record.size))
+    if len(head) < CHUNK.size:
         raise BagError('its head is cut off')
-    _, _, size, crc, name_bytes = _CHUNK.unpack_from(head)
-    begin = _CHUNK.size + name_bytes + 8
+    *_, size, crc, name_bytes, _ = CHUNK.unpack_from(head)
+    begin = CHUNK.size + name_bytes
     if name_bytes > _LONGEST_NAME or len(head) < begin:
         raise BagError('its head is damaged')
-    compression = bytes(head[_CHUNK.size:begin - 8]).decode(errors='replace')
+    compression = bytes(head[CHUNK.size - 8:begin - 8]).decode(errors='replace')
     length = int.from_bytes(head[begin - 8:begin], 'little')
     begin += record.begin
     is_cut = record.end > end

@@ -33,9 +33,9 @@ from typing import Any
 
 from opencv_tools.bags.errors import check_mcap
 from opencv_tools.bags.index import (
-    BagIndex, CHANNEL_CODE, CHUNK_BYTES, COUNT_BYTES, encode_record, LIBRARY, MAGIC, MAX_TIME,
-    MESSAGE, MESSAGE_BYTES, MESSAGE_CODE, OpenChunk, PROFILE, RECORD, SCHEMA_CODE,
-)
+    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, MAX_TIME, MESSAGE_BYTES, OpenChunk, PROFILE)
+from opencv_tools.bags.mcap_format import (
+    CHANNEL_CODE, COUNT_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import try_lock, write_buffer
 from opencv_tools.version import package_version
