@@ -100,42 +100,37 @@ def _read_index(read: Read, size: int) -> Contents | None:
         found = list(StreamReader(summary, skip_magic=True, emit_chunks=True).records)
     except (McapError, OverflowError, ValueError, struct.error):
         return None
-    contents = _use_index(found, size)
-    return contents if contents and _are_chunks(read, contents.spans) else None
+    return _use_index(found, read, size)
 
 
-def _are_chunks(read: Read, spans: list[Span]) -> bool:
-    """Return whether each part of a file is a chunk."""
-    return all(next(records(read, span.begin, span.end), None) == Record(
-        CHUNK_CODE, span.begin, span.end) for span in spans)
-
-
-def _use_index(found: list[McapRecord], size: int) -> Contents | None:
-    """Return the contents in a summary; None if it is incomplete or contradicts itself."""
+def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | None:
+    """Return the contents in a summary; None if it is incomplete or contradicts the file."""
     from mcap.records import Channel, ChunkIndex, Schema, Statistics
     statistics = next((record for record in found if isinstance(record, Statistics)), None)
     schemas = {record.id: record.name for record in found if isinstance(record, Schema)}
     channels = {record.id: record for record in found if isinstance(record, Channel)}
-    chunks = [record for record in found if isinstance(record, ChunkIndex)]
-    chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
-    ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks]
-    is_complete = (
-        statistics is not None and bool(chunks or not statistics.message_count)
-        and statistics.channel_message_counts.keys() <= channels.keys()
-        and {0, *schemas} >= {channel.schema_id for channel in channels.values()}
-        and all(end <= chunk.chunk_start_offset for end, chunk in zip(ends, chunks[1:]))
-        and max(ends, default=0) <= size)
-    if statistics is None or not is_complete:
+    spans = [Span(record.message_start_time, record.chunk_start_offset,
+                  record.chunk_start_offset + record.chunk_length)
+             for record in found if isinstance(record, ChunkIndex)]
+    if (not statistics or not _are_chunks(spans, read, size)
+            or not statistics.channel_message_counts.keys() <= channels.keys()
+            or not {channel.schema_id for channel in channels.values()} <= {0, *schemas}):
         return None
     contents = Contents(
-        counts=Counter(statistics.channel_message_counts),
-        spans=[Span(chunk.message_start_time, chunk.chunk_start_offset, end)
-               for chunk, end in zip(chunks, ends)],
-        times=(statistics.message_start_time, statistics.message_end_time)
-        if statistics.message_count else ())
+        counts=Counter(statistics.channel_message_counts), spans=spans,
+        times=(statistics.message_start_time, statistics.message_end_time))
     for channel in channels.values():
         contents.add_channel(channel, schemas)
     return contents
+
+
+def _are_chunks(spans: list[Span], read: Read, size: int) -> bool:
+    """Return whether there are parts of a file, which are chunks and do not overlap."""
+    ordered = sorted(spans, key=lambda span: span.begin)
+    ends = *(span.begin for span in ordered[1:]), size
+    return bool(spans) and all(span.end <= end for span, end in zip(ordered, ends)) and all(
+        next(records(read, span.begin, span.end), None) == Record(
+            CHUNK_CODE, span.begin, span.end) for span in spans)
 
 
 class _Scan:

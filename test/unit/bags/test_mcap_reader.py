@@ -223,6 +223,23 @@ def test_index_that_contradicts_the_file_is_not_used(tmp_path: Path) -> None:
         assert read_all(tmp_path / 'b.mcap') == (written(ENTRIES), [])
 
 
+def test_chunk_inside_of_another_chunk_is_not_read_twice(tmp_path: Path) -> None:
+    outer = chunk(message(1) + record(99, chunk(message(2))))
+    offset = len(START)
+    inner = offset + outer.index(chunk(message(2)))
+    indexes = b''.join(record(8, struct.pack('<QQQQ', 1, 2, begin, length) + bytes(12) + text(b'')
+                              + bytes(16)) for begin, length in (
+        (offset, len(outer)), (inner, len(chunk(message(2))))))
+    counts = struct.pack('<HQ', 1, 2)
+    statistics = record(11, struct.pack('<QHIIIIQQI', 2, 1, 1, 0, 0, 2, 1, 2, 10) + counts)
+    data = START + outer + record(15, bytes(4))
+    summary = START[len(MAGIC) + 9 + 16:] + statistics + indexes
+    footer = record(2, struct.pack('<QQI', len(data), 0, 0)) + MAGIC
+    (tmp_path / 'a.mcap').write_bytes(data + summary + footer)
+    messages, reports = read_all(tmp_path / 'a.mcap')
+    assert [log_ns for _, log_ns, _ in messages] == [1] and not reports
+
+
 def test_damaged_chunk_without_index_is_reported_alone(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     path.write_bytes(START + chunk(zstandard.compress(message(1)), b'zstd', 1 << 40))
