@@ -45,7 +45,6 @@ class Db3Reader:
         """
         Open a file and find its topics.
 
-        :param path: path of the file.
         :raises BagError: the file is not a bag of rosbag2, is damaged or is locked.
         :raises OSError: the file cannot be read, or a file that SQLite opens with it is not a
             regular file.

@@ -49,7 +49,6 @@ def finish_bag(path: Path) -> int | None:
     """
     Write the missing end of a bag of this package, unless its recording still runs.
 
-    :param path: path of the bag.
     :returns: number of images in the bag; None if it is not a bag of this package, or if it is
         being written.
     :raises BagError: a record in the middle is damaged, or the library mcap is not installed; the
@@ -77,7 +76,6 @@ def has_footer(path: Path) -> bool:
     """
     Return whether a file ends with the footer of a bag.
 
-    :param path: path of the file.
     :raises OSError: the file cannot be read.
     """
     file = open_regular(path, follow=False)
@@ -104,7 +102,7 @@ def _write_end(file: int, bag: _OwnBag) -> None:
     if chunk:
         os.pwrite(file, chunk.header(), chunk.offset)
         end, offsets = chunk.message_indexes()
-        bag.index.add_chunk(chunk, chunk.counts(), offsets, len(end))
+        bag.index.add_chunk(chunk, offsets, len(end))
     end += bag.index.end(bag.end + len(end))
     position = bag.end
     while end:
@@ -149,7 +147,6 @@ class _OwnBag:
             self.end = self.chunk.end  # without incomplete message indexes
 
     def frame_count(self) -> int:
-        """Return the number of images."""
         counts = self.chunk.counts() if self.chunk else {}
         return sum(self.index.counts.get(channel_id, 0) + counts.get(channel_id, 0)
                    for channel_id in self._image_channels)
@@ -223,12 +220,10 @@ class _OwnBag:
             raise self._damaged(record)
         self._index_offsets[channel_id] = record.begin
         if len(self._index_offsets) == len(chunk.entries):
-            self.index.add_chunk(
-                chunk, chunk.counts(), self._index_offsets, record.end - chunk.end)
+            self.index.add_chunk(chunk, self._index_offsets, record.end - chunk.end)
             self.chunk = None
 
     def _add_definition(self, record: Record) -> None:
-        """Add a schema or a channel."""
         from mcap.records import Channel, Schema
         data = bytes(self._read(record.begin, record.size))
         found = (definition(Channel, self._read, record) if record.opcode == CHANNEL_CODE

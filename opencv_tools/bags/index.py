@@ -106,7 +106,6 @@ class BagIndex:
     """The contents of a file for its summary."""
 
     def __init__(self) -> None:
-        """Create the index of an empty file."""
         #: Number of messages by channel.
         self.counts: dict[int, int] = {}
         self._start_ns, self._end_ns = MAX_TIME, 0
@@ -118,19 +117,16 @@ class BagIndex:
         """Add the record of a schema or of a channel, which the summary repeats."""
         self._records[code] += record
 
-    def add_chunk(
-        self, chunk: OpenChunk, counts: dict[int, int], offsets: dict[int, int], length: int,
-    ) -> None:
+    def add_chunk(self, chunk: OpenChunk, offsets: dict[int, int], length: int) -> None:
         """
         Add a chunk that is complete in the file, with its message indexes.
 
-        :param chunk: the chunk; its entries are not used.
-        :param counts: number of messages by channel.
+        :param chunk: the chunk; only the number of its entries is used.
         :param offsets: offset of the message index by channel.
         :param length: size of all message indexes in bytes.
         """
         from mcap.records import ChunkIndex
-        for channel_id, count in counts.items():
+        for channel_id, count in chunk.counts().items():
             self.counts[channel_id] = self.counts.get(channel_id, 0) + count
         self._start_ns = min(self._start_ns, chunk.start_ns)
         self._end_ns = max(self._end_ns, chunk.end_ns)

@@ -79,12 +79,7 @@ class Contents:
 
 
 def read_contents(read: Read, size: int) -> Contents:
-    """
-    Find the contents of a file.
-
-    :param read: function that reads the file.
-    :param size: size of the file in bytes.
-    """
+    """Find the contents of a file of a size in bytes, by its index if that is valid."""
     return _read_index(read, size) or _Scan(read, size).contents
 
 

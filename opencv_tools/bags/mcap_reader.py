@@ -47,7 +47,6 @@ class McapReader:
 
         A file without a valid index is read once from its begin to its end.
 
-        :param path: path of the file.
         :raises BagError: the file is no MCAP file, or the library ``mcap`` is missing.
         :raises OSError: the file cannot be read.
         """

@@ -126,12 +126,7 @@ def definition(kind: type[T], read: Read, record: Record) -> T | None:
 
 
 def summary_start(read: Read, size: int) -> int | None:
-    """
-    Return the offset of the summary, which the footer of a file has; None without a footer.
-
-    :param read: function that reads the file.
-    :param size: size of the file in bytes.
-    """
+    """Return the offset that the footer of a file of a size has; None if it has no footer."""
     tail_bytes = FOOTER.size + len(MAGIC)
     tail = read(max(0, size - tail_bytes), tail_bytes)
     if len(tail) < tail_bytes or tail[FOOTER.size:] != MAGIC:

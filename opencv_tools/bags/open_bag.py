@@ -106,8 +106,6 @@ def open_bag_file(path: Path) -> BagReader:
     """
     Open a file of a bag.
 
-    :param path: path of the file.
-    :returns: a reader of its messages.
     :raises BagError: the file cannot be read as a bag.
     :raises OSError: the file cannot be read.
     """

@@ -115,7 +115,8 @@ class BagWriter:
         """
         missing = self._missing_records(channel)
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
-        return self._final_size() + added + MESSAGE_BYTES + data_bytes
+        indexes = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)
+        return self.size + indexes + added + MESSAGE_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -200,11 +201,6 @@ class BagWriter:
                     os.POSIX_FADV_DONTNEED)
         self._parts += 1
 
-    def _final_size(self) -> int:
-        """Return the size of the file in bytes if it were closed now."""
-        return self.size + self._index.end_bytes + (
-            self._chunk.index_bytes if self._chunk else 0)
-
     def _missing_records(self, channel: BagChannel) -> list[tuple[int, bytes]]:
         """Return the code and the bytes of the schema and the channel that the file has not."""
         if channel in self._channel_ids:
@@ -240,7 +236,7 @@ class BagWriter:
         for part in (chunk.header(), *self._unhashed, indexes):
             self._digest.update(part)
         self.size += len(indexes)
-        self._index.add_chunk(chunk, chunk.counts(), offsets, len(indexes))
+        self._index.add_chunk(chunk, offsets, len(indexes))
         self._chunk = None
         self._unhashed.clear()
 
@@ -251,7 +247,7 @@ class BagWriter:
         self.size += len(data)
 
     def _write_at(self, offset: int, *parts: Any) -> None:
-        """Write buffers; if not all can be written, remove what follows the complete part."""
+        """Write buffers; if not all can be written, cut the file after its last whole record."""
         try:
             self._file.seek(offset)
             for part in parts:

@@ -186,7 +186,6 @@ class BagSource:
                               number=message.number, camera_info=camera_info))
 
     def _all_messages(self) -> Iterator[BagMessage | Damage]:
-        """Yield the messages of all files."""
         for path in self._paths:
             self._reader = open_bag_file(path)
             yield from self._reader.messages(self._wanted)
