@@ -42,7 +42,7 @@ _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
 _MAX_DEFINITIONS = 1000  # schemas and channels
 # Magic, opcode and length of the header, and two texts with their lengths.
 _START = struct.Struct(f'<{len(MAGIC)}sBQI{len(PROFILE)}sI{len(LIBRARY)}s')
-_OWN_START = MAGIC, HEADER_CODE, PROFILE.encode(), LIBRARY.encode()
+_OWN_START = MAGIC, HEADER_CODE, len(PROFILE), PROFILE.encode(), LIBRARY.encode()
 
 
 def finish_bag(path: Path) -> int | None:
@@ -90,8 +90,9 @@ def _has_own_header(read: Read, size: int) -> bool:
     start = read(0, _START.size)
     if len(start) < _START.size:
         return False
-    *found, length, _, profile, _, library = _START.unpack(start)
-    return ((*found, profile, library) == _OWN_START
+    *found, length, profile_bytes, profile, library_bytes, library = _START.unpack(start)
+    return ((*found, profile_bytes, profile, library) == _OWN_START
+            and length == 8 + profile_bytes + library_bytes
             and len(MAGIC) + RECORD.size + length <= size)
 
 

@@ -142,6 +142,7 @@ def test_bag_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize('change', [
     lambda content: content.replace(b'opencv_tools', b'Opencv_tools'),
     lambda content: content.replace(b'ros2', b'ros1'),
+    lambda content: content.replace(b'\4\0\0\0ros2', b'\5\0\0\0ros2'),
     lambda content: b'M' + content[1:],
     lambda content: b'', lambda content: b'text' * 100])
 def test_files_of_others_are_left_alone(tmp_path: Path, change: object) -> None:
