@@ -26,28 +26,29 @@ from pathlib import Path
 import struct
 
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.index import BagIndex, CHUNK_BYTES, LIBRARY, OpenChunk, PROFILE
+from opencv_tools.bags.index import (
+    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
 from opencv_tools.bags.mcap_format import (
-    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_START_BYTES, DATA_END_CODE, encode_record, HEADER_CODE,
-    INDEX_ENTRY, LENGTH, MAGIC, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD,
-    SCHEMA_CODE)
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, HEADER_CODE, INDEX_ENTRY_BYTES, MAGIC,
+    MESSAGE, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
-    file_reader, message_head, MESSAGE_HEAD_BYTES, read_definition, Record, records, summary_start)
-from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+    definition, file_reader, message_head, Read, Record, records, summary_start)
 from opencv_tools.image.text import printable
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 
 _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
-_MAX_RECORDS = 1000  # schemas and channels
-_NAMES = (PROFILE.encode(), LIBRARY.encode())
+_MAX_DEFINITIONS = 1000  # schemas and channels
+# Magic, opcode and length of the header, and two texts with their lengths.
+_START = struct.Struct(f'<{len(MAGIC)}sBQI{len(PROFILE)}sI{len(LIBRARY)}s')
+_OWN_START = MAGIC, HEADER_CODE, len(PROFILE), PROFILE.encode(), LIBRARY.encode()
 
 
 def finish_bag(path: Path) -> int | None:
     """
     Write the missing end of a bag of this package, unless its recording still runs.
 
-    :param path: path of the bag.
     :returns: number of images in the bag; None if it is not a bag of this package, or if it is
         being written.
     :raises BagError: a record in the middle is damaged, or the library mcap is not installed; the
@@ -56,14 +57,16 @@ def finish_bag(path: Path) -> int | None:
     """
     file = open_regular(path, os.O_RDWR, follow=False)
     try:
-        if not _has_own_header(file) or not try_lock(file) or not is_same_file(file, path):
+        read = file_reader(file)
+        if (not _has_own_header(read, os.fstat(file).st_size) or not try_lock(file)
+                or not is_same_file(file, path)):
             return None
         check_mcap()
-        scan = _Scan(file, path)
-        scan.read()
-        frames = scan.frame_count()
-        if not scan.is_finished:
-            _write_end(file, scan)
+        bag = _OwnBag(read, os.fstat(file).st_size, printable(path.name))
+        bag.read()
+        frames = bag.frame_count()
+        if not bag.is_finished:
+            _write_end(file, bag)
         return frames
     finally:
         os.close(file)
@@ -82,39 +85,33 @@ def has_footer(path: Path) -> bool:
         os.close(file)
 
 
-def _has_own_header(file: int) -> bool:
-    """Return whether a file begins like those of ``BagWriter``."""
-    start = os.pread(file, 256, 0)
-    position = len(MAGIC) + RECORD.size
-    try:
-        code, _ = RECORD.unpack_from(start, len(MAGIC))
-        for name in _NAMES:
-            length, = struct.unpack_from('<I', start, position)
-            position += 4
-            if not start[position:position + length].startswith(name):
-                return False
-            position += length
-    except struct.error:
+def _has_own_header(read: Read, size: int) -> bool:
+    """Return whether a file begins like those of ``BagWriter``, with a whole header."""
+    start = read(0, _START.size)
+    if len(start) < _START.size:
         return False
-    return start.startswith(MAGIC) and bool(code == HEADER_CODE) and position <= len(start)
+    *found, length, profile_bytes, profile, library_bytes, library = _START.unpack(start)
+    return ((*found, profile_bytes, profile, library) == _OWN_START
+            and length == 8 + profile_bytes + library_bytes
+            and len(MAGIC) + RECORD.size + length <= size)
 
 
-def _write_end(file: int, scan: _Scan) -> None:
+def _write_end(file: int, bag: _OwnBag) -> None:
     """Remove what follows the complete messages, and write the indexes and the summary."""
-    os.ftruncate(file, scan.end)
-    end, chunk = b'', scan.chunk
+    os.ftruncate(file, bag.end)
+    end, chunk = b'', bag.chunk
     if chunk:
         os.pwrite(file, chunk.header(), chunk.offset)
         end, offsets = chunk.message_indexes()
-        scan.index.add_chunk(chunk, chunk.counts(), offsets, len(end))
-    end += scan.index.end(scan.end + len(end))
-    position = scan.end
+        bag.index.add_chunk(chunk, offsets, len(end))
+    end += bag.index.end(bag.end + len(end))
+    position = bag.end
     while end:
         written = os.pwrite(file, end, position)
         position, end = position + written, end[written:]
 
 
-class _Scan:
+class _OwnBag:
     """
     The records of a bag of this package, without the data of messages.
 
@@ -123,18 +120,18 @@ class _Scan:
     complete messages and indexes.
     """
 
-    def __init__(self, file: int, path: Path) -> None:
+    def __init__(self, read: Read, size: int, name: str) -> None:
         self.index = BagIndex()
         self.chunk: OpenChunk | None = None
         self.end = len(MAGIC)
         self.is_finished = False
-        self.image_channels: set[int] = set()
-        self._read = file_reader(file)
-        self._name = printable(path.name)
-        self._size = os.fstat(file).st_size
+        self._read = read
+        self._size = size
+        self._name = name
         self._image_schemas: set[int] = set()
+        self._image_channels: set[int] = set()
         self._channels: set[int] = set()
-        self._record_count = 0
+        self._definition_count = 0
         self._index_offsets: dict[int, int] = {}
 
     def read(self) -> None:
@@ -144,120 +141,117 @@ class _Scan:
         :raises BagError: a record is not one that ``BagWriter`` writes there.
         """
         for record in records(self._read, self.end, self._size):
-            if not self._take(record):
+            if not self._add(record):
                 break
+            self.end = record.end
         if self.chunk:
             self.end = self.chunk.end  # without incomplete message indexes
 
     def frame_count(self) -> int:
-        """Return the number of images."""
         counts = self.chunk.counts() if self.chunk else {}
         return sum(self.index.counts.get(channel_id, 0) + counts.get(channel_id, 0)
-                   for channel_id in self.image_channels)
+                   for channel_id in self._image_channels)
 
-    def _take(self, record: Record) -> bool:
-        """Take the next record; return whether it is complete and another one may follow."""
-        if not record.opcode:
-            return self._is_end(record)
-        if record.opcode == CHUNK_CODE and not self.chunk:
-            return self._take_chunk(record)
-        if record.opcode == MESSAGE_CODE and self.chunk and not self._index_offsets:
+    def _add(self, record: Record) -> bool:
+        """Add a record; return whether it is complete and another one may follow."""
+        code = record.opcode
+        if code == CHUNK_CODE and not self.chunk:
+            return self._add_chunk(record)
+        if code == MESSAGE_CODE and self.chunk and not self._index_offsets:
             # The recorder was killed before it wrote the longer header of the chunk.
-            return self._take_message(self.chunk, record, record.end)
-        is_long = record.end - record.begin > _MAX_RECORD
-        if record.end > self._size and not is_long:
+            return self._add_message(record, record.end)
+        if not code:
+            return self._skip_zeros(record)
+        if record.end > self._size and record.size <= _MAX_RECORD:
             return False
-        if record.opcode == MESSAGE_INDEX_CODE and self.chunk:
-            self._take_message_index(self.chunk, record)
-        elif record.opcode in (SCHEMA_CODE, CHANNEL_CODE) and not (self.chunk or is_long):
-            self._take_definition(record)
-        elif record.opcode == DATA_END_CODE and not self.chunk:
+        if code == MESSAGE_INDEX_CODE and self.chunk:
+            self._add_message_index(self.chunk, record)
+        elif (code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk
+                and record.size <= _MAX_RECORD):
+            self._add_definition(record)
+        elif code == DATA_END_CODE and not self.chunk:
             self.is_finished = summary_start(self._read, self._size) is not None
             return False
-        elif record.opcode != HEADER_CODE or self.end != len(MAGIC):
-            raise self._damaged()
-        self.end = record.end
+        elif code != HEADER_CODE or record.begin != len(MAGIC):
+            raise self._damaged(record)
         return True
 
-    def _take_chunk(self, record: Record) -> bool:
-        """Take a chunk, of which the file may have only the first messages."""
-        start = self._read(self.end, CHUNK_START_BYTES)
-        if len(start) < CHUNK_START_BYTES:
+    def _add_chunk(self, record: Record) -> bool:
+        """Add a chunk, of which the file may have only the first messages."""
+        start = self._read(record.begin, CHUNK.size)
+        if len(start) < CHUNK.size:
             return False
-        _, length, _, _, size, crc, compression = CHUNK.unpack_from(start)
-        data_bytes, = LENGTH.unpack_from(start, CHUNK.size)
-        if crc or compression or not (
-                size == data_bytes == length - CHUNK_START_BYTES + RECORD.size):
-            raise self._damaged()
-        self.chunk, self._index_offsets = OpenChunk(self.end), {}
-        self.end = self.chunk.end
-        for message in records(self._read, self.end, record.end):
-            if not self._take_message(self.chunk, message, record.end):
+        *_, size, crc, name_bytes, data_bytes = CHUNK.unpack(start)
+        if crc or name_bytes or not 0 < size == data_bytes == record.size - CHUNK.size:
+            raise self._damaged(record)
+        self.chunk, self._index_offsets = OpenChunk(record.begin), {}
+        for inner in records(self._read, self.chunk.end, min(record.end, self._size)):
+            if not self._add_message(inner, record.end):
                 break
-        is_complete = self.end == record.end
+        is_complete = self.chunk.end == record.end
         if not self.chunk.size:
-            self.end, self.chunk = self.chunk.offset, None
+            self.chunk = None
         return is_complete
 
-    def _take_message(self, chunk: OpenChunk, record: Record, limit: int) -> bool:
-        """Take a message of the chunk, without its data."""
-        if record.begin + MESSAGE_HEAD_BYTES > self._size:
-            return False
+    def _add_message(self, record: Record, limit: int) -> bool:
+        """Add a message of the chunk; return whether it is complete."""
         if not record.opcode:
-            return self._is_end(record)
-        head = message_head(self._read, record)
-        size = record.end - self.end
-        if (head is None or record.opcode != MESSAGE_CODE or record.end > limit
+            return self._skip_zeros(record)
+        if self._size - record.begin < MESSAGE.size:
+            return False
+        chunk, head = self.chunk, message_head(self._read, record)
+        if (not chunk or not head or record.opcode != MESSAGE_CODE or record.end > limit
                 or head.channel not in self._channels
-                or (chunk.size and chunk.size + size > CHUNK_BYTES)):
-            raise self._damaged()
+                or (chunk.size and chunk.size + record.size > CHUNK_BYTES)):
+            raise self._damaged(record)
         if record.end > self._size:
             return False
-        self.chunk = chunk.extended(head.log_ns, size)
-        self.chunk.enter(head.channel, head.log_ns, size)
-        self.end = record.end
+        self.chunk = chunk.extended(head.log_ns, record.size)
+        self.chunk.enter(head.channel, head.log_ns, record.size)
         return True
 
-    def _take_message_index(self, chunk: OpenChunk, record: Record) -> None:
-        """Take the index of a channel; that of the last channel ends the chunk."""
-        start = bytes(self._read(self.end, MESSAGE_INDEX.size)).ljust(MESSAGE_INDEX.size, b'\0')
-        _, length, channel_id, entry_bytes = MESSAGE_INDEX.unpack(start)
+    def _add_message_index(self, chunk: OpenChunk, record: Record) -> None:
+        """Add the index of a channel; that of the last channel ends the chunk."""
+        start = bytes(self._read(record.begin, MESSAGE_INDEX.size)).ljust(
+            MESSAGE_INDEX.size, b'\0')
+        *_, channel_id, entry_bytes = MESSAGE_INDEX.unpack(start)
         entries = chunk.entries.get(channel_id, ())
-        if not length - 6 == entry_bytes == INDEX_ENTRY.size * len(entries) > 0:
-            raise self._damaged()
-        self._index_offsets[channel_id] = self.end
+        if not (record.size - MESSAGE_INDEX.size == entry_bytes
+                == INDEX_ENTRY_BYTES * len(entries) > 0):
+            raise self._damaged(record)
+        self._index_offsets[channel_id] = record.begin
         if len(self._index_offsets) == len(chunk.entries):
-            self.index.add_chunk(
-                chunk, chunk.counts(), self._index_offsets, record.end - chunk.end)
+            self.index.add_chunk(chunk, self._index_offsets, record.end - chunk.end)
             self.chunk = None
 
-    def _take_definition(self, record: Record) -> None:
-        """Take a schema or a channel, which the summary repeats."""
+    def _add_definition(self, record: Record) -> None:
         from mcap.records import Channel, Schema
-        found: Channel | Schema | None = (
-            read_definition(Schema, self._read, record) if record.opcode == SCHEMA_CODE
-            else read_definition(Channel, self._read, record))
-        content = bytes(self._read(self.end, record.end - self.end))
-        self._record_count += 1
-        if (found is None or self._record_count > _MAX_RECORDS
-                or encode_record(found) != content):
-            raise self._damaged()
+        data = bytes(self._read(record.begin, record.size))
+        found = (definition(Channel, self._read, record) if record.opcode == CHANNEL_CODE
+                 else definition(Schema, self._read, record))
+        self._definition_count += 1
+        if (not found or self._definition_count > _MAX_DEFINITIONS
+                or encode_record(found) != data):
+            raise self._damaged(record)
         if isinstance(found, Channel):
             self._channels.add(found.id)
             if found.schema_id in self._image_schemas:
-                self.image_channels.add(found.id)
+                self._image_channels.add(found.id)
         elif found.name in (IMAGE, COMPRESSED_IMAGE):
             self._image_schemas.add(found.id)
-        self.index.add_record(record.opcode, content)
+        self.index.add_record(record.opcode, data)
 
-    def _is_end(self, record: Record) -> bool:
+    def _skip_zeros(self, record: Record) -> bool:
         """Return False at zeros up to the end of the file, which a power cut can leave."""
-        position = self.end
-        while record.begin <= self._size and (block := self._read(position, _BLOCK)):
+        position = record.begin
+        if self._size - position < RECORD.size:  # the opcode is not known
+            return False
+        while block := self._read(position, _BLOCK):
             if bytes(block).strip(b'\0'):
-                raise self._damaged()
+                raise self._damaged(record)
             position += len(block)
         return False
 
-    def _damaged(self) -> BagError:
-        return BagError(f'the bag {self._name} is damaged at byte {self.end}; it was not changed')
+    def _damaged(self, record: Record) -> BagError:
+        return BagError(
+            f'the bag {self._name} is damaged at byte {record.begin}; it was not changed')

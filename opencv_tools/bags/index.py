@@ -17,18 +17,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 import zlib
 
 from opencv_tools.bags.mcap_format import (
-    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, CHUNK_START_BYTES,
-    COUNT_BYTES, count_records, DATA_END_BYTES, encode_record, FOOTER, INDEX_ENTRY, LENGTH, MAGIC,
-    MAX_TIME, MESSAGE_INDEX, OFFSET_BYTES, RECORD, SCHEMA_CODE, STATISTICS_BYTES, STATISTICS_CODE)
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, COUNT_BYTES,
+    DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD, SCHEMA_CODE,
+    STATISTICS_BYTES, STATISTICS_CODE, SUMMARY_OFFSET_BYTES)
 
 PROFILE = 'ros2'
 #: Name at the start of a file, by which ``finish_bag`` recognises the files of this package.
 LIBRARY = 'opencv_tools'
 #: Size in bytes at which a chunk ends, as in rosbag2. A larger message has a chunk of its own.
 CHUNK_BYTES = 786432
+MAX_TIME = 2**63 - 1  # larger ones are legal, but some readers have signed times
+#: Largest number of bytes that a message adds to a file, without its data.
+MESSAGE_BYTES = (CHUNK.size + MESSAGE.size + MESSAGE_INDEX.size + INDEX_ENTRY_BYTES
+                 + CHUNK_INDEX_BYTES + COUNT_BYTES)
+
+
+def encode_record(record: Any) -> bytes:
+    """Return the bytes of a record of the library mcap."""
+    from mcap.data_stream import RecordBuilder
+    builder: Any = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
 
 
 @dataclass
@@ -60,9 +73,8 @@ class OpenChunk:
 
     def header(self) -> bytes:
         """Return the bytes of the chunk record before its messages."""
-        length = CHUNK_START_BYTES - RECORD.size + self.size
-        return CHUNK.pack(CHUNK_CODE, length, self.start_ns, self.end_ns, self.size, 0, 0) + (
-            LENGTH.pack(self.size))
+        return CHUNK.pack(CHUNK_CODE, CHUNK.size - RECORD.size + self.size, self.start_ns,
+                          self.end_ns, self.size, 0, 0, self.size)
 
     def counts(self) -> dict[int, int]:
         """Return the number of messages by channel."""
@@ -80,13 +92,13 @@ class OpenChunk:
     @property
     def end(self) -> int:
         """Offset in the file after the last message."""
-        return self.offset + CHUNK_START_BYTES + self.size
+        return self.offset + CHUNK.size + self.size
 
     @property
     def index_bytes(self) -> int:
         """Size of the message indexes of the chunk, and of its record in the summary."""
         entries = sum(map(len, self.entries.values()))
-        return (CHUNK_INDEX_BYTES + entries * INDEX_ENTRY.size
+        return (CHUNK_INDEX_BYTES + entries * INDEX_ENTRY_BYTES
                 + len(self.entries) * (MESSAGE_INDEX.size + COUNT_BYTES))
 
 
@@ -94,7 +106,6 @@ class BagIndex:
     """The contents of a file for its summary."""
 
     def __init__(self) -> None:
-        """Create the index of an empty file."""
         #: Number of messages by channel.
         self.counts: dict[int, int] = {}
         self._start_ns, self._end_ns = MAX_TIME, 0
@@ -106,26 +117,23 @@ class BagIndex:
         """Add the record of a schema or of a channel, which the summary repeats."""
         self._records[code] += record
 
-    def add_chunk(
-        self, chunk: OpenChunk, counts: dict[int, int], offsets: dict[int, int], length: int,
-    ) -> None:
+    def add_chunk(self, chunk: OpenChunk, offsets: dict[int, int], length: int) -> None:
         """
         Add a chunk that is complete in the file, with its message indexes.
 
-        :param chunk: the chunk; its entries are not used.
-        :param counts: number of messages by channel.
+        :param chunk: the chunk; only the number of its entries is used.
         :param offsets: offset of the message index by channel.
         :param length: size of all message indexes in bytes.
         """
         from mcap.records import ChunkIndex
-        for channel_id, count in counts.items():
+        for channel_id, count in chunk.counts().items():
             self.counts[channel_id] = self.counts.get(channel_id, 0) + count
         self._start_ns = min(self._start_ns, chunk.start_ns)
         self._end_ns = max(self._end_ns, chunk.end_ns)
         self._chunk_count += 1
         self._records[CHUNK_INDEX_CODE] += encode_record(ChunkIndex(
             message_start_time=chunk.start_ns, message_end_time=chunk.end_ns,
-            chunk_start_offset=chunk.offset, chunk_length=CHUNK_START_BYTES + chunk.size,
+            chunk_start_offset=chunk.offset, chunk_length=CHUNK.size + chunk.size,
             message_index_offsets=offsets, message_index_length=length, compression='',
             compressed_size=chunk.size, uncompressed_size=chunk.size))
 
@@ -134,8 +142,9 @@ class BagIndex:
         """Size of the bytes that ``end`` returns, of a file with a message in each channel."""
         sizes = [len(records) for records in self._records.values()]
         channels = self._records[CHANNEL_CODE]
-        return (DATA_END_BYTES + sum(sizes) + STATISTICS_BYTES + FOOTER.size
-                + COUNT_BYTES * count_records(channels) + OFFSET_BYTES * len(self._records))
+        return (DATA_END_BYTES + sum(sizes) + STATISTICS_BYTES + FOOTER.size + len(MAGIC)
+                + COUNT_BYTES * count_records(channels)
+                + SUMMARY_OFFSET_BYTES * len(self._records))
 
     def end(self, position: int) -> bytes:
         """
@@ -165,3 +174,11 @@ class BagIndex:
         footer.summary_crc = zlib.crc32(summary + encode_record(footer)[:-4])
         return data_end + summary + encode_record(footer) + MAGIC
 
+
+def count_records(records: bytes | bytearray) -> int:
+    """Count the records in a buffer."""
+    count = position = 0
+    while position < len(records):
+        position += RECORD.size + RECORD.unpack_from(records, position)[1]
+        count += 1
+    return count

@@ -24,9 +24,9 @@ import struct
 from typing import TYPE_CHECKING
 
 from opencv_tools.bags.mcap_format import (
-    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, FOOTER, MAGIC, MESSAGE_CODE, RECORD, SCHEMA_CODE)
+    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
-    flat_records, message_head, Read, read_definition, Record, records, summary_start)
+    definition, flat_records, message_head, Read, Record, records, summary_start)
 from opencv_tools.bags.reading import BagTopic, Damage
 
 if TYPE_CHECKING:
@@ -79,11 +79,7 @@ class Contents:
 
 
 def read_contents(read: Read, size: int) -> Contents:
-    """
-    Find the contents of a file.
-
-    :param size: size of the file in bytes.
-    """
+    """Find the contents of a file of a size in bytes, by its index if that is valid."""
     return _read_index(read, size) or _Scan(read, size).contents
 
 
@@ -92,49 +88,44 @@ def _read_index(read: Read, size: int) -> Contents | None:
     from mcap.exceptions import McapError
     from mcap.stream_reader import StreamReader
     start = summary_start(read, size)
-    if start is None or not 0 < size - FOOTER.size - start <= _MAX_SUMMARY:
+    if not start or not 0 < size - start <= _MAX_SUMMARY:
         return None
     summary = io.BytesIO(read(start, size - start))
     try:
         found = list(StreamReader(summary, skip_magic=True, emit_chunks=True).records)
     except (McapError, OverflowError, ValueError, struct.error):
         return None
-    contents = _use_index(found, size)
-    return contents if contents and _are_chunks(read, contents.spans) else None
+    return _use_index(found, read, size)
 
 
-def _are_chunks(read: Read, spans: list[Span]) -> bool:
-    """Return whether each part of a file is a chunk."""
-    return all(next(records(read, span.begin, span.end), None) == Record(
-        CHUNK_CODE, span.begin + RECORD.size, span.end) for span in spans)
-
-
-def _use_index(found: list[McapRecord], size: int) -> Contents | None:
-    """Return the contents in a summary; None if it is incomplete or contradicts itself."""
+def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | None:
+    """Return the contents in a summary; None if it is incomplete or contradicts the file."""
     from mcap.records import Channel, ChunkIndex, Schema, Statistics
     statistics = next((record for record in found if isinstance(record, Statistics)), None)
     schemas = {record.id: record.name for record in found if isinstance(record, Schema)}
     channels = {record.id: record for record in found if isinstance(record, Channel)}
-    chunks = [record for record in found if isinstance(record, ChunkIndex)]
-    chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
-    ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks]
-    is_complete = (
-        statistics is not None and bool(chunks or not statistics.message_count)
-        and statistics.channel_message_counts.keys() <= channels.keys()
-        and {0, *schemas} >= {channel.schema_id for channel in channels.values()}
-        and all(end <= chunk.chunk_start_offset for end, chunk in zip(ends, chunks[1:]))
-        and max(ends, default=0) <= size)
-    if statistics is None or not is_complete:
+    spans = [Span(record.message_start_time, record.chunk_start_offset,
+                  record.chunk_start_offset + record.chunk_length)
+             for record in found if isinstance(record, ChunkIndex)]
+    if (not statistics or not _are_chunks(spans, read, size)
+            or not statistics.channel_message_counts.keys() <= channels.keys()
+            or not {channel.schema_id for channel in channels.values()} <= {0, *schemas}):
         return None
     contents = Contents(
-        counts=Counter(statistics.channel_message_counts),
-        spans=[Span(chunk.message_start_time, chunk.chunk_start_offset, end)
-               for chunk, end in zip(chunks, ends)],
-        times=(statistics.message_start_time, statistics.message_end_time)
-        if statistics.message_count else ())
+        counts=Counter(statistics.channel_message_counts), spans=spans,
+        times=(statistics.message_start_time, statistics.message_end_time))
     for channel in channels.values():
         contents.add_channel(channel, schemas)
     return contents
+
+
+def _are_chunks(spans: list[Span], read: Read, size: int) -> bool:
+    """Return whether there are parts of a file, which are chunks and do not overlap."""
+    ordered = sorted(spans, key=lambda span: span.begin)
+    ends = *(span.begin for span in ordered[1:]), size
+    return bool(spans) and all(span.end <= end for span, end in zip(ordered, ends)) and all(
+        next(records(read, span.begin, span.end), None) == Record(
+            CHUNK_CODE, span.begin, span.end) for span in spans)
 
 
 class _Scan:
@@ -180,11 +171,10 @@ class _Scan:
                     contents.times = min(times), max(times)
                     yield head.log_ns
             elif record.opcode == SCHEMA_CODE:
-                schema = read_definition(Schema, read, record)
+                schema = definition(Schema, read, record)
                 if schema is not None:
                     self._schemas[schema.id] = schema.name[:_MAX_NAME]
             elif record.opcode == CHANNEL_CODE:
-                channel = read_definition(Channel, read, record)
+                channel = definition(Channel, read, record)
                 if channel is not None:
                     contents.add_channel(channel, self._schemas)
-

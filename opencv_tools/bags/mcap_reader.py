@@ -26,9 +26,8 @@ from pathlib import Path
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.mcap_contents import read_contents, Span
-from opencv_tools.bags.mcap_format import MAGIC, MESSAGE_CODE
-from opencv_tools.bags.mcap_records import (
-    file_reader, flat_records, message_head, MESSAGE_HEAD_BYTES, Read)
+from opencv_tools.bags.mcap_format import MAGIC, MESSAGE, MESSAGE_CODE
+from opencv_tools.bags.mcap_records import file_reader, flat_records, message_head, Read
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular
@@ -117,7 +116,7 @@ class McapReader:
             elif found.opcode == MESSAGE_CODE:
                 head = message_head(read, found)
                 if head is not None and head.channel in wanted:
-                    begin = found.begin + MESSAGE_HEAD_BYTES
+                    begin = found.begin + MESSAGE.size
                     load = partial(self._load, read, begin, found.end - begin)
                     yield head.log_ns, BagMessage(
                         wanted[head.channel], head.log_ns, load, head.publish_ns, head.sequence)

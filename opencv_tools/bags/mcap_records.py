@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-import io
+from io import BytesIO
 import os
 import struct
 from typing import NamedTuple, TYPE_CHECKING, TypeVar
@@ -32,7 +32,7 @@ import zlib
 from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_format import (
-    CHUNK, CHUNK_CODE, FOOTER, FOOTER_CODE, LENGTH, MAGIC, MESSAGE, RECORD)
+    CHUNK, CHUNK_CODE, FOOTER, FOOTER_CODE, MAGIC, MESSAGE, RECORD)
 from opencv_tools.bags.reading import Damage, MAX_BYTES
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ T = TypeVar('T', 'Channel', 'Schema')
 # Function that reads some bytes from an offset; fewer at the end.
 Read = Callable[[int, int], memoryview]
 
-#: Bytes of a message record between its opcode and length and its data.
-MESSAGE_HEAD_BYTES = MESSAGE.size - RECORD.size
 _MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
 _LONGEST_NAME = 16  # characters of the name of a compression
 
@@ -60,13 +58,18 @@ class Record:
     A record of a file or of a chunk.
 
     :param opcode: kind of the record.
-    :param begin: offset of its content.
+    :param begin: offset of its opcode.
     :param end: offset behind its content.
     """
 
     opcode: int
     begin: int
     end: int
+
+    @property
+    def size(self) -> int:
+        """Size in bytes with opcode and length, as the record claims it."""
+        return self.end - self.begin
 
 
 def records(read: Read, begin: int, end: int) -> Iterator[Record]:
@@ -82,24 +85,9 @@ def records(read: Read, begin: int, end: int) -> Iterator[Record]:
         opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)
         if not opcode:  # no record has the opcode 0
             length = end
-        begin += RECORD.size
-        yield Record(opcode, begin, begin + length)
-        begin += length
-
-
-def summary_start(read: Read, size: int) -> int | None:
-    """
-    Return the offset of the summary of a file; None if the file does not end with a footer.
-
-    :param size: size of the file in bytes.
-    """
-    tail = read(max(0, size - FOOTER.size), FOOTER.size)
-    if len(tail) < FOOTER.size:
-        return None
-    code, length, start, _, _, magic = FOOTER.unpack(tail)
-    is_footer = (code, length, magic) == (
-        FOOTER_CODE, FOOTER.size - RECORD.size - len(MAGIC), MAGIC)
-    return int(start) if is_footer else None
+        record = Record(opcode, begin, begin + RECORD.size + length)
+        yield record
+        begin = record.end
 
 
 class MessageHead(NamedTuple):
@@ -120,26 +108,31 @@ class MessageHead(NamedTuple):
 
 def message_head(read: Read, record: Record) -> MessageHead | None:
     """Return the head of a message; None if the record is too short."""
-    if record.end - record.begin < MESSAGE_HEAD_BYTES:
-        return None
-    head = read(record.begin - RECORD.size, MESSAGE.size)
-    if len(head) < MESSAGE.size:
-        return None
-    _, _, *fields = MESSAGE.unpack(head)
-    return MessageHead(*fields)
+    head = read(record.begin, min(MESSAGE.size, record.size))
+    return MessageHead(*MESSAGE.unpack(head)[2:]) if len(head) == MESSAGE.size else None
 
 
-def read_definition(kind: type[T], read: Read, record: Record) -> T | None:
+def definition(kind: type[T], read: Read, record: Record) -> T | None:
     """Return the schema or channel in a record; None if it is damaged or too large."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError
-    size = record.end - record.begin
-    if size > _MAX_DEFINITION:
+    if record.size > _MAX_DEFINITION:
         return None
+    content = read(record.begin, record.size)[RECORD.size:]
     try:
-        return kind.read(ReadDataStream(io.BytesIO(read(record.begin, size))))
+        return kind.read(ReadDataStream(BytesIO(content)))
     except (McapError, ValueError, struct.error):
         return None
+
+
+def summary_start(read: Read, size: int) -> int | None:
+    """Return the offset that the footer of a file of a size has; None if it has no footer."""
+    tail_bytes = FOOTER.size + len(MAGIC)
+    tail = read(max(0, size - tail_bytes), tail_bytes)
+    if len(tail) < tail_bytes or tail[FOOTER.size:] != MAGIC:
+        return None
+    opcode, length, start, _, _ = FOOTER.unpack_from(tail)
+    return start if (opcode, length) == (FOOTER_CODE, FOOTER.size - RECORD.size) else None
 
 
 def flat_records(
@@ -151,6 +144,7 @@ def flat_records(
     A chunk of a few bytes may unpack to millions of empty records. No more of them are read than
     the chunk has bytes in the file, because each record needs time.
 
+    :param read: function that reads the file.
     :param begin: offset of the first record.
     :param end: end of the part. A chunk that is cut off there has its whole records.
     :param sizes: list to which the sizes of chunks in memory are added.
@@ -169,7 +163,7 @@ def flat_records(
         if inner_read is not read:
             sizes.append(last - first)
         for count, inner in enumerate(records(inner_read, first, last)):
-            if count > record.end - record.begin:
+            if count >= record.size:
                 yield read, _damage(record, 'it has more records than bytes')
                 break
             if inner.end <= last:
@@ -179,7 +173,8 @@ def flat_records(
 
 
 def _damage(record: Record, reason: str) -> Damage:
-    return Damage(f'the record at byte {record.begin} cannot be read: {reason}')
+    begin = record.begin + RECORD.size
+    return Damage(f'the record at byte {begin} cannot be read: {reason}')
 
 
 def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
@@ -188,17 +183,16 @@ def _open_chunk(read: Read, record: Record, end: int) -> tuple[Read, int, int]:
 
     :raises BagError: the chunk cannot be read; the message does not name the file.
     """
-    start = record.begin - RECORD.size
-    head = read(start, min(CHUNK.size + _LONGEST_NAME + LENGTH.size, record.end - start))
+    head = read(record.begin, min(CHUNK.size + _LONGEST_NAME, record.size))
     if len(head) < CHUNK.size:
         raise BagError('its head is cut off')
-    *_, size, crc, name_bytes = CHUNK.unpack_from(head)
-    name_end = CHUNK.size + name_bytes
-    if name_bytes > _LONGEST_NAME or len(head) < name_end + LENGTH.size:
+    *_, size, crc, name_bytes, _ = CHUNK.unpack_from(head)
+    begin = CHUNK.size + name_bytes
+    if name_bytes > _LONGEST_NAME or len(head) < begin:
         raise BagError('its head is damaged')
-    compression = bytes(head[CHUNK.size:name_end]).decode(errors='replace')
-    length, = LENGTH.unpack_from(head, name_end)
-    begin = start + name_end + LENGTH.size
+    compression = bytes(head[CHUNK.size - 8:begin - 8]).decode(errors='replace')
+    length = int.from_bytes(head[begin - 8:begin], 'little')
+    begin += record.begin
     is_cut = record.end > end
     if not compression and is_cut:
         return read, begin, min(begin + length, end)

@@ -106,7 +106,6 @@ def open_bag_file(path: Path) -> BagReader:
     """
     Open a file of a bag.
 
-    :returns: a reader of its messages.
     :raises BagError: the file cannot be read as a bag.
     :raises OSError: the file cannot be read.
     """

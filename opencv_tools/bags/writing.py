@@ -32,10 +32,10 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.bags.errors import check_mcap
-from opencv_tools.bags.index import BagIndex, CHUNK_BYTES, LIBRARY, OpenChunk, PROFILE
+from opencv_tools.bags.index import (
+    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, MAX_TIME, MESSAGE_BYTES, OpenChunk, PROFILE)
 from opencv_tools.bags.mcap_format import (
-    ADDED_BYTES, CHANNEL_CODE, COUNT_BYTES, encode_record, MAGIC, MAX_TIME, MESSAGE, MESSAGE_CODE,
-    RECORD, SCHEMA_CODE)
+    CHANNEL_CODE, COUNT_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import try_lock, write_buffer
 from opencv_tools.version import package_version
@@ -115,8 +115,8 @@ class BagWriter:
         """
         missing = self._missing_records(channel)
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
-        end = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)
-        return self.size + end + added + ADDED_BYTES + data_bytes
+        indexes = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)
+        return self.size + indexes + added + MESSAGE_BYTES + data_bytes
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
@@ -236,7 +236,7 @@ class BagWriter:
         for part in (chunk.header(), *self._unhashed, indexes):
             self._digest.update(part)
         self.size += len(indexes)
-        self._index.add_chunk(chunk, chunk.counts(), offsets, len(indexes))
+        self._index.add_chunk(chunk, offsets, len(indexes))
         self._chunk = None
         self._unhashed.clear()
 
@@ -247,7 +247,7 @@ class BagWriter:
         self.size += len(data)
 
     def _write_at(self, offset: int, *parts: Any) -> None:
-        """Write buffers; if not all can be written, remove what follows the complete part."""
+        """Write buffers; if not all can be written, cut the file after its last whole record."""
         try:
             self._file.seek(offset)
             for part in parts:

@@ -27,7 +27,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.finishing import finish_bag, has_footer
-from opencv_tools.bags.mcap_format import MESSAGE, MESSAGE_CODE
+from opencv_tools.bags.mcap_format import CHUNK, CHUNK_CODE, MESSAGE, MESSAGE_CODE, RECORD
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.image.cdr import message_to_cdr_parts, WireHeader, WireImage
@@ -142,6 +142,7 @@ def test_bag_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize('change', [
     lambda content: content.replace(b'opencv_tools', b'Opencv_tools'),
     lambda content: content.replace(b'ros2', b'ros1'),
+    lambda content: content.replace(b'\4\0\0\0ros2', b'\5\0\0\0ros2'),
     lambda content: b'M' + content[1:],
     lambda content: b'', lambda content: b'text' * 100])
 def test_files_of_others_are_left_alone(tmp_path: Path, change: object) -> None:
@@ -171,6 +172,27 @@ def test_damage_in_the_middle_changes_nothing(tmp_path: Path) -> None:
         with pytest.raises(BagError, match=r'^the bag a\.mcap is damaged at byte \d+; it was not'):
             finish_bag(path)
         assert path.read_bytes() == damaged
+
+
+def test_empty_chunk(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    BagWriter(path).close()
+    content = path.read_bytes()
+    content = content[:content.index(b'\x0f\4\0\0\0')] + CHUNK.pack(
+        CHUNK_CODE, CHUNK.size - RECORD.size, 0, 0, 0, 0, 0, 0)
+    path.write_bytes(content)
+    with pytest.raises(BagError, match='is damaged at byte'):
+        finish_bag(path)
+    assert path.read_bytes() == content
+
+
+def test_header_that_claims_more_than_the_file_has(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    small_bag(path)
+    content = bytearray(path.read_bytes()[:-50])
+    content[9:17] = (1 << 20).to_bytes(8, 'little')
+    path.write_bytes(content)
+    assert finish_bag(path) is None and path.read_bytes() == content
 
 
 def test_other_record_in_an_unfinished_chunk(tmp_path: Path) -> None:

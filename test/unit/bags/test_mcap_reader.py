@@ -106,12 +106,7 @@ def test_file_of_rosbags_is_read(tmp_path: Path) -> None:
 
 
 def cut_everywhere(path: Path) -> Iterator[tuple[int, list[Any], list[str]]]:
-    """
-    Yield the length, the messages and the reports of each beginning of a file, as cut.mcap.
-
-    The lengths go from that of the magic bytes to one byte less than the whole file. Nothing is
-    asserted but that `read_all` raises no error; what it reads is for the test to compare.
-    """
+    """Yield each length of a file, and what is read of that part."""
     content, cut = path.read_bytes(), path.with_name('cut.mcap')
     for size in range(len(MAGIC), len(content)):
         cut.write_bytes(content[:size])
@@ -226,6 +221,23 @@ def test_index_that_contradicts_the_file_is_not_used(tmp_path: Path) -> None:
         struct.pack_into('<Q', damaged, index + offset, value)
         (tmp_path / 'b.mcap').write_bytes(damaged)
         assert read_all(tmp_path / 'b.mcap') == (written(ENTRIES), [])
+
+
+def test_chunk_inside_of_another_chunk_is_not_read_twice(tmp_path: Path) -> None:
+    outer = chunk(message(1) + record(99, chunk(message(2))))
+    offset = len(START)
+    inner = offset + outer.index(chunk(message(2)))
+    indexes = b''.join(record(8, struct.pack('<QQQQ', 1, 2, begin, length) + bytes(12) + text(b'')
+                              + bytes(16)) for begin, length in (
+        (offset, len(outer)), (inner, len(chunk(message(2))))))
+    counts = struct.pack('<HQ', 1, 2)
+    statistics = record(11, struct.pack('<QHIIIIQQI', 2, 1, 1, 0, 0, 2, 1, 2, 10) + counts)
+    data = START + outer + record(15, bytes(4))
+    summary = START[len(MAGIC) + 9 + 16:] + statistics + indexes
+    footer = record(2, struct.pack('<QQI', len(data), 0, 0)) + MAGIC
+    (tmp_path / 'a.mcap').write_bytes(data + summary + footer)
+    messages, reports = read_all(tmp_path / 'a.mcap')
+    assert [log_ns for _, log_ns, _ in messages] == [1] and not reports
 
 
 def test_damaged_chunk_without_index_is_reported_alone(tmp_path: Path) -> None:
