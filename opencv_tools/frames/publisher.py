@@ -27,12 +27,10 @@ from opencv_tools.image.encodings import (
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.qos import create_frame_publisher
-from opencv_tools.topics.topic_discovery import resolve_topic
-from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.units import NANO
 from rclpy.node import Node
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 _ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
@@ -61,25 +59,20 @@ class FramePublisher:
         """
         if type(quality) is not int or not 1 <= quality <= 100:
             raise ParameterError(f'quality is {quality!r}: give a number from 1 to 100')
-        base = resolve_topic(node, topic)
         self._node = node
         self._quality = quality
         self._bridge = CvBridge()
-        self._images = create_frame_publisher(node, Image, topic)
-        self._shared = SharedFramePublisher(node, self._images)
-        self._compressed = create_frame_publisher(
-            node, CompressedImage, f'{base}/compressed')
+        self._topics = FrameTopics(node, topic)
 
     @property
     def topic_name(self) -> str:
         """Name of the topic of the raw images after remapping."""
-        return str(self._images.topic_name)
+        return str(self._topics.images.topic_name)
 
     @property
     def has_subscribers(self) -> bool:
         """Whether a raw or compressed image would be received."""
-        return bool(self._shared.has_subscribers or self._images.get_subscription_count()
-                    or self._compressed.get_subscription_count())
+        return self._topics.has_subscribers
 
     def publish(
         self, image: NDArray[np.generic], source: Frame | Header | None = None, *,
@@ -99,11 +92,8 @@ class FramePublisher:
         """
         header = self._header_of(source)
         declared = _encoding_of(image, encoding)
-        to_images = self._images.get_subscription_count() > 0
-        if to_images or self._shared.has_subscribers:
-            self._shared.publish(array_to_wire(image, declared, header), is_message=to_images)
-        if self._compressed.get_subscription_count():
-            self._publish_compressed(image, declared, header)
+        self._topics.publish_raw(lambda: array_to_wire(image, declared, header))
+        self._topics.publish_compressed(lambda: self._compress(image, declared, header))
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""
@@ -115,9 +105,9 @@ class FramePublisher:
             raise TypeError(f'the source of a frame is {source!r}: give a Frame, a Header or None')
         return WireHeader(source.stamp.sec, source.stamp.nanosec, source.frame_id)
 
-    def _publish_compressed(
+    def _compress(
         self, image: NDArray[np.generic], encoding: Encoding, header: WireHeader,
-    ) -> None:
+    ) -> CompressedImage:
         codec = 'jpeg' if encoding.name in _FOR_JPEG else 'png'
         stored = 'bgr8' if encoding.name == 'rgb8' else encoding.name
         if stored != encoding.name:
@@ -127,13 +117,11 @@ class FramePublisher:
             header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
                           frame_id=header.frame_id))
         message.format = f'{encoding.name}; {codec} compressed {stored}'
-        self._compressed.publish(message)
+        return message
 
     def destroy(self) -> None:
         """Remove the publishers."""
-        self._shared.destroy()
-        self._node.destroy_publisher(self._images)
-        self._node.destroy_publisher(self._compressed)
+        self._topics.destroy()
 
 
 def _encoding_of(image: NDArray[np.generic], name: str) -> Encoding:

@@ -181,7 +181,7 @@ def test_nothing_is_written_for_killed_readers(
 
     def send_until_unread() -> bool:
         camera.send()
-        return not camera.frames._shared._writer.readers
+        return not camera.frames._topics.shared._writer.readers
 
     spin_until(node, send_until_unread)
 

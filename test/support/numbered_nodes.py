@@ -68,7 +68,7 @@ def offer(publisher: FramePublisher, service: str) -> None:
     :param service: ``share`` for its own service, ``withdraw`` for none, as if /dev/shm were full,
         or ``mislead`` for one that nobody can open.
     """
-    shared = publisher._shared
+    shared = publisher._topics.shared
     if service == 'share':
         vars(shared).pop('_announce', None)
         shared._is_announced = False

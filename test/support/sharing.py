@@ -84,7 +84,7 @@ class Camera:
     @property
     def subscribers(self) -> int:
         """Return the number of subscriptions of the image topic."""
-        publisher = self._plain or self.frames._images
+        publisher = self._plain or self.frames._topics.images
         return int(publisher.get_subscription_count())
 
     def send(self, encoding: str = '16UC1', height: int = 3, width: int = 5) -> None:
@@ -100,7 +100,7 @@ class Camera:
 
     def end_sharing(self) -> None:
         """Close the service without an announcement; the image topic remains."""
-        self.frames._shared.destroy()
+        self.frames._topics.shared.destroy()
 
     def destroy(self) -> None:
         """Remove the publisher."""

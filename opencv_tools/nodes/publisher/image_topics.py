@@ -30,13 +30,13 @@ from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
+from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.fastdds.profile import FastDdsSetup
-from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 # A subscriber may discover a publisher slightly later than the publisher discovers it.
@@ -67,12 +67,10 @@ class ImageTopics:
         self._fastdds = fastdds
         self._log = Log(node.get_logger())
         self._largest = 0  # bytes of the largest frame so far
-        base = node.resolve_topic_name(topic)
-        self.images = create_frame_publisher(node, Image, topic)
-        self._compressed = create_frame_publisher(node, CompressedImage, f'{base}/compressed')
+        self._topics = FrameTopics(node, topic)
+        self.images = self._topics.images
         self._infos = create_frame_publisher(
-            node, CameraInfo, f'{base.rpartition("/")[0]}/camera_info')
-        self._shared = SharedFramePublisher(node, self.images)
+            node, CameraInfo, f'{self._topics.name.rpartition("/")[0]}/camera_info')
         #: Messages that reliable subscribers have not confirmed.
         self.backlog = Backlog(self._publishers(), self._log)
         #: Number of subscribers to wait for before the first frame; 0 after the wait.
@@ -83,7 +81,7 @@ class ImageTopics:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            publishers = self.images, self._compressed
+            publishers = self.images, self._topics.compressed
             if sum(publisher.get_subscription_count() for publisher in publishers) < self.awaited:
                 self._settled_at = 0.0
             else:
@@ -94,8 +92,7 @@ class ImageTopics:
 
     def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
-        return self._shared.has_subscribers or any(
-            publisher.get_subscription_count() for publisher in self._publishers())
+        return self._topics.has_subscribers or self._infos.get_subscription_count() > 0
 
     def publish(
         self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
@@ -113,15 +110,14 @@ class ImageTopics:
         """
         header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
-        to_images = self.images.get_subscription_count() > 0
-        is_published = to_images or (is_live and self._shared.has_subscribers)
+        is_published = False
         try:
             # All other work is done after the pixels are on their way.
-            if is_published:
-                encoding = declared_encoding(output.image, output.encoding)
-                image = array_to_wire(output.image, encoding, header)
-                self._shared.publish(image, is_message=to_images, is_shared=is_live)
-            if to_images:
+            is_message = self._topics.publish_raw(lambda: array_to_wire(
+                output.image, declared_encoding(output.image, output.encoding), header),
+                is_shared=is_live)
+            is_published = is_message is not None
+            if is_message:
                 self._check_room(output.image.nbytes)
                 self.backlog.add(self.images)
             if self._infos.get_subscription_count():
@@ -131,11 +127,8 @@ class ImageTopics:
                 is_published = True
         except ImageError as err:
             failure = err  # the JPEG data of the camera may still be published unchanged
-        if self._compressed.get_subscription_count():
-            data, format_text = output.jpeg
-            self._compressed.publish(compressed_image_to_cdr(WireCompressedImage(
-                header=header, format=format_text, data=data.data)))
-            self.backlog.add(self._compressed)
+        if self._topics.publish_compressed(lambda: _compressed(output, header)):
+            self.backlog.add(self._topics.compressed)
             is_published = True
         if failure:
             raise failure
@@ -143,7 +136,7 @@ class ImageTopics:
 
     def close(self) -> None:
         """Stop sharing frames."""
-        self._shared.destroy()
+        self._topics.shared.destroy()
 
     def _camera_info(self, output: OutputImage, header: Header) -> CameraInfo:
         """Return the calibration of the bag that a frame comes from, else that of the camera."""
@@ -170,4 +163,10 @@ class ImageTopics:
                 self._log.warning(size_warning)
 
     def _publishers(self) -> tuple[Publisher, ...]:
-        return self.images, self._compressed, self._infos
+        return self.images, self._topics.compressed, self._infos
+
+
+def _compressed(output: OutputImage, header: WireHeader) -> bytes:
+    data, format_text = output.jpeg
+    return compressed_image_to_cdr(WireCompressedImage(
+        header=header, format=format_text, data=data.data))

@@ -349,9 +349,9 @@ def test_announced_service_of_another_publisher(viewer: Viewer, camera: Node) ->
             lambda message: announced.append(read_announcement(message.data)), LATCHED)
     viewer.match(ours)
     viewer.watch_sharing(ours)
-    publisher = publisher_id(ours.frames._images.handle)
+    publisher = publisher_id(ours.frames._topics.images.handle)
 
-    viewer.watch(lambda: other.subscribers > 0 and other.frames._shared.has_subscribers)
+    viewer.watch(lambda: other.subscribers > 0 and other.frames._topics.shared.has_subscribers)
     for _ in range(100 + ours.sent):  # so that the next ones would be new
         other.send()
     viewer.watch(lambda: len(announced) > 1)
@@ -376,10 +376,10 @@ def test_more_readers_than_a_service_has(
     ours = Camera(camera)
     viewer.match(ours)
     ours.send()
-    service = ours.frames._shared._writer.service
+    service = ours.frames._topics.shared._writer.service
     readers = [process_memory().open_reader(service, 1) for _ in range(MAX_READERS)]
     reason = f'it has {MAX_READERS} readers already, which is the limit'
-    publisher = publisher_id(ours.frames._images.handle)
+    publisher = publisher_id(ours.frames._topics.images.handle)
     viewer.watch(lambda: reason in viewer.subscription._sources.shared.explain({publisher}), ours)
     viewer.watch(lambda: ours.sent > 50, ours)
     viewer.assert_complete(ours)
@@ -424,7 +424,7 @@ def test_waiting_messages_precede_the_next_shared_frame(
     ours = Camera(camera)
     viewer.match(ours)
     subscription, shared = viewer.subscription, viewer.subscription._sources.shared
-    publisher = publisher_id(ours.frames._images.handle)
+    publisher = publisher_id(ours.frames._topics.images.handle)
     publishers = frozenset({publisher})
     spin_until(viewer.node, lambda: subscription._sources.image.publishers == publishers)
     # From here the executor does not run.

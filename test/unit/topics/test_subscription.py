@@ -148,6 +148,13 @@ def publish_until(
     spin_until(node, step)
 
 
+def spin_polls(node: Node, subscription: FrameSubscription, count: int) -> None:
+    """Spin until the subscription has looked at the graph so many times again."""
+    for _ in range(count):
+        before = subscription._polled_at
+        spin_until(node, lambda: subscription._polled_at != before)  # noqa: B023
+
+
 def spin_for(node: Node, seconds: float) -> None:
     end = time.monotonic() + seconds
     spin_until(node, lambda: time.monotonic() > end)
@@ -229,7 +236,7 @@ def test_no_loss_or_duplicate_as_a_publisher_joins_and_leaves(
         requested = requests(node)
         camera.destroy_publisher(joins)
         spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-        spin_for(node, 3 * subscription_module._GRAPH_POLL_SECONDS)
+        spin_polls(node, subscription, 3)
     finally:
         stream.end()
     assert requests(node) == requested  # not subscribed again
@@ -240,12 +247,12 @@ def test_no_loss_or_duplicate_as_a_publisher_joins_and_leaves(
 def test_reliable_publisher_after_a_best_effort_publisher(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription]) -> None:
-    subscribe()
+    subscription = subscribe()
     leaves = camera.create_publisher(Image, TOPIC, BEST_EFFORT)
     publish_until(node, leaves, image, lambda: bool(received.frames))
     camera.destroy_publisher(leaves)
     spin_until(node, lambda: not node.count_publishers(TOPIC))
-    spin_for(node, subscription_module._GRAPH_POLL_SECONDS)
+    spin_polls(node, subscription, 1)
     camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: reliabilities(node) == [ReliabilityPolicy.RELIABLE])
 
@@ -397,7 +404,7 @@ def test_no_loss_when_a_publisher_of_other_numbers_leaves(
     subscription = subscribe()
     spin_until(node, lambda: all(
         publisher.get_subscription_count() for publisher in (stays, leaves)))
-    spin_for(node, 2 * subscription_module._GRAPH_POLL_SECONDS)
+    spin_polls(node, subscription, 2)
     for number in range(5):
         stays.publish(image(number))
         spin_until(node, lambda count=number: len(received.frames) > count)
@@ -601,7 +608,7 @@ def test_auto_prefers_raw_over_compressed(
         subscribe: Callable[..., FrameSubscription], transport: str, kind: type) -> None:
     publishers = (camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', RELIABLE),
                   camera.create_publisher(Image, TOPIC, RELIABLE))
-    subscribe(transport)
+    subscription = subscribe(transport)
 
     def publish() -> bool:
         publishers[0].publish(compressed(1))
@@ -609,7 +616,7 @@ def test_auto_prefers_raw_over_compressed(
         return len(received.frames) > 3
 
     spin_until(node, publish)
-    spin_for(node, 3 * subscription_module._GRAPH_POLL_SECONDS)
+    spin_polls(node, subscription, 3)
     assert {type(frame) for frame in received.frames} == {kind}
 
 
@@ -621,7 +628,7 @@ def test_auto_keeps_its_topic_until_the_publisher_leaves(
     publish_until(node, first, compressed, lambda: bool(received.frames))
     second = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: node.count_publishers(TOPIC) == 1)
-    spin_for(node, 4 * subscription_module._GRAPH_POLL_SECONDS)
+    spin_polls(node, subscription, 4)
     assert subscription.topic_name == f'{TOPIC}/compressed'
     camera.destroy_publisher(first)
     received.frames.clear()

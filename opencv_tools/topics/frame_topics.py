@@ -1,0 +1,91 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topics on which frames are published."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from opencv_tools.image.cdr import WireImage
+from opencv_tools.topics.qos import create_frame_publisher
+from opencv_tools.topics.topic_discovery import resolve_topic
+from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+
+
+class FrameTopics:
+    """
+    Publish raw images, also by shared memory, and compressed images, if they have subscribers.
+
+    The names of the topics are those of image_transport.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """
+        Create the publishers.
+
+        :param topic: name of the topic of the raw images; compressed images are on
+            ``<topic>/compressed``.
+        :raises ParameterError: the name of the topic or its ``qos_overrides`` parameters cannot be
+            used.
+        """
+        #: Name of the image topic after remapping.
+        self.name = resolve_topic(node, topic)
+        self.images = create_frame_publisher(node, Image, topic)
+        self.compressed = create_frame_publisher(node, CompressedImage, f'{self.name}/compressed')
+        self.shared = SharedFramePublisher(node, self.images)
+        self._node = node
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a raw or compressed image would be received."""
+        return bool(self.shared.has_subscribers or self.images.get_subscription_count()
+                    or self.compressed.get_subscription_count())
+
+    def publish_raw(
+        self, make: Callable[[], WireImage], *, is_shared: bool = True,
+    ) -> bool | None:
+        """
+        Publish a raw image, if somebody receives it.
+
+        :param make: creates the image.
+        :param is_shared: whether subscribers may receive it by shared memory.
+        :returns: whether it was published on the image topic; None if nobody receives it.
+        """
+        is_message = self.images.get_subscription_count() > 0
+        if not is_message and not (is_shared and self.shared.has_subscribers):
+            return None
+        self.shared.publish(make(), is_message=is_message, is_shared=is_shared)
+        return is_message
+
+    def publish_compressed(self, make: Callable[[], Any]) -> bool:
+        """
+        Publish a compressed image, if somebody receives it.
+
+        :param make: creates the message, or its CDR.
+        :returns: whether somebody receives it.
+        """
+        if not self.compressed.get_subscription_count():
+            return False
+        self.compressed.publish(make())
+        return True
+
+    def destroy(self) -> None:
+        """Remove the publishers."""
+        self.shared.destroy()
+        self._node.destroy_publisher(self.images)
+        self._node.destroy_publisher(self.compressed)
