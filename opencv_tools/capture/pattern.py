@@ -106,18 +106,6 @@ class PatternSource:
         pass
 
 
-def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
-    """
-    Return one frame of the pattern.
-
-    :param number: number of the frame, from 0.
-    :param width: width in pixels.
-    :param height: height in pixels.
-    :returns: (height, width, 3) uint8 array in BGR.
-    """
-    return _draw_over(_draw_background(width, height), number)
-
-
 def _draw_over(background: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
     """Return a copy of the background with a white vertical line and the number of a frame."""
     image = np.array(background)

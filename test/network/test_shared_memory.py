@@ -21,8 +21,8 @@ from pathlib import Path
 
 from conftest import NodeProcess, read_pictures
 from hosts import new_host
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 import pytest
 
 Start = Callable[..., NodeProcess]

@@ -29,8 +29,8 @@ import time
 from conftest import NodeProcess, read_manifest, recorded_files
 import cv2
 from hosts import Host, two_hosts
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 import pytest
 
 Start = Callable[..., NodeProcess]

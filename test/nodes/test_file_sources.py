@@ -23,8 +23,8 @@ import re
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures, spin_until
 import cv2
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.cv_bridge import CvBridge
 import pytest
 from rclpy.node import Node

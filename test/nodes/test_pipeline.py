@@ -21,8 +21,8 @@ from pathlib import Path
 import re
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 import pytest
 
 Start = Callable[..., NodeProcess]

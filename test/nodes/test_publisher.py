@@ -22,8 +22,8 @@ from pathlib import Path
 from conftest import call_service, DEADLINE, NodeProcess, set_parameters, spin_until
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.nodes.publisher.calibration_file import read_camera_info
 import pytest
 from rcl_interfaces.msg import ParameterType

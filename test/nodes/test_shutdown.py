@@ -29,8 +29,8 @@ import time
 from conftest import (
     DEADLINE, executable, NodeProcess, read_manifest, read_pictures, recorded_files,
 )
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 import pytest
 from rclpy.duration import Duration
 from rclpy.node import Node

@@ -26,8 +26,8 @@ import time
 
 from conftest import CLIP, decode_clip, NodeProcess, spin_until
 import cv2
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.cv_bridge import CvBridge
 import pytest
 from rclpy.node import Node

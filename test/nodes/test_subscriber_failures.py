@@ -31,8 +31,8 @@ from conftest import (
     DEADLINE, NodeProcess, read_manifest, read_pictures, recorded_files,
 )
 import cv2
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.recording.recorder import QUEUE_SIZE
 import pytest
 from rclpy.node import Node

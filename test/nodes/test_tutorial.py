@@ -23,8 +23,8 @@ import signal
 import time
 
 from conftest import NodeProcess, read_pictures, recorded_files, spin_until
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image

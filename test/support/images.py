@@ -25,6 +25,8 @@ import subprocess
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.capture.pattern import PatternSource, PatternSpec
 from opencv_tools.image.encodings import find_encoding
 
 DATA = Path(__file__).parents[1] / 'data'
@@ -127,3 +129,11 @@ def ask_cv_bridge(
     return version, [
         answer if isinstance(answer, str)
         else np.frombuffer(answer[2], answer[0]).reshape(answer[1]) for answer in answers]
+
+
+def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
+    """Return a frame of the source ``pattern``, (h, w, 3) in BGR."""
+    source = PatternSource(PatternSpec(width, height))
+    for _ in range(number):
+        source.skip()
+    return source.read().image

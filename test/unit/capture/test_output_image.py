@@ -15,10 +15,10 @@
 from __future__ import annotations
 
 import cv2
+from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.image.errors import ImageError
 import pytest
 

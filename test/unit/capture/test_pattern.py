@@ -16,8 +16,9 @@
 
 from __future__ import annotations
 
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern, parse_pattern, PatternSource, PatternSpec
+from opencv_tools.capture.pattern import parse_pattern, PatternSource, PatternSpec
 import pytest
 
 
@@ -31,16 +32,29 @@ def test_pattern_is_parsed(text: str, spec: PatternSpec) -> None:
 
 
 @pytest.mark.parametrize(('width', 'height'), [(640, 480), (1, 1), (3, 200), (200, 3), (1921, 7)])
-def test_pattern_frames_differ_and_repeat_exactly(width: int, height: int) -> None:
+def test_frames_of_any_size_repeat_exactly(width: int, height: int) -> None:
     source = PatternSource(PatternSpec(width, height))
     first, second = source.read().image, source.read().image
-    assert first.shape == (height, width, 3)
-    assert np.array_equal(second, draw_pattern(1, width, height))
-    if width >= 200:
-        assert not np.array_equal(first, second)
+    assert first.shape == second.shape == (height, width, 3)
     source.rewind()
     assert source.skip()
     assert np.array_equal(source.read().image, second)
+
+
+@pytest.mark.parametrize('number', [0, 1, 63, 64])
+def test_line_moves_from_left_to_right_in_64_frames(number: int) -> None:
+    image = draw_pattern(number, 640, 480)
+    white = np.flatnonzero((image[20:150] == 255).all(axis=(0, 2)))
+    left = number % 64 * 10
+    assert {*range(left, left + 10)} <= {*white}
+    assert image[20, 200].tolist() != [255, 255, 255]  # a bar
+
+
+def test_ramp_below_the_bars() -> None:
+    image = draw_pattern(0, 512, 480)
+    ramp = image[-1, 16:].astype(int)  # beside the line
+    assert (ramp == ramp[:, :1]).all()
+    assert ramp[-1, 0] == 255 and (np.diff(ramp[:, 0]) >= 0).all() and ramp[0, 0] < 16
 
 
 def test_pattern_shows_its_number() -> None:

@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 import cv2
+from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.capture.v4l2.pixel_formats import (
     check_fourcc, pack_fourcc, PIXEL_FORMATS, read_pixels, unpack_fourcc)
 from opencv_tools.image.encodings import find_encoding

@@ -24,10 +24,11 @@ from typing import Any
 
 from conftest import CLIP, CLIP_FRAMES
 import cv2
+from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import CapturedFrame, Source
-from opencv_tools.capture.pattern import draw_pattern, PatternSource, PatternSpec
+from opencv_tools.capture.pattern import PatternSource, PatternSpec
 from opencv_tools.capture.player import Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
 from opencv_tools.capture.source import open_source
 from playback import numbers, play

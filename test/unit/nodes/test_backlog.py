@@ -23,8 +23,8 @@ import re
 import signal
 
 from conftest import NodeProcess, read_pictures
+from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.pattern import draw_pattern
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 import pytest
