@@ -36,8 +36,8 @@ from typing import Any
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, main as run_frame_node
-from opencv_tools.nodes.publisher import loop
 from opencv_tools.nodes.executable import Executable
+from opencv_tools.nodes.publisher import loop
 from opencv_tools.nodes.run_node import EXIT_USAGE, run
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.topics.message_reader import ImageReader

@@ -33,8 +33,8 @@ from opencv_tools.bags.mcap_format import (
     MESSAGE, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
     definition, file_reader, message_head, Read, Record, records, summary_start)
-from opencv_tools.image.text import printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.text import printable
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 
 _BLOCK = 1 << 20

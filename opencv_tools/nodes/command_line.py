@@ -202,11 +202,11 @@ def _check_file(path: Path, executable: str, nodes: set[str]) -> str:
     if misnamed and executable not in nodes:
         right = misnamed.removesuffix(executable) + node
         mistake = (f'{path} has parameters for {misnamed}, but {executable} is the executable '
-                    f'and {node} is the node: write {right}: instead of {misnamed}:')
+                   f'and {node} is the node: write {right}: instead of {misnamed}:')
     elif sections and not is_own:
         listed = ', '.join(sorted(set(sections))[:5])
         mistake = (f'{path} has parameters for {listed}, but none for this node: '
-                    f'write {node}:, or /**: for every node')
+                   f'write {node}:, or /**: for every node')
     else:
         return ''
     if not is_own:

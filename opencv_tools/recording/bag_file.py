@@ -64,7 +64,6 @@ class RecordedImage(RecordedMessage):
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
-
     def __init__(self, path: Path, max_bytes: int = 0) -> None:
         """
         Create the file.

@@ -70,8 +70,8 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
             image=message, channel=channel, parts=message_to_cdr_parts(message),
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
-    def open(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: int,
-             ) -> BagFile:
+    def create(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: int,
+               ) -> BagFile:
         """Create a bag; see `FileFormat`."""
         return BagFile(path, room)
 

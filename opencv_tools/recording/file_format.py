@@ -26,6 +26,7 @@ from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.selection import Limits
 
+
 class FileWriter(Protocol):
     """
     The writer of one file with many frames.
@@ -108,7 +109,7 @@ class FileFormat(ABC, Generic[W, P]):
         """
 
     @abstractmethod
-    def open(self, path: Path, frame: ReceivedFrame, prepared: P, room: int) -> W:
+    def create(self, path: Path, frame: ReceivedFrame, prepared: P, room: int) -> W:
         """Create a file of at most ``room`` bytes, 0 for any size; the frame is not written."""
 
     @abstractmethod

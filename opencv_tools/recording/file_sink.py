@@ -167,7 +167,7 @@ class FileSink(Generic[W, P]):
             self._folder.remove_stale_lines(self._numbering.names)
         room = max(1, self._limits.max_bytes - self._bytes) if (
             self._limits.max_bytes and not self._ring) else 0
-        writer = self._format.open(path, frame, prepared, room)
+        writer = self._format.create(path, frame, prepared, room)
         entry = self._format.entry(seq, name, frame, prepared)
         try:
             self._folder.write_journal(entry)

@@ -20,9 +20,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lxml import etree
-from opencv_tools.robot.sdf.inertia import total_inertial, without_auto
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Link, Placement, Robot, Shape
+from opencv_tools.robot.sdf.inertia import total_inertial, without_auto
 from opencv_tools.robot.sdf.values import POSED, PRESERVING_TAGS
 from opencv_tools.robot.trees import without_orphan_mimics
 from opencv_tools.robot.xml.document import detached, Element

@@ -58,8 +58,8 @@ class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
 
-    def open(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
-             ) -> VideoWriter:
+    def create(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
+               ) -> VideoWriter:
         """Create a video with the size and pixel format of a frame; see `FileFormat`."""
         self._count_changes(prepared.stream_format[:2])
         return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, self._part or room)

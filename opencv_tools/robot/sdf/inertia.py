@@ -22,10 +22,10 @@ import math
 import operator
 from pathlib import Path
 
-from opencv_tools.robot.sdf.collision_solids import solid_of_collision
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
+from opencv_tools.robot.sdf.collision_solids import solid_of_collision
 from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, flag, number_of
 from opencv_tools.robot.solids import NoSolidError, Solid
 from opencv_tools.robot.xml.document import DescriptionError, detached, Element

@@ -20,13 +20,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from opencv_tools.robot.sdf.inertia import auto_inertial
 from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
 from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.axis_reader import with_axes
 from opencv_tools.robot.sdf.context import model_contexts, ReadContext
 from opencv_tools.robot.sdf.includes import search_folders
+from opencv_tools.robot.sdf.inertia import auto_inertial
 from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint
 from opencv_tools.robot.sdf.link_reader import read_link
 from opencv_tools.robot.sdf.model_extension import model_extension, report_nested

@@ -23,13 +23,13 @@ from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
-from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Frame, FrameId, INERTIA, Joint, Link, MODEL, Robot, Shape, WORLD)
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.includes import first_file, search_folders
+from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.sdf.values import (
     AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, number_element, pose_element, text_element,
     Version, written_version)

@@ -71,7 +71,7 @@ class Camera:
         if len(self.decoded) == self.damaged:
             raise BrokenFrameError('it is damaged')
         return CapturedFrame(np.full((1, 1), self._number, np.uint16), 'mono16',
-                     int(self._clock.now * 10**9))
+                             int(self._clock.now * 10**9))
 
     def close(self) -> None:
         self.closed = True
