@@ -22,14 +22,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.units import NANO
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import Image
 from transport_parts import Ages, Camera, Flip, FRAMES, listen, Load, RESULTS
-
-from opencv_tools.units import NANO
 
 
 class TutorialPublisher(Node):
