@@ -113,8 +113,6 @@ SUBSCRIBER = {
     'no such field in the name': (BAD_USAGE, {'file_name': 'f{sequence}.png'},
                                   'the field {sequence} is unknown', '{seq}, {stamp}'),
     'a ring of no size': (BAD_USAGE, {'ring': 'true'}, 'set max_frames, max_duration or'),
-    'a ring of videos': (BAD_USAGE, {'ring': 'true', 'max_frames': 9, 'file_name': 'clip.mp4'},
-                         'ring deletes the oldest files, but a .mp4 recording'),
     'a split of images': (BAD_USAGE, {'split_bytes': 100, 'file_name': 'a.png'},
                           'a .png file has one frame and cannot be split; remove'),
     'a parameter that is not known': (FAILED, {'timeout': 0.3, 'writer': 5},
