@@ -70,6 +70,14 @@ def check_kind(path: Path, mode: int) -> None:
         raise RefusedFileError(path, f'{path.name} is {kind}, not a regular file')
 
 
+def user_path(text: str) -> Path:
+    """Return a path with ``~`` replaced; the path of an unknown user stays as it is."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        return Path(text)
+
+
 def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> int:
     """
     Open a regular file without blocking. Devices, pipes and sockets are not opened.

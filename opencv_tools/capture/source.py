@@ -37,7 +37,7 @@ from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import describe_kind
+from opencv_tools.regular_files import describe_kind, user_path
 
 # Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8
@@ -65,7 +65,7 @@ def is_camera(text: str) -> bool:
     """Return whether a source is a camera of this machine, connected or not."""
     if text.isdecimal():
         return True
-    path = Path(text).expanduser()
+    path = user_path(text)
     try:
         return stat.S_ISCHR(path.stat().st_mode)
     except OSError:
@@ -106,7 +106,7 @@ def open_source(
     if is_pattern(text):
         return PatternSource(parse_pattern(text))
     if is_camera(text):
-        device = Path(f'/dev/video{int(text)}' if text.isdecimal() else text).expanduser()
+        device = user_path(f'/dev/video{int(text)}' if text.isdecimal() else text)
         return CameraSource(device, request)
     if _is_url(text):
         return _open_url(text, timeout)
@@ -143,7 +143,7 @@ def expected_size(
 
 
 def _path(text: str) -> Path:
-    return Path(text.removeprefix('file://')).expanduser()
+    return user_path(text.removeprefix('file://'))
 
 
 def _is_url(text: str) -> bool:

@@ -48,6 +48,7 @@ from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
+from opencv_tools.regular_files import user_path
 from opencv_tools.signals import recorded_signals
 
 _EXIT_OK = 0
@@ -164,7 +165,7 @@ class _Conversion:
         self._names = names
         self._source = source
         self._is_interrupted = is_interrupted
-        self._folder = Path(request.target).expanduser().absolute().parent
+        self._folder = user_path(request.target).absolute().parent
         self._log, self._progress = open_progress(log, 'Converting frame', self._total())
         self._failure_log = FailureLog(self._log)
         self._unreadable = 0

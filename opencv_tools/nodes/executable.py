@@ -23,7 +23,7 @@ import re
 
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
-from opencv_tools.nodes.settings import NodeSettings, read_settings
+from opencv_tools.nodes.settings import NodeSettings, read_start
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
 from opencv_tools.version import add_version_option
 from rclpy.utilities import remove_ros_args
@@ -71,10 +71,7 @@ class Executable:
         """Return the real-time priority and the bytes of a frame of a command line."""
         if self.settings is None:
             return self.priority, self.frame_bytes
-        settings = read_settings(self.settings, args, self.node)
-        if settings is None:
-            return 0, self.settings.FRAME_BYTES
-        return settings.priority, settings.frame_bytes()
+        return read_start(self.settings, args, self.node)
 
     def _parse(self, args: list[str], table: Sequence[Parameter]) -> None:
         parser = argparse.ArgumentParser(

@@ -17,13 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from contextlib import suppress
+from typing import Any
 
 from opencv_tools.nodes.command_line import given_parameters
 from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.topics.errors import ParameterError
 import yaml
-
-S = TypeVar('S', bound='NodeSettings')
 
 #: Bytes of a frame of 1920x1080 in colour.
 FULL_HD_BYTES = 1920 * 1080 * 3
@@ -53,19 +53,27 @@ def priority_parameter() -> Any:
         '(highest); 0 for normal scheduling', bounds=(0, 99))
 
 
-def read_settings(settings: type[S], args: Sequence[str], node: str) -> S | None:
+def read_start(
+    settings: type[NodeSettings], args: Sequence[str], node: str,
+) -> tuple[int, int]:
     """
-    Read the parameters of a command line and its parameter files.
+    Read what the start of a node needs from a command line and its parameter files.
 
     :param settings: settings class of the node.
     :param args: command line, program name first.
     :param node: name of the node, unless it is remapped.
-    :returns: the settings; None if the node will refuse one of the values.
+    :returns: the real-time priority and the expected bytes of a published frame. Values that the
+        node will refuse do not count.
     """
+    values: dict[str, Any] = {}
     try:
         given = given_parameters(args, node)
-        return settings(**{
-            parameter.name: parameter.accept(given[parameter.name])
-            for parameter in parameter_table(settings) if parameter.name in given})
+        known = [found for found in parameter_table(settings) if found.name in given]
+        for found in known:
+            with suppress(ParameterError):
+                values[found.name] = found.accept(given[found.name])
+        is_accepted = len(values) == len(known)
+        frame_bytes = settings(**values).frame_bytes() if is_accepted else settings.FRAME_BYTES
     except (OSError, RecursionError, ValueError, yaml.YAMLError):
-        return None
+        frame_bytes = settings.FRAME_BYTES
+    return values.get('priority', settings.priority), frame_bytes

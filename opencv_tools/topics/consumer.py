@@ -55,21 +55,16 @@ class Consumer:
         return self._thread is not None
 
     @property
-    def has_failed(self) -> bool:
-        """Whether an exception of a callback is to be raised."""
-        return self._error is not None
-
-    @property
     def is_current_thread(self) -> bool:
         """Whether the caller is in a callback of the thread."""
         return self._thread is current_thread()
 
-    def start_thread(self, name: str, on_end: Callable[[], object]) -> None:
+    def start_thread(self, name: str, on_end: Callable[[bool], object]) -> None:
         """
         Pass on the frames in a thread, until the queue is closed or a callback fails.
 
         :param name: name of the thread.
-        :param on_end: called in the thread at its end.
+        :param on_end: called in the thread at its end; True if a callback has failed.
         """
         def run() -> None:
             try:
@@ -78,7 +73,9 @@ class Consumer:
                     del frame  # release the message before the next wait
             except BaseException as err:  # noqa: B902 (`raise_error` raises it)
                 self._error = err
-            on_end()
+                on_end(True)
+            else:
+                on_end(False)
 
         self._thread = Thread(target=run, name=name, daemon=True)
         self._thread.start()

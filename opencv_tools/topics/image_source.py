@@ -50,7 +50,7 @@ class ImageSource:
 
     def __init__(
         self, discovery: TopicDiscovery, depth: int | None, queue: FrameQueue, log: Log,
-        before_message: Callable[[bytes], object],
+        before_message: Callable[[bytes], object], on_readers: Callable[[], object],
     ) -> None:
         """
         Choose a topic, without a reader until ``use`` is called.
@@ -59,6 +59,7 @@ class ImageSource:
         :param depth: number of messages that may wait; None for all.
         :param queue: queue that gets the frames.
         :param before_message: called with the publisher of a message before it is put.
+        :param on_readers: called when ``readers`` has changed.
         """
         self._node = discovery.node
         self._discovery = discovery
@@ -66,6 +67,7 @@ class ImageSource:
         self._queue = queue
         self._log = log
         self._before_message = before_message
+        self._on_readers = on_readers
         self._candidate: ImageTopic | None = None
         self._count_before = 0  # frames before the first publisher appeared
         #: Identifiers of the publishers that were found last.
@@ -240,3 +242,4 @@ class ImageSource:
     def _change_readers(self) -> None:
         for reader in self.readers:
             reader.is_alone = len(self.readers) == 1
+        self._on_readers()

@@ -160,23 +160,23 @@ class WakeUps(Waitable):
 
     def __init__(
         self, node: Node, on_wake: Callable[[Sequence[MessageReader], bool], None],
-        is_pending: Callable[[], bool], readers: Callable[[], Sequence[MessageReader]],
+        is_pending: Callable[[], bool],
     ) -> None:
         """
-        Have the executor of a node wait.
+        Wait for other threads only, until ``readers`` is set.
 
         :param node: node whose executor waits. The callback group is a new one, because several
             threads would otherwise starve the other callbacks of the node.
         :param on_wake: called with the readers that have messages, and whether publishers have
             changed.
         :param is_pending: returns whether ``on_wake`` is to be called without any new message.
-        :param readers: returns the readers whose messages and events are waited for.
         """
         super().__init__(MutuallyExclusiveCallbackGroup())
+        #: Readers whose messages and events are waited for.
+        self.readers: tuple[MessageReader, ...] = ()
         self._node = node
         self._on_wake = on_wake
         self._is_pending = is_pending
-        self._readers = readers
         self._guard = GuardCondition(None, None, context=node.context)
         self._in_use = ExitStack()
         self._is_woken = False
@@ -204,7 +204,7 @@ class WakeUps(Waitable):
         self._waited = []
         with ExitStack() as stack:
             stack.enter_context(self._guard.handle)
-            for reader in self._readers():
+            for reader in self.readers:
                 with suppress(InvalidHandle):  # destroyed by another thread
                     stack.enter_context(reader.handle)
                     for event in reader.events:

@@ -16,12 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from opencv_tools.image.cdr import IMAGE
 from opencv_tools.logs import Log
 from opencv_tools.topics.image_source import ImageSource
-from opencv_tools.topics.message_reader import MessageReader
+from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame
 from opencv_tools.topics.shared_frames import SharedFrames
@@ -39,7 +39,7 @@ class FrameSources:
 
     def __init__(
         self, discovery: TopicDiscovery, queue: FrameQueue, options: SubscriptionOptions, log: Log,
-        wake: Callable[[], None],
+        wake_ups: WakeUps,
     ) -> None:
         """
         Subscribe to the image topic, and to the announcements of shared frames.
@@ -47,27 +47,24 @@ class FrameSources:
         :param discovery: the possible topics and their publishers.
         :param queue: queue that gets the frames.
         :param options: options of the subscription.
-        :param wake: called in any thread when frames or changes wait for the executor.
+        :param wake_ups: what wakes the executor; its readers become those of the sources.
         """
         self._discovery = discovery
         self._queue = queue
         self._options = options
+        self._wake_ups = wake_ups
         #: Shared memory; None if it is not used.
         self.shared = SharedFrames(
-            discovery, queue, log, options, on_change=wake,
-            on_frame=(lambda: None) if options.threaded else wake,
+            discovery, queue, log, options, on_change=wake_ups.wake,
+            on_frame=(lambda: None) if options.threaded else wake_ups.wake,
         ) if options.transport in ('auto', 'shm') and can_share() else None
         #: The image topic.
         self.image = ImageSource(
             discovery, options.depth, queue, log,
-            self.shared.receive_before_message if self.shared else lambda publisher: None)
+            self.shared.receive_before_message if self.shared else lambda publisher: None,
+            self._watch)
+        self._watch()
         self.image.use(options.has_image_topic)
-
-    @property
-    def readers(self) -> tuple[MessageReader, ...]:
-        """Return the readers whose messages the executor waits for."""
-        announcements = (self.shared.announcements,) if self.shared else ()
-        return (*self.image.readers, *announcements)
 
     @property
     def is_expected(self) -> bool:
@@ -133,6 +130,11 @@ class FrameSources:
                 return (f'{self.image.topic_name} has a publisher that does not share its frames '
                         f'with this process: {reason}; set transport:=auto')
         return self._discovery.explain_no_frames(self.image.topic, self.image.qos)
+
+    def _watch(self) -> None:
+        """Have the executor wait for the messages of the topic, and for announcements."""
+        announcements = (self.shared.announcements,) if self.shared else ()
+        self._wake_ups.readers = (*self.image.readers, *announcements)
 
     def destroy(self) -> None:
         """Unsubscribe."""

@@ -90,14 +90,9 @@ class FrameSubscription:
                 self._sources.image.topic, publishers))
         self._destroyer: Thread | None = None  # that has called `destroy`
         self._changing = Lock()  # one thread at a time changes the sources
-        self._sources = FrameSources(
-            discovery, self._queue, options, log, lambda: self._wake_ups.wake())
-        if options.threaded:
-            self._consumer.start_thread(f'frames of {topic}', self._end_thread)
-        # From now on an executor in another thread may receive messages.
         self._wake_ups = WakeUps(
-            node, self._wake, lambda: not options.threaded and self._queue.has_frames,
-            lambda: () if self._destroyer else self._sources.readers)
+            node, self._wake, lambda: not options.threaded and self._queue.has_frames)
+        self._sources = FrameSources(discovery, self._queue, options, log, self._wake_ups)
         folder = discovery.resolved.rpartition('/')[0]
         self._info_subscription = node.create_subscription(
             CameraInfo, f'{folder}/camera_info', self._add_info, qos_profile_sensor_data,
@@ -105,6 +100,8 @@ class FrameSubscription:
         self._polled_at = time.monotonic()
         self._timer = create_steady_timer(
             node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
+        if options.threaded:
+            self._consumer.start_thread(f'frames of {topic}', self._end_thread)
 
     @property
     def topic_name(self) -> str:
@@ -171,6 +168,7 @@ class FrameSubscription:
         if self._destroyer is None:
             self._destroyer = current_thread()
             self._node.destroy_timer(self._timer)
+            self._wake_ups.readers = ()
             with self._changing:
                 self._sources.destroy()
             if self._info_subscription:
@@ -188,16 +186,16 @@ class FrameSubscription:
             if self._destroyer:  # which is another thread
                 return
             # With a full queue the message waits in the middleware, until a frame was passed on.
-            is_full = self._queue.is_full and not self._consumer.has_thread
+            is_full = not self._consumer.has_thread and self._queue.is_full
             if self._sources.receive(ready, is_full, have_publishers_changed):
                 self._no_frames_warning.reset()
         frame = self._consumer.next_in_executor()
         if frame:
             self._consumer.pass_on(frame)
 
-    def _end_thread(self) -> None:
+    def _end_thread(self, has_failed: bool) -> None:
         """Have the executor raise the exception that has ended the thread, if there is one."""
-        if self._consumer.has_failed:
+        if has_failed:
             self._wake_ups.wake()
         elif self._destroyer is current_thread():
             self._wake_ups.destroy()

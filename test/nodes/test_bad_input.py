@@ -45,6 +45,8 @@ PUBLISHER = {
     'no camera': (FAILED, {'source': '/dev/null'}, '/dev/null is not a camera'),
     'no such file': (FAILED, {'source': 'none.mp4'},
                      'none.mp4 cannot be opened: No such file or directory'),
+    'a file of nobody': (FAILED, {'source': '~nobody_at_all/a.mp4'},
+                         '~nobody_at_all/a.mp4 cannot be opened: No such file or directory'),
     'a mistyped pattern': (FAILED, {'source': 'patern:64x48'},
                            'No such file or directory; did you mean pattern:64x48?'),
     'a text named mp4': (FAILED, {'source': 'text.mp4'},

@@ -48,6 +48,7 @@ ALLOWED = {
                              'opencv_tools.image_codecs', 'opencv_tools.regular_files', 'cv2'},
     'opencv_tools.commands': {'opencv_tools.signals'},
     'opencv_tools.convert': {'opencv_tools.convert', 'opencv_tools.bags', 'opencv_tools.capture',
+                             'opencv_tools.regular_files',
                              'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.progress',
                              'opencv_tools.recording', 'opencv_tools.signals',
                              'opencv_tools.standard_streams'},

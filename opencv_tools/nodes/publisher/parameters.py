@@ -152,7 +152,7 @@ class PublisherSettings(NodeSettings):
             width, height = size or _UNKNOWN_SIZE
             encoding = find_encoding(self.encoding or 'bgr8')
             return max(1, encoding.rows(height) * width * encoding.pixel_bytes)
-        except (CaptureError, ImageError, OSError):
+        except (CaptureError, ImageError, OSError, ValueError):
             return self.FRAME_BYTES
 
     def playback(self) -> PlaybackSettings:

@@ -32,6 +32,7 @@ from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Selection
+from opencv_tools.regular_files import user_path
 from opencv_tools.topics.timers import create_steady_timer
 from rclpy.node import Node
 
@@ -129,7 +130,7 @@ class RecordingSession:
 def _absolute_path(text: str) -> Path:
     """Return the path of the output folder, unless it is relative to a removed folder."""
     try:
-        return Path(text).expanduser().absolute()
+        return user_path(text).absolute()
     except FileNotFoundError as err:
         raise RecordingError(
             f'output_dir {text} cannot be used: the working directory was removed; set output_dir '

@@ -170,7 +170,8 @@ def test_refusal_of_every_thread() -> None:
     ([], 0), (['-p', 'priority:=7'], 7), (['-p', 'mine:priority:=99'], 99),
     (['-p', 'other:priority:=7'], 0), (['-p', 'priority:=100'], 0), (['-p', 'priority:=-1'], 0),
     (['-p', 'priority:=high'], 0), (['-p', 'priority:=['], 0), (['--params-file', '{file}'], 3),
-    (['--params-file', '/nowhere'], 0)])
+    (['--params-file', '/nowhere'], 0), (['-p', 'priority:=7', '-p', 'depth:=-1'], 7),
+    (['-p', 'priority:=7', '-p', 'split_bytes:=5', '-p', 'file_name:=a.png'], 7)])
 def test_priority_of_the_command_line(tmp_path: Path, words: list[str], priority: int) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text('/**/mine:\n  ros__parameters:\n    priority: 3\n')

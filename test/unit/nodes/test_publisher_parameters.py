@@ -81,11 +81,14 @@ def test_frame_size_from_the_command_line(
     ('-p', 'source:=rtsp://camera/stream'), ('-p', 'source:=nowhere.mp4'), ('-p', 'source:='),
     ('-p', 'source:=broken.png'), ('-p', 'source:=pattern:0x0'), ('-p', 'encoding:=foo'),
     ('-p', 'width:=wide'), ('-p', 'width:=[1]'), ('-p', 'width:={'),
+    ('--params-file', 'nul.yaml'), ('-p', 'source:=~nobody_at_all/a.png'),
     ('-p', 'source:=pipe'), ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 3000}'),
     ('--params-file', 'nowhere.yaml'), ('--params-file', 'broken.png'),
     ('--params-file', 'list.yaml')])
 def test_full_hd_for_an_unknown_size(tmp_path: Path, words: tuple[str, ...]) -> None:
     os.mkfifo(tmp_path / 'pipe')  # opening it waits for a writer
     (tmp_path / 'broken.png').write_bytes(b'\x89PNG\0')
+    (tmp_path / 'nul.yaml').write_text(
+        'image_publisher:\n  ros__parameters:\n    source: "a\\0b"\n')
     (tmp_path / 'list.yaml').write_text('image_publisher:\n  ros__parameters:\n    - width\n')
     assert frame_bytes(*words) == FULL_HD

@@ -43,7 +43,8 @@ class Receiver:
         self.before: list[tuple[bytes, int]] = []
         self.source = ImageSource(
             TopicDiscovery(node, TOPIC, 'auto'), 100, self.queue, Log(node.get_logger()),
-            before_message=lambda publisher: self.before.append((publisher, self.queue.count)))
+            before_message=lambda publisher: self.before.append((publisher, self.queue.count)),
+            on_readers=lambda: None)
         self.source.use(True)
 
     def match(self, publisher: Publisher) -> None:
