@@ -531,6 +531,31 @@ def test_frame_larger_than_its_part_of_a_ring(tmp_path: Path) -> None:
     assert videos.counts.kept + videos.counts.skipped + videos.counts.lost <= 5
 
 
+def test_frame_without_room_after_others_of_a_ring(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=200_000, ring=True))
+    assert put_all(videos, range(20)) == 0
+    with pytest.raises(LimitReached, match='max_bytes is 200000'):
+        for number in range(5):
+            put(videos, noise(20 + number, (600, 600)))
+    videos.close()
+    assert kept_numbers(tmp_path)[:20] == [*range(20)]
+    assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 200_000
+
+
+def test_ring_continues_after_a_video_whose_last_frame_has_no_room(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=30_000, ring=True))
+    for _ in range(3):
+        for number in range(3):
+            put(videos, replace(noise(number), image=np.zeros((64, 64), np.uint8)))
+        put(videos, noise(3, (64, 64)))  # waits in the encoder until the video ends
+        put(videos, noise(4, (48, 48)))
+    videos.close()
+    counts = videos.counts
+    assert counts.skipped > 0
+    assert (counts.kept + counts.skipped, counts.lost) == (15, 0)
+    assert sum(play(path) for path in recorded_files(tmp_path)) == counts.kept
+
+
 def test_ring_after_a_killed_recording(tmp_path: Path) -> None:
     limits = Limits(max_frames=40, ring=True)
     if not os.fork():
