@@ -21,10 +21,11 @@ and `FramePublisher` add images to an existing node, and `run_filter` needs only
 """
 
 from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.frames.node import FrameNode, main, run_filter
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
 from opencv_tools.transport.fastdds.profile import configured_fastdds
 
-__all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'configured_fastdds', 'main',
-           'run_filter']
+__all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'LoanedFrame',
+           'configured_fastdds', 'main', 'run_filter']

@@ -16,18 +16,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.logs import Log
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
+from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.units import NANO
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
@@ -62,6 +67,7 @@ class FramePublisher:
         self._node = node
         self._quality = quality
         self._bridge = CvBridge()
+        self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic)
 
     @property
@@ -90,10 +96,44 @@ class FramePublisher:
         :raises EncodingError: the encoding is unknown or does not fit the array.
         :raises TypeError: ``image`` is not an array, or ``source`` neither a frame nor a header.
         """
-        header = self._header_of(source)
-        declared = _encoding_of(image, encoding)
-        self._topics.publish_raw(lambda: array_to_wire(image, declared, header))
-        self._topics.publish_compressed(lambda: self._compress(image, declared, header))
+        self._publish(image, _encoding_of(image, encoding), self._header_of(source))
+
+    def loan(
+        self, height: int, width: int, encoding: str = 'bgr8',
+        source: Frame | Header | None = None,
+    ) -> LoanedFrame:
+        """
+        Lend an image to fill, which is published without a copy for subscribers on this machine.
+
+        ::
+
+            with publisher.loan(480, 640, 'bgr8', frame) as loan:
+                cv2.flip(frame.image, 1, dst=loan.image)
+
+        :param height: height in pixels.
+        :param width: width in pixels.
+        :param encoding: encoding of the image.
+        :param source: as for ``publish``.
+        :returns: the frame, for one ``with`` block; several blocks may be open at once.
+        :raises EncodingError: the encoding is unknown.
+        :raises LayoutError: the encoding has no image of this size, or no message has so much.
+        :raises TypeError: ``source`` is neither a frame nor a header.
+        """
+        found = find_encoding(encoding)
+        header = None if source is None else self._header_of(source)
+
+        def publish(image: NDArray[Any], slot: Slot | None) -> None:
+            self._publish(image, found, header or self._header_of(None), slot)
+
+        return LoanedFrame(height, width, found, lend=self._topics.shared.lend, publish=publish,
+                           log=self._log)
+
+    def _publish(
+        self, image: NDArray[Any], encoding: Encoding, header: WireHeader,
+        slot: Slot | None = None,
+    ) -> None:
+        self._topics.publish_raw(lambda: array_to_wire(image, encoding, header), slot=slot)
+        self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""

@@ -23,6 +23,7 @@ from opencv_tools.image.cdr import WireImage
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from opencv_tools.transport.shared_frames.writer import Slot
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
@@ -57,19 +58,21 @@ class FrameTopics:
                     or self.compressed.get_subscription_count())
 
     def publish_raw(
-        self, make: Callable[[], WireImage], *, is_shared: bool = True,
+        self, make: Callable[[], WireImage], *, is_shared: bool = True, slot: Slot | None = None,
     ) -> bool | None:
         """
         Publish a raw image, if somebody receives it.
 
         :param make: creates the image.
         :param is_shared: whether subscribers may receive it by shared memory.
+        :param slot: lent memory that has its pixels, see `SharedFramePublisher.publish`.
         :returns: whether it was published on the image topic; None if nobody receives it.
         """
         is_message = self.images.get_subscription_count() > 0
         if not is_message and not (is_shared and self.shared.has_subscribers):
             return None
-        self.shared.publish(make(), is_message=is_message, is_shared=is_shared)
+        self.shared.publish(
+            make(), is_message=is_message, is_shared=is_shared, slot=slot)
         return is_message
 
     def publish_compressed(self, make: Callable[[], Any]) -> bool:

@@ -20,7 +20,6 @@ import importlib.util
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.logs import Log
 from opencv_tools.remedies import installation
@@ -29,7 +28,7 @@ from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
 from opencv_tools.transport.shared_frames.memory import process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
-from opencv_tools.transport.shared_frames.writer import FrameWriter
+from opencv_tools.transport.shared_frames.writer import FrameWriter, MAX_LOANS, Slot
 from opencv_tools.transport.zero_copy import publish_image
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -87,20 +86,42 @@ class SharedFramePublisher:
         return (self._announcements is not None
                 and self._announcements.get_subscription_count() > 0)
 
-    def publish(self, image: WireImage, *, is_message: bool, is_shared: bool = True) -> None:
+    def lend(self, size: int) -> Slot | None:
+        """
+        Lend shared memory for a frame, if it has readers.
+
+        :param size: bytes of the pixels.
+        :returns: a slot for ``publish``; None if there are no readers, no room, or ``MAX_LOANS``
+            slots whose arrays are in use.
+        """
+        if not self.has_subscribers:
+            return None
+        try:
+            writer = self._writer_with_room(size)
+            return writer.lend(size) if writer and len(writer.loans) < MAX_LOANS else None
+        except SharedMemoryError as err:
+            self._withdraw(err)
+            return None
+
+    def publish(
+        self, image: WireImage, *, is_message: bool, is_shared: bool = True,
+        slot: Slot | None = None,
+    ) -> None:
         """
         Publish a frame.
 
         :param image: the frame.
         :param is_message: whether to publish it on the image topic.
         :param is_shared: whether subscribers may receive it by shared memory.
+        :param slot: lent memory that has the pixels of the frame; None to copy them. No other view
+            of it may be left.
         :raises CdrError: a string cannot be part of a message.
         :raises RuntimeError: the middleware did not publish the message.
         """
         if is_message and self._frames - self._messages != self._announced_only_shared:
             self._announce(self._writer.service if self._writer and self._is_announced else '')
         if is_shared:
-            self._share(image, is_message)
+            self._share(image, is_message, slot)
         self._frames += 1
         if is_message:
             publish_image(self._images.handle, image)
@@ -113,19 +134,32 @@ class SharedFramePublisher:
             self._node.destroy_publisher(self._announcements)
             self._announcements = None
 
-    def _share(self, image: WireImage, is_message: bool) -> None:
-        """Write a frame into shared memory, if it has subscribers."""
+    def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> None:
+        """Send a frame in shared memory, if it has subscribers."""
         if not self.has_subscribers:
             if not self._is_announced:
                 self._writer = None  # its readers have left; others need the memory
             return
         data = np.frombuffer(image.data, np.uint8)
         try:
-            self._check_room(data.nbytes)
-            if self._writer is not None and self._writer.readers:
-                self._write(self._writer, image, data, is_message)
+            writer = self._writer_with_room(data.nbytes)
+            if writer is None:
+                return
+            if slot is None or slot.writer is not writer:
+                slot = writer.lend(data.nbytes)
+                np.copyto(slot.data, data)
+            self._send(slot, image, is_message)
         except SharedMemoryError as err:
             self._withdraw(err)
+
+    def _writer_with_room(self, frame_bytes: int) -> FrameWriter | None:
+        """
+        Return the writer of the service if it has readers.
+
+        :raises SharedMemoryError: the service cannot be created.
+        """
+        self._check_room(frame_bytes)
+        return self._writer if self._writer is not None and self._writer.readers else None
 
     def _check_room(self, frame_bytes: int) -> None:
         """
@@ -149,17 +183,13 @@ class SharedFramePublisher:
         if not self._is_announced:
             self._announce(self._writer.service)
 
-    def _write(
-        self, writer: FrameWriter, image: WireImage, data: NDArray[np.uint8], is_message: bool,
-    ) -> None:
+    def _send(self, slot: Slot, image: WireImage, is_message: bool) -> None:
         """
-        Write a frame.
+        Send a filled slot.
 
-        :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
+        :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
         """
         header = image.header
-        slot = writer.lend(data.nbytes)
-        np.copyto(slot.data, data)
         fields = FrameHeader(
             number=self._frames + 1, message=self._messages + is_message, is_message=is_message,
             publish_ns=time.time_ns(), sec=header.sec, nanosec=header.nanosec,

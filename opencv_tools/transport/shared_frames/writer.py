@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import ctypes
 from typing import Any
+import weakref
 
 import numpy as np
 from opencv_tools.transport.shared_frames.header import FrameHeader, Pixels
@@ -25,16 +26,41 @@ from opencv_tools.transport.shared_frames.pages import (
     allocate_pages, ServiceMemory, shared_memory_errors, SharedMemoryError)
 
 
+#: Slots that users may fill at once. One more is for frames that are copied.
+MAX_LOANS = 3
+
+
+class _LoanedMemory:
+    """The memory of a slot, which returns to the writer with the last view of it."""
+
+    def __init__(self, writer: FrameWriter, sample: Any, pixels: Pixels) -> None:
+        """Hold the sample, and its writer, without which the memory would be unmapped."""
+        self._held = writer, sample
+        self.__array_interface__ = {
+            'shape': pixels.shape, 'typestr': '|u1', 'data': (pixels.ctypes.data, False),
+            'version': 3}
+
+
 class Slot:
-    """Memory for one frame, lent by a writer."""
+    """Memory for one frame, lent by a writer and returned to it if it is not published."""
 
     def __init__(self, writer: FrameWriter, sample: Any, size: int) -> None:
         """Create a view of the lent memory."""
-        self._writer = writer
+        self.writer = writer
         self._sample = sample
         self._payload = _as_array(sample.payload_ptr, sample.payload().len())
-        #: Memory for the pixels, (size,) uint8, not initialised.
+        #: Memory for the pixels, (size,) uint8, not initialised. No view of it outlives the slot.
         self.data = self._payload[:size]
+
+    def loan(self) -> tuple[Pixels, weakref.ref[object]]:
+        """
+        Return the memory for the pixels as an array that the user may keep.
+
+        :returns: the array, and a reference that is dead when no view of the array is left.
+        """
+        memory = _LoanedMemory(self.writer, self._sample, self.data)
+        self.writer.loans.add(memory)
+        return np.asarray(memory), weakref.ref(memory)
 
     def publish(self, header: FrameHeader, frame_id: str, encoding: str) -> None:
         """
@@ -52,7 +78,7 @@ class Slot:
         self._payload[size:end] = np.frombuffer(b''.join(texts), np.uint8)
         header.data_size = size
         header.frame_id_size, header.encoding_size = map(len, texts)
-        self._writer.send(self._sample, header)
+        self.writer.send(self._sample, header)
 
 
 class FrameWriter:
@@ -69,11 +95,13 @@ class FrameWriter:
         self._memory = memory
         self._largest = frame_bytes + self._TEXT_BYTES
         self._allocated: dict[int, int] = {}  # bytes by the address of a slot
+        #: Memory that users hold.
+        self.loans: weakref.WeakSet[_LoanedMemory] = weakref.WeakSet()
         frames, events = memory.builders(service)
         self._frames = frames.create()
         self._publisher = (
             self._frames.publisher_builder().initial_max_slice_len(self._largest)
-            .allocation_strategy(memory.growing()).max_loaned_samples(1).create())
+            .allocation_strategy(memory.growing()).max_loaned_samples(MAX_LOANS + 1).create())
         self._notifier = events.create().notifier_builder().create()
 
     @property
@@ -83,7 +111,7 @@ class FrameWriter:
 
     def lend(self, size: int) -> Slot:
         """
-        Lend memory for one frame. Only one slot can be lent at a time.
+        Lend memory for one frame. Beside the loans only one slot can be lent at a time.
 
         :param size: bytes of the pixels.
         :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.

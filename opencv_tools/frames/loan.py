@@ -1,0 +1,138 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An image that is filled in the memory where subscribers read it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+import weakref
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.image.encodings import Encoding
+from opencv_tools.image.errors import LayoutError
+from opencv_tools.image.layout import view_pixels
+from opencv_tools.logs import Log
+from opencv_tools.transport.shared_frames.writer import Slot
+
+_MAX_BYTES = 2**32 - 1  # of the data of a message
+
+
+class LoanedFrame:
+    """
+    An image to fill in a ``with`` block, whose end publishes it.
+
+    Subscribers on this machine read it where it was filled. If there are none, it has ordinary
+    memory and is published as any other image. A block that raises an exception publishes nothing.
+    """
+
+    def __init__(
+        self, height: int, width: int, encoding: Encoding, *,
+        lend: Callable[[int], Slot | None],
+        publish: Callable[[NDArray[Any], Slot | None], object], log: Log,
+    ) -> None:
+        """
+        Check the size. The memory is lent at the begin of the block.
+
+        :param lend: lends shared memory for a number of bytes, if it has readers.
+        :param publish: publishes the image, whose pixels are in the slot if there is one.
+        :raises LayoutError: the encoding has no image of this size, or no message has so much.
+        """
+        for name, value in (('height', height), ('width', width)):
+            if type(value) is not int or value < 1:
+                raise LayoutError(f'{name} is {value!r}: give a number of pixels, at least 1')
+        self._height, self._width, self._encoding = height, width, encoding
+        self._size = encoding.rows(height) * width * encoding.pixel_bytes
+        if self._size > _MAX_BYTES:
+            raise LayoutError(f'{width}x{height} {encoding.name} is {self._size} bytes: a message '
+                              f'has at most {_MAX_BYTES}')
+        if not encoding.is_valid_size(height, width):
+            raise LayoutError(f'{encoding.name} has no image of {width}x{height}: give an even '
+                              'width and height')
+        self._lend = lend
+        self._publish = publish
+        self._log = log
+        self._is_new = True
+        self._image: NDArray[Any] | None = None
+        self._slot: Slot | None = None
+        self._views: weakref.ref[Any] | None = None
+
+    @property
+    def image(self) -> NDArray[Any]:
+        """
+        The image, (h, w) or (h, w, c), not initialised; separate chroma rows follow the luma rows.
+
+        An assigned array is copied into it. A view of the image that exists after the block is
+        the user's: then a copy of the image is published.
+
+        :raises RuntimeError: before the block, after it, and after ``give_back``.
+        """
+        if self._image is None:
+            raise RuntimeError('a loaned frame has an image inside its with block only, until '
+                               'give_back()')
+        return self._image
+
+    @image.setter
+    def image(self, image: NDArray[Any]) -> None:
+        if image is not self.image:
+            np.copyto(self.image, image)
+
+    def give_back(self) -> None:
+        """Publish nothing at the end of the block."""
+        self._image = self._slot = None
+
+    def __enter__(self) -> LoanedFrame:
+        """
+        Lend the memory.
+
+        :raises RuntimeError: this loan had a block before.
+        """
+        if not self._is_new:
+            raise RuntimeError('a loan is for one with block: call loan() for each frame')
+        self._is_new = False
+        self._slot = self._lend(self._size)
+        if self._slot:
+            data, self._views = self._slot.loan()
+        else:
+            data = np.empty(self._size, np.uint8)
+        self._image = self._view(data)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, _: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Publish the image, unless an exception was raised or it was given back."""
+        image, slot = self._image, self._slot
+        self.give_back()
+        if image is None or kind is not None:
+            return
+        if slot and self._views:
+            image = None  # the last view, if the user has no other
+            memory = self._views()
+            if memory is None:
+                image = self._view(slot.data)
+            else:
+                image, slot = self._view(np.asarray(memory)), None
+                self._log.warning(
+                    'a loaned frame is copied, because an array of it is in use after its block: '
+                    'write frame.image instead of a name of your own', once='loan')
+        self._publish(image, slot)
+
+    def _view(self, data: NDArray[np.uint8]) -> NDArray[Any]:
+        return view_pixels(data, self._height, self._width,
+                           self._width * self._encoding.pixel_bytes, self._encoding)
