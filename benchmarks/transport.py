@@ -18,8 +18,9 @@ The package's nodes against the tutorial's: what arrives, how old it is, and wha
 The ways run in turn, each with processes of its own. The package's processes use Fast DDS as the
 package configures it, the tutorial's use its defaults. The age of a frame is the time from when
 its publisher has it in hand to when a subscriber has it as an array. The first second of a run
-does not count for the ages. Both nodes in the middle flip frames from img_publisher for
-img_subscriber; their CPU time is without the flip.
+does not count for the ages. All nodes in the middle flip frames from img_publisher for
+img_subscriber; their CPU time is without the flip. The publisher of loans has a frame in hand when
+the loan is filled, and its CPU time is without the filling.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ WAYS = {f'{name} {transport}': Way(*ends, transport=transport) for name, ends in
     'thread': ('img_publisher', 'thread'),
     'own node': ('img_publisher', 'img_subscriber', 'own node'),
 }.items() for transport in _TRANSPORTS} | {
+    'ours loan': Way('loan publisher', 'img_subscriber', transport='shm'),
+    'thread loan': Way('loan publisher', 'thread', transport='shm'),
+    'own node loan': Way('img_publisher', 'img_subscriber', 'own node loan', transport='shm'),
     'plain subscriber': Way('img_publisher', 'tutorial subscriber'),
     'plain node': Way('img_publisher', 'img_subscriber', 'plain node'),
     'tutorial': Way('tutorial publisher', 'tutorial subscriber')}

@@ -25,14 +25,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from itertools import pairwise
 import json
 import signal
 import sys
 import tempfile
+from threading import Thread
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
+import numpy as np
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, main as run_frame_node
@@ -41,9 +45,12 @@ from opencv_tools.nodes.publisher import loop
 from opencv_tools.nodes.run_node import EXIT_USAGE, run
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.topics.message_reader import ImageReader
+from opencv_tools.units import NANO
+from std_msgs.msg import Header
 from transport_parts import Ages, Camera, Flip, FRAMES, listen, Load, RESULTS
 import transport_tutorial
 
+LONGEST_WAIT = 0.1  # for a frame, in seconds
 STAGES = ('frame in hand to middleware', "to the subscriber's history", 'executor wakes up',
           'message is taken', 'message to array')
 
@@ -132,7 +139,48 @@ def subscribe_in_thread(load: Load) -> None:
     ages.report()
 
 
-def flip(load: Load) -> None:
+class LoanPublisher(FrameNode):
+    """A node of opencv_tools.frames that fills loaned frames with those of a camera."""
+
+    def __init__(self, load: Load, camera: Camera) -> None:
+        """Start the thread that publishes."""
+        super().__init__('image_publisher')
+        self._load, self._camera = load, camera
+        self._frames = self.publish_frames(FRAMES)
+        self._is_closed = False
+        self._filling = 0.0
+        self._thread = Thread(target=self._publish_all)
+        self._thread.start()
+
+    def close(self) -> int:
+        """End the thread and print what was measured."""
+        self._is_closed = True
+        self._thread.join()
+        self._camera.meter.report(filling=self._filling / max(1, self._camera.meter.frames) * 1e3)
+        return super().close()
+
+    def _publish_all(self) -> None:
+        while not self._is_closed:
+            if self._camera.wait(LONGEST_WAIT) and self._frames.has_subscribers:
+                self._publish()
+
+    def _publish(self) -> None:
+        image = self._camera.read().image
+        with self._frames.loan(self._load.height, self._load.width) as loan:
+            began = time.thread_time()
+            np.copyto(loan.image, image)
+            self._filling += time.thread_time() - began
+            sec, nanosec = divmod(time.time_ns(), NANO)
+            loan.source = Header(stamp=Time(sec=sec, nanosec=nanosec))
+
+
+def publish_loans(load: Load) -> None:
+    """Run a node of opencv_tools.frames that publishes loaned frames."""
+    camera = Camera(load)
+    _run_frame_node(lambda: LoanPublisher(load, camera), load, camera.begin)
+
+
+def flip(load: Load, *, is_loaned: bool = False) -> None:
     """Run a node of opencv_tools.frames that receives, flips and publishes frames."""
     flip_image = Flip()
 
@@ -143,15 +191,22 @@ def flip(load: Load) -> None:
         def flip_frame(frame: Frame) -> None:
             results.publish(flip_image(frame.image), frame)
 
-        node.receive_frames(FRAMES, flip_frame, transport=load.transport)
+        def flip_into_loan(frame: Frame) -> None:
+            with results.loan(load.height, load.width, 'bgr8', frame) as loan:
+                flip_image(frame.image, loan.image)
+
+        node.receive_frames(FRAMES, flip_into_loan if is_loaned else flip_frame,
+                            transport=load.transport)
         return node
 
     _run_frame_node(create_node, load)
     flip_image.report()
 
 
-def _run_frame_node(create_node: Callable[[], FrameNode], load: Load) -> None:
-    listen(lambda: None, _interrupt)
+def _run_frame_node(
+    create_node: Callable[[], FrameNode], load: Load, begin: Callable[[], object] = lambda: None,
+) -> None:
+    listen(begin, _interrupt)
     run_frame_node(create_node, ['node', *load.arguments], frame_size=(load.width, load.height),
                    priority=load.priority)
 
@@ -162,7 +217,9 @@ def _interrupt() -> None:
 
 ENDS: dict[str, Callable[[Load], None]] = {
     'img_publisher': publish, 'img_subscriber': subscribe, 'thread': subscribe_in_thread,
-    'own node': flip, 'tutorial publisher': transport_tutorial.publish,
+    'loan publisher': publish_loans, 'own node': flip,
+    'own node loan': partial(flip, is_loaned=True),
+    'tutorial publisher': transport_tutorial.publish,
     'tutorial subscriber': transport_tutorial.subscribe, 'plain node': transport_tutorial.flip}
 
 

@@ -22,7 +22,7 @@ from transport_run import Result
 
 _LIGHT, _FAST, _LARGE = '1920x1080@30', '1920x1080@60', '3840x2160@30'
 # The node that a way is compared with; the tutorial's nodes for all others.
-_REFERENCES = {'own node raw': 'plain node', 'own node shm': 'plain node'}
+_REFERENCES = dict.fromkeys(('own node raw', 'own node shm', 'own node loan'), 'plain node')
 _MEMORY = f'memory after frame {SETTLED_FRAMES}'
 _WITHOUT_GOAL = ('delivered', 'age p50', 'age p99', 'CPU')
 _EVERYWHERE = {'delivered': 100.0, _MEMORY: 10.0}  # of the ways below
@@ -41,6 +41,14 @@ _GOALS = {
         "age p50, tutorial's to it": 20.0},
     ('thread shm', f'{_FAST} x8'): {'age p99': 5.0},
     ('thread shm', f'{_LARGE} x1'): {'age p50 to memcpy': 1.5, 'CPU': 3.0},
+    ('ours loan', f'{_LIGHT} x1'): {
+        'age p50 to memcpy': 0.9, 'CPU to memcpy': 1.2, "age p50, tutorial's to it": 40.0},
+    ('thread loan', f'{_LIGHT} x1'): {
+        'age p50 to memcpy': 0.6, 'CPU to memcpy': 1.2, "age p50, tutorial's to it": 40.0},
+    ('thread loan', f'{_LARGE} x1'): {'age p50 to memcpy': 0.3},
+    ('own node loan', f'{_LIGHT} x1'): {
+        "age without the flip, plain node's to it": 10.0,
+        "CPU of the node, plain node's to it": 6.0},
     ('own node shm', f'{_LIGHT} x1'): {
         "age p50, plain node's to it": 8.0, "CPU of the node, plain node's to it": 3.0}}
 _FURTHER_CPU = {('ours shm', _LIGHT): 0.6, ('thread shm', _LIGHT): 0.6}
@@ -64,7 +72,8 @@ def compare(
         values = {
             'delivered': (result.delivered, '%'), 'age p50': (result.p50, 'ms'),
             'age p99': (result.p99, 'ms'), 'age p99 - p50': (result.p99 - result.p50, 'ms'),
-            'age p50 to memcpy': (result.p50 / copy, 'x'), 'CPU': (result.cpu, 'ms/frame')}
+            'age p50 to memcpy': (result.p50 / copy, 'x'), 'CPU': (result.cpu, 'ms/frame'),
+            'CPU to memcpy': (result.cpu / copy, 'x')}
         if result.growth:
             values[_MEMORY] = result.growth, 'MB'
         other = _REFERENCES.get(name, 'tutorial')
@@ -74,6 +83,8 @@ def compare(
             if result.node_cpu and reference.node_cpu:
                 values[f"CPU of the node, {other}'s to it"] = (
                     reference.node_cpu / result.node_cpu, 'x')
+                values[f"age without the flip, {other}'s to it"] = (
+                    (reference.p50 - reference.filter_cpu) / (result.p50 - result.filter_cpu), 'x')
             values |= {
                 f"age p50, {other}'s to it": (reference.p50 / result.p50, 'x'),
                 f"age p99, {other}'s to it": (reference.p99 / result.p99, 'x'),

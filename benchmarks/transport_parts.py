@@ -169,10 +169,10 @@ class Flip:
         self._cpu = 0.0
         cv2.setNumThreads(1)  # otherwise the time is not that of this thread
 
-    def __call__(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return an image upside down."""
+    def __call__(self, image: NDArray[Any], out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return an image upside down, in a given array if there is one."""
         began = time.thread_time()
-        flipped = cv2.flip(image, 0)
+        flipped: NDArray[Any] = cv2.flip(image, 0, out)
         if _number_in(image[0])[0] != _WARM_UP:
             self._cpu += time.thread_time() - began
             self._meter.tick()

@@ -67,7 +67,7 @@ class Result:
     :param delivered: per cent of the frames that arrived at the worst subscriber.
     :param p50: median of the ages in ms, of all subscribers.
     :param p99: 99th percentile of the ages in ms.
-    :param publisher_cpu: CPU time of the publisher.
+    :param publisher_cpu: CPU time of the publisher, without the filling of loans.
     :param node_cpu: CPU time of the node in between, without that of the filter.
     :param filter_cpu: CPU time of the filter.
     :param subscriber_cpu: CPU time of one subscriber.
@@ -192,14 +192,16 @@ def _result(load: Load, received: list[dict[str, Any]], between: list[dict[str, 
                        if len(times) == len(STAGES)]) / 1e6
     every = *received, *between, sent
     filter_cpu = sum(measured['filter'] for measured in between)
+    publisher_cpu = sent['cpu'] - sent.get('filling', 0.0)
     return Result(
         delivered=100 * min(
             len(set(measured['numbers'])) for measured in received) / sent['frames'],
         p50=float(np.percentile(ages, 50)), p99=float(np.percentile(ages, 99)),
-        publisher_cpu=sent['cpu'],
+        publisher_cpu=publisher_cpu,
         node_cpu=sum(measured['cpu'] for measured in between) - filter_cpu, filter_cpu=filter_cpu,
         subscriber_cpu=statistics.fmean(measured['cpu'] for measured in received),
-        cpu=sum(measured['cpu'] for measured in every) - filter_cpu,
+        cpu=sum(measured['cpu'] for measured in (*received, *between)) + publisher_cpu - (
+            filter_cpu),
         faults=sum(measured['faults'] for measured in every),
         growth=max(measured['growth'] for measured in every),
         stages=tuple(np.median(stages, 0).tolist()) if len(stages) else ())

@@ -23,10 +23,8 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
+from opencv_tools.frames.image_function import ImageFunction
 from opencv_tools.frames.node import FrameNode
 from opencv_tools.logs import Log
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
@@ -81,8 +79,8 @@ class ImageFilter(FrameNode):
         """
         super().__init__('image_filter', automatically_declare_parameters_from_overrides=True)
         settings = declare_settings(self, FilterSettings)
-        self._function = load_function(settings.function)
-        self._arguments, self._keywords = parse_arguments(settings.arguments)
+        arguments, keywords = parse_arguments(settings.arguments)
+        self._function = ImageFunction(load_function(settings.function), arguments, keywords)
         self._failed = self._unfiltered = 0
         self._log = Log(self.get_logger())
         self._progress = Progress(self._log.info, 'Filtering video frame')
@@ -106,10 +104,7 @@ class ImageFilter(FrameNode):
             self._progress.tick('not filtered without subscribers', **self._lost())
             return
         try:
-            result = self._function(frame.image, *self._arguments, **self._keywords)
-            image = _image_of(result)
-            if image is not None:
-                self._publisher.publish(image, frame)
+            self._function.publish(frame, self._publisher)
         except Exception as err:  # noqa: B902 (the function may raise anything)
             self._failed += 1
             reason = ' '.join(str(err).split())
@@ -188,18 +183,6 @@ def parse_arguments(text: str) -> tuple[list[Any], dict[str, Any]]:
         raise ParameterError(f'parameter arguments is {text!r}: give values separated by commas, '
                              'for example 50, 150') from err
     return positional, keywords
-
-
-def _image_of(result: Any) -> NDArray[Any] | None:
-    """
-    Return the image in the result of a function; functions of OpenCV return it last.
-
-    :raises CvBridgeError: there is no array.
-    """
-    image = result[-1] if isinstance(result, tuple) and result else result
-    if image is None or isinstance(image, np.ndarray):
-        return image
-    raise CvBridgeError(f'the function returned {type(image).__name__}, not an array')
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -23,11 +23,13 @@ import weakref
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.frames.frame import Frame
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
 from opencv_tools.logs import Log
 from opencv_tools.transport.shared_frames.writer import Slot
+from std_msgs.msg import Header
 
 _MAX_BYTES = 2**32 - 1  # of the data of a message
 
@@ -42,14 +44,14 @@ class LoanedFrame:
 
     def __init__(
         self, height: int, width: int, encoding: Encoding, *,
-        lend: Callable[[int], Slot | None],
-        publish: Callable[[NDArray[Any], Slot | None], object], log: Log,
+        source: Frame | Header | None, lend: Callable[[int], Slot | None],
+        publish: Callable[[NDArray[Any], Frame | Header | None, Slot | None], object], log: Log,
     ) -> None:
         """
         Check the size. The memory is lent at the begin of the block.
 
         :param lend: lends shared memory for a number of bytes, if it has readers.
-        :param publish: publishes the image, whose pixels are in the slot if there is one.
+        :param publish: publishes the image with a source; a slot has its pixels.
         :raises LayoutError: the encoding has no image of this size, or no message has so much.
         """
         for name, value in (('height', height), ('width', width)):
@@ -63,6 +65,8 @@ class LoanedFrame:
         if not encoding.is_valid_size(height, width):
             raise LayoutError(f'{encoding.name} has no image of {width}x{height}: give an even '
                               'width and height')
+        #: Frame or header whose stamp and coordinate frame the message gets, see `publish`.
+        self.source = source
         self._lend = lend
         self._publish = publish
         self._log = log
@@ -131,7 +135,7 @@ class LoanedFrame:
                 self._log.warning(
                     'a loaned frame is copied, because an array of it is in use after its block: '
                     'write frame.image instead of a name of your own', once='loan')
-        self._publish(image, slot)
+        self._publish(image, self.source, slot)
 
     def _view(self, data: NDArray[np.uint8]) -> NDArray[Any]:
         return view_pixels(data, self._height, self._width,

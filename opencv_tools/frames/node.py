@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.image_function import ImageFunction
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
 from opencv_tools.nodes.executable import Executable
@@ -121,14 +122,16 @@ def main(
 
 
 def run_filter(
-    function: Callable[[NDArray[Any]], NDArray[np.generic] | None], source: str, target: str, *,
+    function: Callable[..., NDArray[np.generic] | None], source: str, target: str, *,
     encoding: str = 'bgr8', name: str = 'img_filter', args: Sequence[str] | None = None,
 ) -> int:
     """
     Apply a function to the images of a topic and publish the results.
 
     :param function: called with an array, (h, w) or (h, w, c) and read-only; returns the array to
-        publish, or None for no image. It is called only if the results have subscribers.
+        publish, or None for no image. It is called only if the results have subscribers. If it has
+        a parameter ``out`` without a default, it gets an array of the same shape to fill, see
+        `FramePublisher.loan`.
     :param source: topic of the images before remapping.
     :param target: topic of the results before remapping.
     :param encoding: encoding of the arrays; '' for that of the messages.
@@ -139,12 +142,11 @@ def run_filter(
     def create_node() -> FrameNode:
         node = FrameNode(name)
         publisher = node.publish_frames(target)
+        image_function = ImageFunction(function)
 
         def filter_frame(frame: Frame) -> None:
             if publisher.has_subscribers:
-                result = function(frame.image)
-                if result is not None:
-                    publisher.publish(result, frame)
+                image_function.publish(frame, publisher)
 
         node.receive_frames(source, filter_frame, encoding=encoding)
         return node

@@ -96,7 +96,7 @@ class FramePublisher:
         :raises EncodingError: the encoding is unknown or does not fit the array.
         :raises TypeError: ``image`` is not an array, or ``source`` neither a frame nor a header.
         """
-        self._publish(image, _encoding_of(image, encoding), self._header_of(source))
+        self._publish(image, _encoding_of(image, encoding), source)
 
     def loan(
         self, height: int, width: int, encoding: str = 'bgr8',
@@ -113,25 +113,21 @@ class FramePublisher:
         :param height: height in pixels.
         :param width: width in pixels.
         :param encoding: encoding of the image.
-        :param source: as for ``publish``.
+        :param source: as for ``publish``; the block may set it, too.
         :returns: the frame, for one ``with`` block; several blocks may be open at once.
         :raises EncodingError: the encoding is unknown.
         :raises LayoutError: the encoding has no image of this size, or no message has so much.
-        :raises TypeError: ``source`` is neither a frame nor a header.
         """
         found = find_encoding(encoding)
-        header = None if source is None else self._header_of(source)
-
-        def publish(image: NDArray[Any], slot: Slot | None) -> None:
-            self._publish(image, found, header or self._header_of(None), slot)
-
-        return LoanedFrame(height, width, found, lend=self._topics.shared.lend, publish=publish,
-                           log=self._log)
+        return LoanedFrame(
+            height, width, found, source=source, lend=self._topics.shared.lend, log=self._log,
+            publish=lambda image, source, slot: self._publish(image, found, source, slot))
 
     def _publish(
-        self, image: NDArray[Any], encoding: Encoding, header: WireHeader,
+        self, image: NDArray[Any], encoding: Encoding, source: Frame | Header | None,
         slot: Slot | None = None,
     ) -> None:
+        header = self._header_of(source)
         self._topics.publish_raw(lambda: array_to_wire(image, encoding, header), slot=slot)
         self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
 
