@@ -76,6 +76,10 @@ _QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
 # Names of the encodings in OpenCV's names of conversions, such as COLOR_BGR2RGB.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'bgra8': 'BGRA', 'rgba8': 'RGBA', 'mono8': 'GRAY'}
 
+_FLIPS = {'horizontal': 1, 'vertical': 0, 'both': -1}
+_ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180,
+              270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+
 _MAX_NAME = 80  # characters of an unknown format in an error message
 _FILL_GRAY = 128  # of libjpeg, in all channels
 
@@ -188,22 +192,48 @@ def _has_fill_gray(image: NDArray[Any]) -> bool:
     return any((image[row, column] == _FILL_GRAY).all() for row in (0, -1) for column in (0, -1))
 
 
-def convert_image(image: NDArray[Any], source: Encoding, target: Encoding) -> NDArray[Any]:
+def convert_image(
+    image: NDArray[Any], source: Encoding, target: Encoding, out: NDArray[Any] | None = None,
+) -> NDArray[Any]:
     """
     Convert an image between encodings, with OpenCV where OpenCV is faster.
 
     :param image: array as for ``opencv_tools.image.color.convert``, in native byte order.
     :param source: encoding of the image.
     :param target: encoding of the result.
-    :returns: a new array, equal to that of ``opencv_tools.image.color.convert``.
+    :param out: array with the shape and type of the result, to write it to; None for a new one.
+    :returns: ``out`` or a new array, equal to that of ``opencv_tools.image.color.convert``.
     :raises ConversionError: the conversion is not supported.
     """
     code = _conversion_code(source, target)
     # OpenCV returns arbitrary pixels for YUV with an odd width.
     has_odd_width = source.kind == 'yuv' and image.shape[1] % 2
     if code is None or has_odd_width or not image.size:
-        return convert(image, source, target)
-    return cv2.cvtColor(np.ascontiguousarray(image), code)
+        converted = convert(image, source, target)
+        if out is None:
+            return converted
+        np.copyto(out, converted)
+        return out
+    return cv2.cvtColor(np.ascontiguousarray(image), code, dst=out)
+
+
+def turn_image(
+    image: NDArray[Any], flip: str, degrees: int, out: NDArray[Any] | None = None,
+) -> NDArray[Any]:
+    """
+    Mirror an image, then rotate it.
+
+    :param image: (h, w) or (h, w, c) array in native byte order with at most four channels.
+    :param flip: one of ``opencv_tools.image.orientation.FLIPS``.
+    :param degrees: clockwise rotation in degrees: 0, 90, 180 or 270.
+    :param out: array with the shape and type of the result, to write it to; None for a new one.
+    :returns: ``out`` or a new array, equal to that of ``opencv_tools.image.orientation.orient``.
+    """
+    if degrees == 0:
+        return cv2.flip(image, _FLIPS[flip], dst=out)
+    if flip != 'none':
+        image = cv2.flip(image, _FLIPS[flip])
+    return cv2.rotate(image, _ROTATIONS[degrees], dst=out)
 
 
 @lru_cache  # called for each frame

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -31,11 +32,15 @@ from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
 from opencv_tools.image.text import printable
-from opencv_tools.image_codecs import check_complete, convert_image, decode_image, encode_image
+from opencv_tools.image_codecs import (
+    check_complete, convert_image, decode_image, encode_image, turn_image)
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
 # the colour channels, so it can be decoded to each of them.
 _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
+_MAX_CHANNELS = 4  # that OpenCV turns
+
+Lend = Callable[[int, int, Encoding], NDArray[Any] | None]
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,9 @@ class OutputImage:
         self._frame = frame
         #: How the frame is converted.
         self.settings = settings
+        #: Lends an array of a height, a width and an encoding, to which the last conversion writes
+        #: the pixels, or None. It may be set before the first use of ``image``.
+        self.lend: Lend = _lend_nothing
 
     @property
     def image(self) -> NDArray[Any]:
@@ -167,9 +175,24 @@ class OutputImage:
         else:
             encoding = find_encoding(self._frame.encoding)
         target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
+        flip, degrees = self.settings.flip, self.settings.rotate
+        is_turned = flip != 'none' or degrees
         if not target.has_layout_of(encoding):
-            image = convert_image(_native(image, encoding), encoding, target)
-        return orient(image, target, self.settings.flip, self.settings.rotate)
+            native = _native(image, encoding)
+            image = convert_image(native, encoding, target, None if is_turned else self.lend(
+                encoding.height(len(native)), native.shape[1], target))
+        if not is_turned:
+            return image, target
+        turned, target = orient(image, target, flip, degrees)
+        if target.channels > _MAX_CHANNELS or not image.size:
+            return turned, target
+        height, width = turned.shape[:2]
+        out = self.lend(height, width, target)
+        return turn_image(_native(image, target), flip, degrees, out), target
+
+
+def _lend_nothing(_height: int, _width: int, _encoding: Encoding) -> None:
+    return None
 
 
 def _native(image: NDArray[Any], encoding: Encoding) -> NDArray[Any]:

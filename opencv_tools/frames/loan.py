@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from opencv_tools.frames.frame import Frame
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import LayoutError
-from opencv_tools.image.layout import view_pixels
+from opencv_tools.image.layout import view_image
 from opencv_tools.logs import Log
 from opencv_tools.transport.shared_frames.writer import Slot
 from std_msgs.msg import Header
@@ -58,7 +58,7 @@ class LoanedFrame:
             if type(value) is not int or value < 1:
                 raise LayoutError(f'{name} is {value!r}: give a number of pixels, at least 1')
         self._height, self._width, self._encoding = height, width, encoding
-        self._size = encoding.rows(height) * width * encoding.pixel_bytes
+        self._size = encoding.size(height, width)
         if self._size > _MAX_BYTES:
             raise LayoutError(f'{width}x{height} {encoding.name} is {self._size} bytes: a message '
                               f'has at most {_MAX_BYTES}')
@@ -138,5 +138,4 @@ class LoanedFrame:
         self._publish(image, self.source, slot)
 
     def _view(self, data: NDArray[np.uint8]) -> NDArray[Any]:
-        return view_pixels(data, self._height, self._width,
-                           self._width * self._encoding.pixel_bytes, self._encoding)
+        return view_image(data, self._height, self._width, self._encoding)

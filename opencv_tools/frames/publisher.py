@@ -128,7 +128,7 @@ class FramePublisher:
         slot: Slot | None = None,
     ) -> None:
         header = self._header_of(source)
-        self._topics.publish_raw(lambda: array_to_wire(image, encoding, header), slot=slot)
+        self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:

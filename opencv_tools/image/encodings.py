@@ -75,6 +75,10 @@ class Encoding:
         """Return the height of an image with some rows of data."""
         return int(rows / self.row_factor)
 
+    def size(self, height: int, width: int) -> int:
+        """Return the bytes of an image without padding."""
+        return self.rows(height) * width * self.pixel_bytes
+
     def has_layout_of(self, other: Encoding) -> bool:
         """Return whether two encodings are equal except for their names: yuyv and yuv422_yuy2."""
         return replace(self, name=other.name) == other

@@ -72,6 +72,16 @@ def view_pixels(
     return lines[:, :row].view(dtype).reshape(shape)
 
 
+def view_image(data: Any, height: int, width: int, encoding: Encoding) -> NDArray[Any]:
+    """
+    Return memory as an image in native byte order without padding, see `view_pixels`.
+
+    :param data: buffer of at least ``encoding.size(height, width)`` bytes.
+    """
+    return view_pixels(data, height, width, width * encoding.pixel_bytes, encoding,
+                       sys.byteorder == 'big')
+
+
 def _view_bytes(data: Any) -> NDArray[np.uint8]:
     """Return a buffer as a uint8 array without a copy; a list is copied."""
     try:

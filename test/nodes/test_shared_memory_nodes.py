@@ -85,11 +85,12 @@ ENCODINGS = (('mono8', 1, 1), ('bgr8', 481, 641), ('16UC1', 7, 3), ('32FC1', 5, 
 
 
 @pytest.mark.parametrize('transport', ['raw', 'auto', 'shm'])
+@pytest.mark.parametrize('is_loaned', [False, True], ids=['array', 'loan'])
 def test_pixels_of_each_transport(
         view: Callable[..., Viewer], remote_camera: Callable[..., RemoteCamera], transport: str,
-) -> None:
+        is_loaned: bool) -> None:
     viewer = view(transport=transport)
-    camera = remote_camera()
+    camera = remote_camera(is_loaned=is_loaned)
 
     def step() -> bool:
         if not viewer.count or camera.sent - viewer.numbers['ours'][-1] < WINDOW:
@@ -210,6 +211,18 @@ def test_killed_publishers(memory: Callable[[float], Memory],
     assert max(counts) < 60, folder.files()
 
 
+def test_publisher_killed_while_a_loan_is_filled(
+        viewer: Viewer, remote_camera: Callable[..., RemoteCamera]) -> None:
+    ours = remote_camera(is_loaned=True)
+    viewer.match(ours)
+    viewer.watch_sharing(ours)
+    ours.kill_while_filling()
+    other = remote_camera('other', is_loaned=True)
+    viewer.watch(lambda: viewer.received(other) > 20, other)
+    assert viewer.numbers['ours'] == [*range(1, ours.sent + 1)]
+    assert viewer.errors == []
+
+
 def test_reader_that_keeps_every_frame(
         remote_camera: Callable[..., RemoteCamera],
         remote_viewer: Callable[..., RemoteViewer]) -> None:
@@ -283,7 +296,10 @@ else:
     for number in range(COUNT):
         size, first = choose.randrange(1, 30000), choose.randrange(2**19)
         slot = writer.lend(size)
-        slot.data[:] = random_bytes[first:first + size]
+        loan, views = slot.loan()
+        loan[:] = random_bytes[first:first + size]
+        del loan
+        assert views() is None
         slot.publish(FrameHeader(height=zlib.crc32(slot.data), number=number + 1), '', 'mono8')
     sys.stdin.readline()
 """
@@ -317,11 +333,13 @@ def test_frames_are_never_torn() -> None:
 # Memory that is short
 
 @pytest.mark.parametrize('left', [600_000, 0])
+@pytest.mark.parametrize('is_loaned', [False, True], ids=['array', 'loan'])
 def test_memory_that_becomes_full(
-        left: int, memory: Callable[[float], Memory], remote_camera: Callable[..., RemoteCamera],
+        left: int, is_loaned: bool, memory: Callable[[float], Memory],
+        remote_camera: Callable[..., RemoteCamera],
         remote_viewer: Callable[..., RemoteViewer]) -> None:
     folder = memory(64)
-    camera = remote_camera(within=folder.within)
+    camera = remote_camera(within=folder.within, is_loaned=is_loaned)
     viewer = remote_viewer(within=folder.within)
 
     def send(condition: Callable[[], bool]) -> None:

@@ -88,7 +88,7 @@ class NumberedPublisher(FrameNode):
     The orders are the names of ``PACES``, the offers of `offer`, ``end``, and ``die``.
     """
 
-    def __init__(self, life: str, journal: str, scale: str, neighbour: str) -> None:
+    def __init__(self, life: str, journal: str, scale: str, image: str, neighbour: str) -> None:
         """
         Create the publishers.
 
@@ -96,11 +96,13 @@ class NumberedPublisher(FrameNode):
         :param journal: file for a line before each frame: number, pace, and number of
             subscriptions of the image topic by ``RECEIVERS``.
         :param scale: scale of the pictures.
+        :param image: ``loan`` to fill loaned images, ``array`` to publish arrays.
         :param neighbour: transport of a receiver in this node, so that frames are published before
             another one comes; '' for none.
         """
         super().__init__(f'publisher_{life}')
         self._life, self._journal, self._scale = life, Journal(journal), int(scale)
+        self._is_loaned = image == 'loan'
         self._frames = self.publish_frames(TOPIC)
         self._infos = self.create_publisher(CameraInfo, 'camera_info', 10)
         if neighbour:
@@ -145,7 +147,12 @@ class NumberedPublisher(FrameNode):
                             for info in self.get_subscriptions_info_by_topic(TOPIC))
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._life)
         self._journal.write('frame', self._number, self._pace, subscriptions)
-        self._frames.publish(picture(self._number, self._scale), header)
+        pixels = picture(self._number, self._scale)
+        if self._is_loaned:
+            with self._frames.loan(*pixels.shape[:2], source=header) as loan:
+                loan.image = pixels
+        else:
+            self._frames.publish(pixels, header)
         self._infos.publish(CameraInfo(header=header))
 
 

@@ -24,6 +24,7 @@ from pairs import allowed_combinations, covering_array, Part
 #: the callback there; ``drop`` and ``block`` are img_subscriber with this ``on_overflow``.
 FACTORS = {
     'way': ('raw', 'compressed', 'shared', 'changing'),
+    'image': ('array', 'loan'),
     'receiver': ('executor', 'threaded', 'drop', 'block'),
     'frames': ('newest', 'every'),
     'camera_info': ('without', 'with'),
@@ -68,6 +69,7 @@ class Case:
 
     :param way: how frames arrive; ``changing`` goes from shared memory to the image topic and
         back, twice.
+    :param image: what is published: an array, or an image that a loan has lent.
     :param receiver: who receives, see ``FACTORS``.
     :param frames: the newest frame, or every frame.
     :param camera_info: whether frames wait for their calibration.
@@ -80,6 +82,7 @@ class Case:
     """
 
     way: str
+    image: str
     receiver: str
     frames: str
     camera_info: str

@@ -65,7 +65,7 @@ class Publisher(Child):
         neighbour = case.transport if (case.joins, life) == ('late', 'first') else ''
         super().__init__(life, [
             sys.executable, numbered_nodes.__file__, 'publisher', life,
-            str(folder / f'{life}.journal'), str(scale), neighbour], folder)
+            str(folder / f'{life}.journal'), str(scale), case.image, neighbour], folder)
 
     @property
     def published(self) -> int:

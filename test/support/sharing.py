@@ -21,6 +21,7 @@ from contextlib import suppress
 import json
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -74,10 +75,11 @@ class Camera:
     """A publisher of numbered frames, which shares them or is a plain publisher of rclpy."""
 
     def __init__(self, node: Node, name: str = 'ours', is_plain: bool = False,
-                 topic: str = TOPIC) -> None:
+                 topic: str = TOPIC, is_loaned: bool = False) -> None:
         self.name = name
         self.sent = 0
         self._node = node
+        self._is_loaned = is_loaned
         self._plain = node.create_publisher(Image, topic, 10) if is_plain else None
         self.frames = None if is_plain else FramePublisher(node, topic)
 
@@ -95,8 +97,17 @@ class Camera:
         header.stamp.sec = self.sent
         if self._plain:
             self._plain.publish(CvBridge().cv2_to_imgmsg(pixels, encoding, header=header))
+        elif self._is_loaned:
+            with self.frames.loan(height, width, encoding, header) as loan:
+                loan.image[:] = pixels
         else:
             self.frames.publish(pixels, header, encoding=encoding)
+
+    def die_while_filling(self) -> None:
+        """End the process by SIGKILL when half of a loaned frame is filled."""
+        with self.frames.loan(4, 4) as loan:
+            loan.image[:2] = self.sent
+            os.kill(os.getpid(), signal.SIGKILL)
 
     def end_sharing(self) -> None:
         """Close the service without an announcement; the image topic remains."""
@@ -113,12 +124,13 @@ class Camera:
 class RemoteCamera:
     """A camera in a process of its own."""
 
-    def __init__(self, name: str = 'ours', is_plain: bool = False,
-                 within: Sequence[str] = (), **environment: str) -> None:
+    def __init__(self, name: str = 'ours', is_plain: bool = False, within: Sequence[str] = (),
+                 is_loaned: bool = False, **environment: str) -> None:
         self.name = name
         self.sent = 0
         self._process = subprocess.Popen(
-            [*within, sys.executable, __file__, 'camera', name, str(int(is_plain))],
+            [*within, sys.executable, __file__, 'camera', name, str(int(is_plain)),
+             str(int(is_loaned))],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             env=_environment(environment))
         self.pid = self._process.pid
@@ -143,6 +155,11 @@ class RemoteCamera:
         """End the process by SIGKILL."""
         self._process.kill()
         self._process.wait()
+
+    def kill_while_filling(self) -> None:
+        """End the process by SIGKILL when it has filled half of a loaned frame."""
+        with pytest.raises(AssertionError, match='ended with status -9'):
+            self._ask(['die while filling'])
 
     def _ask(self, command: list[object]) -> str:
         self._process.stdin.write(json.dumps(command) + '\n')
@@ -388,12 +405,15 @@ def _context() -> Context:
     return context
 
 
-def _run_camera(name: str, is_plain: str) -> None:
-    camera = Camera(Node('remote_camera', context=_context()), name, is_plain == '1')
+def _run_camera(name: str, is_plain: str, is_loaned: str) -> None:
+    camera = Camera(Node('remote_camera', context=_context()), name, is_plain == '1',
+                    is_loaned=is_loaned == '1')
     for line in sys.stdin:
         command, *arguments = json.loads(line)
         if command == 'send':
             camera.send(*arguments)
+        elif command == 'die while filling':
+            camera.die_while_filling()
         print(camera.subscribers, flush=True)
 
 

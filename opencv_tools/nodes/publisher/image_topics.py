@@ -17,22 +17,26 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from opencv_tools.capture.output_image import OutputImage
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
-from opencv_tools.image.encodings import declared_encoding
+from opencv_tools.image.cdr import (
+    compressed_image_to_cdr, WireCompressedImage, WireHeader, WireImage)
+from opencv_tools.image.encodings import declared_encoding, Encoding
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image.layout import array_to_wire, view_image
 from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
-from opencv_tools.topics.frame_topics import FrameTopics
+from opencv_tools.topics.frame_topics import FrameTopics, Lend
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.fastdds.profile import FastDdsSetup
+from opencv_tools.transport.shared_frames.writer import Slot
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
@@ -113,9 +117,8 @@ class ImageTopics:
         is_published = False
         try:
             # All other work is done after the pixels are on their way.
-            is_message = self._topics.publish_raw(lambda: array_to_wire(
-                output.image, declared_encoding(output.image, output.encoding), header),
-                is_shared=is_live)
+            is_message = self._topics.publish_raw(
+                lambda lend: _wire_image(output, header, lend), is_shared=is_live)
             is_published = is_message is not None
             if is_message:
                 self._check_room(output.image.nbytes)
@@ -164,6 +167,22 @@ class ImageTopics:
 
     def _publishers(self) -> tuple[Publisher, ...]:
         return self.images, self._topics.compressed, self._infos
+
+
+def _wire_image(
+    output: OutputImage, header: WireHeader, lend: Lend,
+) -> tuple[WireImage, Slot | None]:
+    """Return a message, and the lent memory that the last conversion has written to."""
+    slot: Slot | None = None
+
+    def lend_image(height: int, width: int, encoding: Encoding) -> NDArray[Any] | None:
+        nonlocal slot
+        slot = lend(encoding.size(height, width))
+        return view_image(slot.data, height, width, encoding) if slot else None
+
+    output.lend = lend_image  # it keeps the slot as long as the pixels
+    image = output.image
+    return array_to_wire(image, declared_encoding(image, output.encoding), header), slot
 
 
 def _compressed(output: OutputImage, header: WireHeader) -> bytes:

@@ -19,7 +19,10 @@ from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.layout import view_image
+from opencv_tools.image.orientation import FLIPS, orient
 import pytest
 
 PICTURE = draw_pattern(12, 64, 48)
@@ -69,6 +72,44 @@ def test_pixels_are_converted_flipped_and_rotated(
     image = DECODED if captured == JPEG else np.ascontiguousarray(frame.image)
     expected = image if code is None else cv2.cvtColor(image, code)
     np.testing.assert_array_equal(output.image, expected, strict=True)
+
+
+TURNS = [(flip, degrees) for flip in FLIPS for degrees in (0, 90, 180, 270)]
+
+
+@pytest.mark.parametrize(('captured', 'requested', 'lends'), [
+    ('rgb8', 'bgr8', True), ('bgr8', '', False), ('mono8', '', False), ('bgr16', 'mono8', True),
+    (JPEG, 'rgb8', True), (JPEG, '', False), ('yuv422_yuy2', 'bgr8', True),
+    ('nv12', 'mono8', True), ('bayer_rggb8', 'bgr8', True), ('bayer_rggb8', '', False),
+    ('32FC1', '', False)])
+@pytest.mark.parametrize(('flip', 'degrees'), TURNS)
+def test_last_conversion_writes_to_lent_memory(
+        captured: str, requested: str, lends: bool, flip: str, degrees: int) -> None:
+    settings = OutputSettings(requested, flip, degrees)
+    usual = OutputImage(frame_of(captured), OutputSettings(requested))
+    expected, encoding = orient(
+        usual.image, find_encoding(usual.encoding), flip, degrees)
+    lent: list[np.ndarray] = []
+
+    def lend(height: int, width: int, encoding: Encoding) -> np.ndarray:
+        lent.append(view_image(
+            np.zeros(encoding.size(height, width), np.uint8), height, width, encoding))
+        return lent[0]
+
+    output = OutputImage(frame_of(captured), settings)
+    output.lend = lend
+    np.testing.assert_array_equal(output.image, expected, strict=True)
+    assert output.encoding == encoding.name
+    is_turned = (flip, degrees) != ('none', 0)
+    assert len(lent) == (lends or is_turned)
+    assert all(np.array_equal(memory, expected) for memory in lent)
+
+
+def test_image_that_opencv_does_not_turn() -> None:
+    image = np.arange(70, dtype='>u2').reshape(2, 7, 5)
+    output = OutputImage(CapturedFrame(image, '16UC5'), OutputSettings('', 'horizontal', 90))
+    output.lend = lambda *_: pytest.fail('nothing is written')
+    assert np.array_equal(output.image, np.rot90(image[:, ::-1], -1))
 
 
 def test_colours_are_converted_before_depth() -> None:

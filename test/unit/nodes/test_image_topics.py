@@ -20,8 +20,10 @@ from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
 from conftest import spin_until
+import numpy as np
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
@@ -79,3 +81,32 @@ def test_frames_of_a_live_source_are_shared(node: Node, camera: Node, is_live: b
     topics.close()
     assert viewer.numbers == {'eye': [*range(1, number + 1)]}
     assert bool(viewer.shared) == is_live
+
+
+def test_conversion_writes_where_subscribers_read(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    frames: list[Frame] = []
+    subscriber = FrameSubscriber(node, TOPIC, frames.append, encoding='', every=True)
+    slots: list[object] = []
+    share = topics._topics.shared.publish
+    monkeypatch.setattr(topics._topics.shared, 'publish', lambda image, **options: (
+        slots.append(options['slot']), share(image, **options)))
+    colours = picture(1, 'rgb8', 6, 8)
+    spin_until(node, lambda: topics.images.get_subscription_count() > 0)
+
+    def publish() -> bool:
+        if len(frames) == len(slots):
+            settings = OutputSettings('bgr8', 'vertical') if len(slots) % 2 else OutputSettings()
+            topics.publish(OutputImage(CapturedFrame(colours, 'rgb8'), settings), Time(), 'eye',
+                           is_live=True)
+        return len(frames) > 20 and len(slots) % 2 == 0 and slots[-1] is not None
+
+    spin_until(node, publish)
+    assert slots[-2] is None
+    for frame in frames[-10:]:
+        assert np.array_equal(frame.raw, {
+            'bgr8': colours[::-1, :, ::-1], 'rgb8': colours}[frame.raw_encoding])
+    assert {frame.raw_encoding for frame in frames[-10:]} == {'bgr8', 'rgb8'}
+    subscriber.destroy()
+    topics.close()
