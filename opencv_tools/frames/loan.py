@@ -78,7 +78,7 @@ class LoanedFrame:
     @property
     def image(self) -> NDArray[Any]:
         """
-        The image, (h, w) or (h, w, c), not initialised; separate chroma rows follow the luma rows.
+        Return the image, (h, w) or (h, w, c), not initialised; chroma rows follow the luma rows.
 
         An assigned array is copied into it. A view of the image that exists after the block is
         the user's: then a copy of the image is published.

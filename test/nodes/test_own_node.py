@@ -32,6 +32,7 @@ from conftest import (
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.frames import FrameSubscriber
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.duration import Duration
@@ -289,6 +290,20 @@ def test_filter_slower_than_a_camera_that_shares(
     assert slow.finish() == 0
 
 
+@pytest.mark.parametrize('transport', ['raw', 'shm'])
+def test_mirror_of_the_same_stamp(start: Start, node: Node, transport: str) -> None:
+    (sources,) = receive(node, 'video_frames')
+    results: dict[int, np.ndarray] = {}
+    subscriber = FrameSubscriber(
+        node, 'mirrored', lambda frame: results.__setitem__(frame.stamp_ns, frame.image),
+        transport=transport)
+    start('img_publisher', source='pattern:160x120@20', publish_rate=0.0)
+    start('mirror.py')
+    for source, result in wait_for_pairs(node, sources, results):
+        assert np.array_equal(result, source[:, ::-1])
+    subscriber.destroy()
+
+
 MODULE = """
 import numpy as np
 
@@ -303,6 +318,9 @@ def text(image):
 
 def both(image, factor=1):
     return factor, np.full_like(image, factor)
+
+def fill(image, factor, out):
+    out[:] = factor
 """
 
 
@@ -330,11 +348,13 @@ def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     assert max(results) - min(results) > (len(results) - 2.3) * 10**9 / 4
 
 
-def test_functions_of_the_working_folder(start: Start, node: Node, tmp_path: Path) -> None:
+@pytest.mark.parametrize('function', ['both', 'fill'])
+def test_functions_of_the_working_folder(
+        start: Start, node: Node, tmp_path: Path, function: str) -> None:
     (tmp_path / 'mine.py').write_text(MODULE)
     (results,) = receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
-    start('img_filter', function='mine:both', arguments='factor=7')
+    start('img_filter', function=f'mine:{function}', arguments='factor=7')
     failing = {text: start('img_filter', function=f'mine:{function}') for function, text in (
         ('broken', 'frame not filtered: ValueError: a line and another'),
         ('text', 'frame not filtered: CvBridgeError: the function returned str, not an array'))}
