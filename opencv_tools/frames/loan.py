@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import index
+import os
 from types import TracebackType
 from typing import Any
 import weakref
@@ -32,6 +34,10 @@ from opencv_tools.transport.shared_frames.writer import Slot
 from std_msgs.msg import Header
 
 _MAX_BYTES = 2**32 - 1  # of the data of a message
+
+# Bytes in an image that nobody has written to. A smaller image could have them by chance.
+_MARK = np.frombuffer(os.urandom(16), np.uint8)
+_LEAST_BYTES = 64
 
 
 class LoanedFrame:
@@ -54,11 +60,10 @@ class LoanedFrame:
         :param publish: publishes the image with a source; a slot has its pixels.
         :raises LayoutError: the encoding has no image of this size, or no message has so much.
         """
-        for name, value in (('height', height), ('width', width)):
-            if type(value) is not int or value < 1:
-                raise LayoutError(f'{name} is {value!r}: give a number of pixels, at least 1')
-        self._height, self._width, self._encoding = height, width, encoding
-        self._size = encoding.size(height, width)
+        self._height, self._width = (
+            _pixels(name, value) for name, value in (('height', height), ('width', width)))
+        self._encoding = encoding
+        self._size = encoding.size(self._height, self._width)
         if self._size > _MAX_BYTES:
             raise LayoutError(f'{width}x{height} {encoding.name} is {self._size} bytes: a message '
                               f'has at most {_MAX_BYTES}')
@@ -96,8 +101,13 @@ class LoanedFrame:
             np.copyto(self.image, image)
 
     def give_back(self) -> None:
-        """Publish nothing at the end of the block."""
-        self._image = self._slot = None
+        """
+        Publish nothing at the end of the block.
+
+        :raises RuntimeError: before the block, after it, and if it was given back already.
+        """
+        if self.image is not None:
+            self._image = self._slot = None
 
     def __enter__(self) -> LoanedFrame:
         """
@@ -114,6 +124,8 @@ class LoanedFrame:
         else:
             data = np.empty(self._size, np.uint8)
         self._image = self._view(data)
+        if self._size >= _LEAST_BYTES:
+            self._marked(self._image)[:] = _MARK
         return self
 
     def __exit__(
@@ -122,8 +134,14 @@ class LoanedFrame:
     ) -> None:
         """Publish the image, unless an exception was raised or it was given back."""
         image, slot = self._image, self._slot
-        self.give_back()
+        self._image = self._slot = None
         if image is None or kind is not None:
+            return
+        if self._size >= _LEAST_BYTES and np.array_equal(self._marked(image), _MARK):
+            self._log.error(
+                'a loaned frame is not published, because nothing was written to its image: '
+                "OpenCV writes to 'dst' only if it has the size and type of the result",
+                every=1.0, key='loan')
             return
         if slot and self._views:
             image = None  # the last view, if the user has no other
@@ -137,5 +155,22 @@ class LoanedFrame:
                     'write frame.image instead of a name of your own', once='loan')
         self._publish(image, self.source, slot)
 
+    def _marked(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """Return a view of bytes from the first to the last one, which the user overwrites."""
+        step = (self._size - 1) // (len(_MARK) - 1)
+        data = image.reshape(-1).view(np.uint8)
+        return data[:(len(_MARK) - 1) * step + 1:step]
+
     def _view(self, data: NDArray[np.uint8]) -> NDArray[Any]:
         return view_image(data, self._height, self._width, self._encoding)
+
+
+def _pixels(name: str, value: Any) -> int:
+    """Return a side of an image as an integer of Python."""
+    try:
+        number = 0 if isinstance(value, bool | np.bool_) else index(value)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise LayoutError(f'{name} is {value!r}: give a whole number of pixels, at least 1')
+    return number

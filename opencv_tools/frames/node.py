@@ -51,7 +51,8 @@ class FrameNode(ClosableNode):
         :param options: other arguments of ``rclpy.node.Node``.
         """
         super().__init__(node_name, **options)
-        self._closables: list[FrameSubscriber | FramePublisher] = []
+        self._frame_publishers: list[FramePublisher] = []
+        self._frame_subscribers: list[FrameSubscriber] = []
 
     def receive_frames(
         self, topic: str, callback: Callable[[Frame], object], **options: Any,
@@ -65,7 +66,7 @@ class FrameNode(ClosableNode):
         :returns: the subscriber.
         """
         subscriber = FrameSubscriber(self, topic, callback, **options)
-        self._closables.append(subscriber)
+        self._frame_subscribers.append(subscriber)
         return subscriber
 
     def publish_frames(self, topic: str, **options: Any) -> FramePublisher:
@@ -77,7 +78,7 @@ class FrameNode(ClosableNode):
         :returns: the publisher.
         """
         publisher = FramePublisher(self, topic, **options)
-        self._closables.append(publisher)
+        self._frame_publishers.append(publisher)
         return publisher
 
     def close(self) -> int:
@@ -87,8 +88,10 @@ class FrameNode(ClosableNode):
         :returns: the exit status: the result of ``done``, 0 without one.
         """
         with ExitStack() as stack:  # all are closed, even if one raises an exception
-            while self._closables:
-                stack.callback(self._closables.pop().destroy)
+            # The last ones are closed first: a callback may publish until its thread ends.
+            for closables in (self._frame_publishers, self._frame_subscribers):
+                while closables:
+                    stack.callback(closables.pop().destroy)
         return super().close()
 
 

@@ -48,7 +48,7 @@ class FramePublisher:
     Publish arrays as raw and compressed images, and compute nothing without subscribers.
 
     The topics have the names of image_transport. The profile is reliable with depth 10; the
-    ``qos_overrides`` parameters of the node change it.
+    ``qos_overrides`` parameters of the node change it. Several threads may publish.
     """
 
     def __init__(self, node: Node, topic: str, *, quality: int = 80) -> None:
@@ -128,8 +128,11 @@ class FramePublisher:
         slot: Slot | None = None,
     ) -> None:
         header = self._header_of(source)
+        if self._topics.compressed.get_subscription_count():
+            slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
-        self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
+        if slot is None:
+            self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""

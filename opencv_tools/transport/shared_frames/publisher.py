@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import importlib.util
+from threading import RLock
 import time
 
 import numpy as np
@@ -56,7 +57,7 @@ class SharedFramePublisher:
 
     The service is announced on ``<image topic>/shm`` when somebody subscribes to that topic. The
     announcement also has the number of the frames until then, so that a subscription knows which
-    ones it has missed. One thread at a time publishes.
+    ones it has missed. All methods are thread-safe.
     """
 
     def __init__(self, node: Node, images: Publisher) -> None:
@@ -68,6 +69,9 @@ class SharedFramePublisher:
         self._node = node
         self._images = images
         self._log = Log(node.get_logger())
+        # Frames have the order of their numbers. Memory is not lent again before its message is
+        # published.
+        self._lock = RLock()
         self._writer: FrameWriter | None = None
         self._is_announced = False
         self._next_check = 0.0
@@ -94,14 +98,15 @@ class SharedFramePublisher:
         :returns: a slot for ``publish``; None if there are no readers, no room, or ``MAX_LOANS``
             slots whose arrays are in use.
         """
-        if not self.has_subscribers:
-            return None
-        try:
-            writer = self._writer_with_room(size)
-            return writer.lend(size) if writer and len(writer.loans) < MAX_LOANS else None
-        except SharedMemoryError as err:
-            self._withdraw(err)
-            return None
+        with self._lock:
+            if not self.has_subscribers:
+                return None
+            try:
+                writer = self._writer_with_room(size)
+                return writer.lend(size) if writer and len(writer.loans) < MAX_LOANS else None
+            except SharedMemoryError as err:
+                self._withdraw(err)
+                return None
 
     def publish(
         self, image: WireImage, *, is_message: bool, is_shared: bool = True,
@@ -114,25 +119,27 @@ class SharedFramePublisher:
         :param is_message: whether to publish it on the image topic.
         :param is_shared: whether subscribers may receive it by shared memory.
         :param slot: lent memory that has the pixels of the frame; None to copy them. No other view
-            of it may be left.
+            of it may be left, because another thread may get the memory after the call.
         :raises CdrError: a string cannot be part of a message.
         :raises RuntimeError: the middleware did not publish the message.
         """
-        if is_message and self._frames - self._messages != self._announced_only_shared:
-            self._announce(self._writer.service if self._writer and self._is_announced else '')
-        if is_shared:
-            self._share(image, is_message, slot)
-        self._frames += 1
-        if is_message:
-            publish_image(self._images.handle, image)
-            self._messages += 1
+        with self._lock:
+            if is_message and self._frames - self._messages != self._announced_only_shared:
+                self._announce(self._writer.service if self._writer and self._is_announced else '')
+            if is_shared:
+                self._share(image, is_message, slot)
+            self._frames += 1
+            if is_message:
+                publish_image(self._images.handle, image)
+                self._messages += 1
 
     def destroy(self) -> None:
         """Stop sharing and remove the publisher."""
-        self._writer = None
-        if self._announcements is not None:
-            self._node.destroy_publisher(self._announcements)
-            self._announcements = None
+        with self._lock:
+            self._writer = None
+            if self._announcements is not None:
+                self._node.destroy_publisher(self._announcements)
+                self._announcements = None
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> None:
         """Send a frame in shared memory, if it has subscribers."""

@@ -33,9 +33,9 @@ MAX_LOANS = 3
 class _LoanedMemory:
     """The memory of a slot, which returns to the writer with the last view of it."""
 
-    def __init__(self, writer: FrameWriter, sample: Any, pixels: Pixels) -> None:
-        """Hold the sample, and its writer, without which the memory would be unmapped."""
-        self._held = writer, sample
+    def __init__(self, sample: Any, pixels: Pixels) -> None:
+        """Hold the sample, without which the memory would be lent again or unmapped."""
+        self._sample = sample
         self.__array_interface__ = {
             'shape': pixels.shape, 'typestr': '|u1', 'data': (pixels.ctypes.data, False),
             'version': 3}
@@ -58,7 +58,7 @@ class Slot:
 
         :returns: the array, and a reference that is dead when no view of the array is left.
         """
-        memory = _LoanedMemory(self.writer, self._sample, self.data)
+        memory = _LoanedMemory(self._sample, self.data)
         self.writer.loans.add(memory)
         return np.asarray(memory), weakref.ref(memory)
 

@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from threading import current_thread, Event, get_ident
+from threading import current_thread, Event, get_ident, Timer
+import time
 from typing import Any
 
 from conftest import DEADLINE, spin_until
@@ -344,4 +345,35 @@ def test_node_closes_its_frames(node: Node, domain: int) -> None:
     assert frame_node.close() == 3
     assert not list(frame_node.subscriptions)
     assert not [one.topic_name for one in frame_node.publishers if 'result' in one.topic_name]
+    frame_node.destroy_node()
+
+
+@pytest.mark.parametrize('is_publisher_first', [False, True])
+def test_callback_that_publishes_while_its_node_closes(
+        node: Node, is_publisher_first: bool) -> None:
+    frame_node = FrameNode('frames', context=node.context)
+    entered, is_open, results = Event(), Event(), []
+    is_open.set()
+
+    def publish_late(frame: Frame) -> None:
+        entered.set()
+        while is_open.is_set():
+            time.sleep(0.01)
+        time.sleep(0.1)
+        results[0].publish(frame.image, frame)
+
+    if is_publisher_first:
+        results.append(frame_node.publish_frames('result'))
+    frame_node.receive_frames('camera/image', publish_late, threaded=True)
+    if not is_publisher_first:
+        results.append(frame_node.publish_frames('result'))
+    camera = node.create_publisher(Image, 'camera/image', 10)
+
+    def publish() -> bool:
+        camera.publish(numbered(1))
+        return entered.is_set()
+
+    spin_until(frame_node, publish)
+    Timer(0.1, is_open.clear).start()
+    assert frame_node.close() == 0
     frame_node.destroy_node()

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import functools
+from threading import Thread
+import time
 from typing import Any
 
 from conftest import spin_until
@@ -27,9 +29,11 @@ from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
 from opencv_tools.frames.image_function import ImageFunction
 from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.errors import EncodingError, LayoutError
+from opencv_tools.transport.shared_frames import publisher as shared_publisher
 from opencv_tools.transport.shared_frames.memory import FrameMemory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.writer import MAX_LOANS
+from opencv_tools.transport.zero_copy import publish_image
 import pytest
 from rclpy.node import Node
 from sharing import picture
@@ -65,7 +69,8 @@ class Camera:
 
     def share(self) -> None:
         """Publish until frames are read where they were filled."""
-        spin_until(self.node, lambda: self.send(0) and bool(self.frames))
+        spin_until(self.node, lambda: self.send(0) and bool(self.frames)
+                   and self.subscriber._subscription.is_shared)
         self.send(255)
         spin_until(self.node, lambda: self.frames[-1].raw[0, 0] == 255)
         self.frames.clear()
@@ -144,6 +149,8 @@ def test_image_outside_of_its_block(camera: Camera) -> None:
     loan = camera.loan()
     with pytest.raises(RuntimeError, match='inside its with block only'):
         assert loan.image
+    with pytest.raises(RuntimeError, match='inside its with block only'):
+        loan.give_back()
     with loan:
         loan.image[:] = 3
     with pytest.raises(RuntimeError, match='inside its with block only'):
@@ -154,6 +161,27 @@ def test_image_outside_of_its_block(camera: Camera) -> None:
         pass
     assert camera.send(5)
     assert camera.values(2) == [3, 5]
+
+
+def test_sizes_of_numpy(camera: Camera) -> None:
+    with camera.loan(*(np.array([8, 10]) // 2)) as loan:
+        assert loan.image.shape == (4, 5)
+
+
+@pytest.mark.parametrize(('size', 'is_checked'), [((8, 8), True), ((8, 7), False)])
+def test_image_without_a_write(
+        camera: Camera, size: tuple[int, int], is_checked: bool,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    picture = np.zeros((20, 20), np.uint8)
+    with camera.loan(*size) as loan:
+        cv2.flip(picture, 1, dst=loan.image)  # has another size
+    for corner in ((0, 0), (7, 4)):
+        with camera.loan(*size) as loan:
+            loan.image[corner] += 1
+    camera.send(9)
+    spin_until(camera.node, lambda: camera.frames and camera.frames[-1].raw.shape == (4, 6))
+    assert len(camera.frames) == (3 if is_checked else 4)
+    assert ('nothing was written to its image' in capfd.readouterr().err) == is_checked
 
 
 def test_assigned_image_is_copied(camera: Camera) -> None:
@@ -242,16 +270,26 @@ def test_subscriber_that_leaves_while_a_loan_is_filled(node: Node, camera: Camer
     subscriber.destroy()
 
 
-def test_service_that_is_replaced_while_a_loan_is_filled(camera: Camera) -> None:
+def test_service_that_is_replaced_while_a_loan_is_filled(node: Node) -> None:
+    camera = Camera(node, 'auto')
+    camera.share()
     shared = camera.publisher._topics.shared
     with camera.loan() as loan:
         loan.image[:] = 4
+        old = shared._writer
         shared._withdraw(SharedMemoryError('withdrawn by the test'))
+
+        def leave() -> bool:
+            camera.frames.clear()  # a frame keeps its reader
+            return not camera.send(5) and not old.readers
+
+        spin_until(camera.node, leave)
         shared._writer = None
         shared._next_check = 0.0
-    spin_until(camera.node, lambda: camera.send(5))
-    spin_until(camera.node, lambda: bool(camera.frames) and camera.frames[-1].raw[0, 0] == 5)
-    assert {*camera.values(1)} <= {4, 5}
+        camera.share()
+    camera.frames.clear()
+    spin_until(camera.node, lambda: bool(camera.frames) and camera.frames[-1].raw[0, 0] == 4)
+    camera.destroy()
 
 
 def test_memory_without_room(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -267,7 +305,7 @@ def test_memory_without_room(camera: Camera, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(('arguments', 'error', 'text'), [
-    ((0, 6, 'mono8'), LayoutError, 'height is 0: give a number of pixels, at least 1'),
+    ((0, 6, 'mono8'), LayoutError, 'height is 0: give a whole number of pixels, at least 1'),
     ((4, -1, 'mono8'), LayoutError, 'width is -1'),
     ((4.0, 6, 'mono8'), LayoutError, 'height is 4.0'),
     ((4, True, 'mono8'), LayoutError, 'width is True'),
@@ -351,3 +389,53 @@ def test_function_that_fills(
     assert len(results) == len(slots) - 1
     if expected is not None:
         assert np.array_equal(results[0], expected)
+
+
+# Threads
+
+@pytest.mark.parametrize('transport', ['raw', 'compressed'])
+def test_loans_of_several_threads(node: Node, camera: Camera, transport: str) -> None:
+    other: list[Frame] = []
+    subscriber = FrameSubscriber(node, 'camera/image', other.append, encoding='', every=True,
+                                 depth=100, transport=transport)
+    publishers = (camera.publisher._topics.images, camera.publisher._topics.compressed)
+    spin_until(node, lambda: any(each.get_subscription_count() for each in publishers))
+    turns = iter(range(1, 121))
+
+    def publish() -> None:
+        for number in turns:
+            with camera.loan(120, 160, 'mono16', source=Header(frame_id=str(number))) as loan:
+                loan.image[:] = number
+            time.sleep(0.001)
+
+    threads = [Thread(target=publish) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    spin_until(node, lambda: len(other) + subscriber.skipped >= 120)
+    for thread in threads:
+        thread.join()
+    for frame in (*camera.frames, *other):
+        assert (frame.raw == int(frame.frame_id)).all()
+    assert len(other) > 20
+    subscriber.destroy()
+
+
+def test_memory_is_not_lent_before_its_message_is_published(
+        node: Node, camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw: list[Frame] = []
+    subscriber = FrameSubscriber(node, 'camera/image', raw.append, transport='raw')
+    spin_until(node, lambda: camera.publisher._topics.images.get_subscription_count() > 0)
+    waited: list[bool] = []
+
+    def publish_late(*arguments: Any) -> None:
+        other = Thread(target=camera.publisher._topics.shared.lend, args=(24,))
+        other.start()
+        other.join(0.2)
+        waited.append(other.is_alive())
+        publish_image(*arguments)
+
+    monkeypatch.setattr(shared_publisher, 'publish_image', publish_late)
+    assert camera.send(3)
+    spin_until(node, lambda: bool(raw))
+    assert waited == [True]
+    subscriber.destroy()

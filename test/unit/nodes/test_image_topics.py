@@ -24,6 +24,7 @@ import numpy as np
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.frames import Frame, FrameSubscriber
+from opencv_tools.image.orientation import FLIPS
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
@@ -71,12 +72,15 @@ def test_frames_of_a_live_source_are_shared(node: Node, camera: Node, is_live: b
         nonlocal number
         if viewer.count == number:
             number += 1
-            output = OutputImage(CapturedFrame(picture(number), '16UC1'), OutputSettings())
+            settings = OutputSettings('', ('none', 'vertical')[number % 2])
+            pixels = picture(number)[::FLIPS[settings.flip][0]]
+            output = OutputImage(CapturedFrame(pixels, '16UC1'), settings)
             assert topics.publish(output, Time(sec=number), 'eye', is_live=is_live)
         return viewer.shared > 20 if is_live else viewer.count > 300
 
     viewer.watch(publish)
     viewer.watch(lambda: viewer.count == number)
+    assert topics._topics.shared._is_announced == is_live
     viewer.subscription.destroy()
     topics.close()
     assert viewer.numbers == {'eye': [*range(1, number + 1)]}
