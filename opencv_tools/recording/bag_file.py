@@ -22,6 +22,7 @@ from typing import Any
 
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.recording.file_format import Room
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.recorder import Prepared
 
@@ -64,18 +65,18 @@ class RecordedImage(RecordedMessage):
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
-    def __init__(self, path: Path, max_bytes: int = 0) -> None:
+    def __init__(self, path: Path, room: Room) -> None:
         """
         Create the file.
 
-        :param max_bytes: maximum size of the file in bytes; 0 for no limit.
+        :param room: asked before each message.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
         """
         self.frames = self.flushed = self.skipped = self.bytes_waiting = 0
         self.is_full = self.is_finished = False
         self._path = path
-        self._max_bytes = max_bytes
+        self._room = room
         self._writer = BagWriter(path)
         self.is_at_path = self._writer.is_at_path
 
@@ -83,10 +84,6 @@ class BagFile:
     def size(self) -> int:
         """Size of the file in bytes."""
         return self._writer.size
-
-    def size_with(self, message: RecordedMessage) -> int:
-        """Return the largest size of the finished file with another message."""
-        return self._writer.size_with(message.channel, message.size)
 
     def write(self, message: RecordedMessage, is_frame: bool = True) -> bool:
         """
@@ -96,7 +93,7 @@ class BagFile:
         :returns: False if the message would exceed the maximum size.
         :raises OSError: the file cannot be written; it has all earlier messages.
         """
-        if 0 < self._max_bytes < self.size_with(message):
+        if not self._room(self._writer.size_with(message.channel, message.size)):
             self.is_full = self.is_full or is_frame
             return False
         self.bytes_waiting = message.size

@@ -33,7 +33,7 @@ from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import BagFile, RecordedImage, RecordedMessage
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_format import FileFormat, OpenFile
+from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
@@ -70,7 +70,7 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
             image=message, channel=channel, parts=message_to_cdr_parts(message),
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
-    def create(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: int,
+    def create(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: Room,
                ) -> BagFile:
         """Create a bag; see `FileFormat`."""
         return BagFile(path, room)
@@ -79,10 +79,6 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
               ) -> ManifestEntry:
         """Return the manifest entry of a bag; see `FileFormat`."""
         return file_entry(seq, name, frame, *_description(prepared.image))
-
-    def size_with(self, writer: BagFile, prepared: RecordedImage) -> int:
-        """Return the size of a bag with another frame; see `FileFormat`."""
-        return writer.size_with(prepared)
 
     def write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedImage,
               ) -> bool:

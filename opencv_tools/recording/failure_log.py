@@ -87,7 +87,8 @@ class FailureLog:
             if not self._outage:
                 return
             count = self._failed_count
-            if self._write(self._log.info, f'Writing again; {count} frames were not written'):
+            frames = '1 frame was' if count == 1 else f'{count} frames were'
+            if self._write(self._log.info, f'Writing again; {frames} not written'):
                 self._failed_count, self._outage = 0, ''
             else:  # the next written frame logs it
                 self._outage = _NOT_LOGGED

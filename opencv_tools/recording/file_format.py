@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
@@ -55,6 +56,10 @@ class FileWriter(Protocol):
 
 W = TypeVar('W', bound=FileWriter)
 
+#: What a writer asks before its file grows: whether the finished file may have a size in bytes. A
+#: ring deletes older files for it.
+Room = Callable[[int], bool]
+
 
 @dataclass(kw_only=True)
 class OpenFile(Generic[W]):
@@ -83,7 +88,8 @@ class OpenFile(Generic[W]):
     def is_over(self, limits: Limits, frame: ReceivedFrame) -> bool:
         """Return whether the file has reached the limits of one file before a frame."""
         writer = self.writer
-        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= writer.size
+        size = writer.size + writer.bytes_waiting
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= size
                 or 0 < limits.max_ns <= frame.arrival_ns - self.began_ns)
 
     def removed_text(self) -> str:
@@ -109,16 +115,12 @@ class FileFormat(ABC, Generic[W, P]):
         """
 
     @abstractmethod
-    def create(self, path: Path, frame: ReceivedFrame, prepared: P, room: int) -> W:
-        """Create a file of at most ``room`` bytes, 0 for any size; the frame is not written."""
+    def create(self, path: Path, frame: ReceivedFrame, prepared: P, room: Room) -> W:
+        """Create a file; the frame is not written."""
 
     @abstractmethod
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> ManifestEntry:
         """Return the manifest entry of a file that begins with a frame."""
-
-    @abstractmethod
-    def size_with(self, writer: W, prepared: P) -> int:
-        """Return the largest size in bytes that a finished file of a ring has with a frame."""
 
     @abstractmethod
     def write(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:

@@ -25,10 +25,11 @@ from typing import Generic
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.disk_outage import DiskOutage
-from opencv_tools.recording.errors import error_text, LimitReached
-from opencv_tools.recording.file_format import FileFormat, OpenFile, P, W
+from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
+from opencv_tools.recording.file_format import FileFormat, OpenFile, P, Room, W
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
@@ -66,6 +67,7 @@ class FileSink(Generic[W, P]):
         self._file: OpenFile[W] | None = None
         self._ended = 0  # frames of finished files
         self._is_full = False
+        self._refusal = ''  # of a ring that is too small for a file
         self._outage = DiskOutage(monotonic)
         self._next_check_at = 0.0
         self._paths: set[Path] = set()
@@ -119,14 +121,15 @@ class FileSink(Generic[W, P]):
         if file and (file.is_over(self._limits_of_one, frame) or not (
                 self._is_at_path(file) and self._format.continues(file, frame, prepared))):
             self._end(file)
-        if not self._is_full:
-            is_written = self._write(frame, prepared)
-            if not is_written and self._ring and self._file:
-                full = self._file.writer  # the next file of the ring has room
-                self._end(self._file)
-                is_written = full.flushed > 0 and self._write(frame, prepared)
-            self._is_full = not is_written
-        if self._is_full or not self._file:
+        is_written = not self._is_full and self._write(frame, prepared)
+        if not is_written and self._ring and self._file:
+            full = self._file.writer
+            self._end(self._file)
+            is_written = full.flushed > 0 and self._write(frame, prepared)
+            if not is_written:
+                raise UnwritableError(self._refusal)
+        if not is_written or not self._file:
+            self._is_full = True
             raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
         if self._file.writer.flushed:
             self._outage.end()
@@ -137,12 +140,28 @@ class FileSink(Generic[W, P]):
         file = self._file = self._file or self._numbering.claim(
             frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
         self._format.write_others(file.writer, prepared)
-        if self._ring:
-            size = self._format.size_with(file.writer, prepared)
-            entry = replace(file.entry, size=size, frames=file.writer.frames + 1)
-            self._ring.make_room(entry, frame.arrival_ns)
         file.last_ns = frame.arrival_ns
+        if self._ring:
+            self._ring.make_room(replace(
+                file.entry, size=file.writer.size, frames=file.writer.frames + 1), file.last_ns)
         return self._format.write(file, frame, prepared)
+
+    def _room_of(self, entry: ManifestEntry, arrival_ns: int) -> Room:
+        """Return the room of a file that begins with a frame."""
+        ring, limit = self._ring, self._limits.max_bytes
+        if ring is None:
+            left = limit - self._bytes
+            return lambda size: not limit or size <= left
+
+        def make_room(size: int) -> bool:
+            try:
+                ring.make_room(replace(entry, size=size), arrival_ns)
+            except UnwritableError as err:
+                self._refusal = str(err)
+                return False
+            return True
+
+        return make_room
 
     def _end_after_error(self, reason: str) -> None:
         """Finish a file that cannot be continued."""
@@ -165,10 +184,9 @@ class FileSink(Generic[W, P]):
         if self._numbering.replaces and path not in self._paths:
             path.unlink(missing_ok=True)
             self._folder.remove_stale_lines(self._numbering.names)
-        room = max(1, self._limits.max_bytes - self._bytes) if (
-            self._limits.max_bytes and not self._ring) else 0
-        writer = self._format.create(path, frame, prepared, room)
         entry = self._format.entry(seq, name, frame, prepared)
+        writer = self._format.create(
+            path, frame, prepared, self._room_of(entry, frame.arrival_ns))
         try:
             self._folder.write_journal(entry)
         except OSError:
@@ -197,13 +215,14 @@ class FileSink(Generic[W, P]):
         finally:
             problem = self._add_line(file) if is_at_path else file.removed_text()
             kept = 0 if problem else writer.flushed
-            lost = writer.frames - writer.skipped - kept
+            skipped = 0 if self._ring else writer.skipped
+            lost = writer.frames - skipped - kept
             self._ended += kept
             self._is_full = self._is_full or (writer.is_full and not self._ring)
-            self.counts.skipped += writer.skipped
+            self.counts.skipped += skipped
             if lost:
                 self.counts.lost += lost
-                self.counts.reason = problem or reason
+                self.counts.reason = problem or reason or self._refusal
 
     def _add_line(self, file: OpenFile[W]) -> str:
         """Add or keep the manifest line of a file; return the problem with the file, or ''."""

@@ -110,7 +110,7 @@ def open_sink(
             numbering = Numbering(names, folder, on_exists)
             if is_video:
                 return FileSink(
-                    folder, numbering, limits, VideoFormat(settings, limits), monotonic)
+                    folder, numbering, limits, VideoFormat(settings), monotonic)
             if is_bag:
                 return BagSink(folder, numbering, settings, limits, monotonic)
             return ImageSink(folder, numbering, settings, limits)

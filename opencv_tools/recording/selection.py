@@ -22,7 +22,7 @@ import time
 from typing import TypeVar
 
 from opencv_tools.rate_limit import RateLimit
-from opencv_tools.recording.errors import LimitReached
+from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.units import NANO
@@ -181,7 +181,8 @@ class Retention:
         :param entry: manifest entry of the new file, or of a file that becomes larger.
         :param arrival_ns: arrival time of its last frame, in nanoseconds of the monotonic clock.
         :returns: names of the files to delete, oldest first.
-        :raises LimitReached: the new file exceeds the limits, and no file can be deleted.
+        :raises LimitReached: the new file exceeds the limits, and no file is deleted.
+        :raises UnwritableError: the same in a ring, which a smaller file does not end.
         """
         limits = self._limits
         replaced_size, replaced_frames, _ = self._kept.get(entry.name, _NOTHING)
@@ -198,6 +199,10 @@ class Retention:
                 size -= other_size
                 frames -= other_frames
         if self._is_too_large(size):
+            if limits.ring:
+                raise UnwritableError(f'a file of {entry.size} bytes does not fit in the ring, '
+                                      f'whose max_bytes is {limits.max_bytes}: give a larger '
+                                      'max_bytes')
             raise LimitReached(f'max_bytes is {limits.max_bytes}, the next file has {entry.size} '
                                'bytes')
         return deleted

@@ -53,7 +53,7 @@ class StoredFiles:
 
         :param entry: manifest entry of the file, with the size and frames that it will have.
         :param arrival_ns: arrival time of its last frame, in nanoseconds of CLOCK_MONOTONIC.
-        :raises LimitReached: the file exceeds the limits, and no other file can be deleted.
+        :raises LimitReached, UnwritableError: see `Retention.make_room`.
         :raises OSError: a file cannot be deleted, or the manifest cannot be rewritten.
         """
         deleted = self._retention.make_room(entry, arrival_ns)

@@ -108,6 +108,8 @@ PUBLISHER = {
 SUBSCRIBER = {
     'a folder below a file': (FAILED, {'output_dir': 'text.mp4/out'},
                               'output_dir', 'cannot be used: Not a directory'),
+    'a folder of nobody': (FAILED, {'output_dir': '~no_such_user/out'},
+                           'output_dir ~no_such_user/out cannot be used', 'write ./~no_such_user'),
     'a folder in /proc': (FAILED, {'output_dir': '/proc/out'}, 'output_dir /proc/out'),
     'no folder': (BAD_USAGE, {'output_dir': "''"}, "output_dir is '': set it to a folder"),
     'a field in the folder': (BAD_USAGE, {'output_dir': 'out/{stamp:.3f}'},

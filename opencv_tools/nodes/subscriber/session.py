@@ -129,8 +129,13 @@ class RecordingSession:
 
 def _absolute_path(text: str) -> Path:
     """Return the path of the output folder, unless it is relative to a removed folder."""
+    path = user_path(text)
+    if text.startswith('~') and path.parts[0].startswith('~'):
+        raise RecordingError(
+            f'output_dir {text} cannot be used: there is no user {path.parts[0][1:]}; write '
+            f'./{text} for a folder of this name')
     try:
-        return user_path(text).absolute()
+        return path.absolute()
     except FileNotFoundError as err:
         raise RecordingError(
             f'output_dir {text} cannot be used: the working directory was removed; set output_dir '

@@ -21,11 +21,10 @@ from pathlib import Path
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.errors import UnwritableError, VideoError
-from opencv_tools.recording.file_format import FileFormat, OpenFile
+from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
 
@@ -36,15 +35,13 @@ _MANY_CHANGES = 3
 class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
     """Write frames to videos, which always play."""
 
-    def __init__(self, settings: EncoderSettings, limits: Limits) -> None:
+    def __init__(self, settings: EncoderSettings) -> None:
         """
         Create the format.
 
         :param settings: format and encoder settings of the videos.
-        :param limits: limits of the recording.
         """
         self._settings = settings
-        self._part = limits.ring_part  # a video of a ring ends before a frame exceeds it
         self._size = (0, 0)
         self._changes = 0  # of the size
 
@@ -58,20 +55,16 @@ class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
 
-    def create(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: int,
+    def create(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: Room,
                ) -> VideoWriter:
         """Create a video with the size and pixel format of a frame; see `FileFormat`."""
         self._count_changes(prepared.stream_format[:2])
-        return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, self._part or room)
+        return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
 
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: VideoFrame,
               ) -> ManifestEntry:
         """Return the manifest entry of a video; see `FileFormat`."""
         return file_entry(seq, name, frame, 'h264', prepared.stream_format[:2])
-
-    def size_with(self, writer: VideoWriter, prepared: VideoFrame) -> int:
-        """Return the largest size of a video of a ring; see `FileFormat`."""
-        return self._part or writer.size
 
     def write(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
               ) -> bool:
@@ -80,9 +73,8 @@ class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
 
     def continues(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
                   ) -> bool:
-        """Return whether a frame fits a video, which has room in a ring; see `FileFormat`."""
-        return (not self._part or file.writer.has_room()) and file.writer.fits(
-            prepared, file.time_ns(frame))
+        """Return whether a frame fits a video; see `FileFormat`."""
+        return file.writer.fits(prepared, file.time_ns(frame))
 
     def _count_changes(self, size: tuple[int, int]) -> None:
         """Warn once of frames that change their size again and again."""

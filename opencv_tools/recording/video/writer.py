@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.recording.errors import VideoError
+from opencv_tools.recording.file_format import Room
 from opencv_tools.recording.output_file import OutputFile
 from opencv_tools.recording.video.frame import VideoFrame
 from opencv_tools.remedies import installation
@@ -109,7 +110,8 @@ class VideoWriter:
     """One video file; used by one thread at a time."""
 
     def __init__(
-        self, path: Path, video_frame: VideoFrame, time_ns: int, crf: int = 23, max_bytes: int = 0,
+        self, path: Path, video_frame: VideoFrame, time_ns: int, crf: int = 23,
+        room: Room = lambda _: True,
     ) -> None:
         """
         Create the file.
@@ -118,15 +120,15 @@ class VideoWriter:
         :param video_frame: frame with the size and pixel format of the video; it is not written.
         :param time_ns: start time of the video in nanoseconds, stored in the comment of the file.
         :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
-        :param max_bytes: maximum size of the file in bytes; 0 for no limit.
+        :param room: asked before each frame that is written.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
         :raises VideoError: the encoder does not support the size.
         """
         self.frames = 0  # frames that were accepted
         self.flushed = 0  # accepted frames that are complete in the file
-        self.skipped = 0  # accepted frames that exceed max_bytes
-        self.is_full = False  # the next frame would exceed max_bytes
+        self.skipped = 0  # accepted frames for which there is no room
+        self.is_full = False  # there is no room for the next frame
         self.bytes_waiting = 0  # upper bound for the frames that are not in the file yet
         self._path = path
         self._stream_format = video_frame.stream_format
@@ -135,8 +137,7 @@ class VideoWriter:
         self._last, self._next_key = -1, 0  # ticks
         self._packets = self._keys = 0
         self._last_packet = -1  # ticks
-        self._largest = 0  # bytes of a packet
-        self._max_bytes = max_bytes
+        self._room = room
         self._whole = 0
         self._container: Any = None
         self._stream: Any = None
@@ -164,22 +165,6 @@ class VideoWriter:
         return (video_frame.stream_format == self._stream_format
                 and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
-    def has_room(self, added: int | None = None, pts: int | None = None) -> bool:
-        """
-        Return whether the finished file would not exceed its maximum size.
-
-        :param added: bytes that are added; None for another frame and the one in the encoder, if
-            both are no larger than the largest one.
-        :param pts: time of the last frame in ticks; None for the next one.
-        """
-        if added is None:
-            added = 2 * self._largest
-        container = self._format
-        end = container.at_end + container.per_key * (self._keys + 1) + container.per_tick * (
-            self._last + 1 if pts is None else pts)
-        return not self._max_bytes or self.size + self.bytes_waiting + added + end <= (
-            self._max_bytes)
-
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""
         return self.file.is_at_path()
@@ -202,7 +187,7 @@ class VideoWriter:
         pts = max(since, self._last + 1)
         # The second frame is a key frame, so that the first one is written in a short video too.
         is_key = pts >= self._next_key or self.frames == 1
-        self.is_full = self.is_full or not self.has_room(0, pts)
+        self.is_full = self.is_full or not self._has_room(0, pts)
         if self.is_full:
             return False
         frame = video_frame.frame
@@ -260,11 +245,10 @@ class VideoWriter:
         for packet in self._stream.encode(frame):
             steps = packet.pts - self._last_packet if self._format.per_tick else 1
             added = packet.size + self._format.per_packet * steps
-            self.is_full = self.is_full or not self.has_room(added, packet.pts)
+            self.is_full = self.is_full or not self._has_room(added, packet.pts)
             if self.is_full:
                 continue
             size, self._last_packet = self.file.size, packet.pts
-            self._largest = max(self._largest, added)
             self._packets += 1
             self._keys += packet.is_keyframe
             self._container.mux(packet)
@@ -274,6 +258,12 @@ class VideoWriter:
             self.bytes_waiting += added * self._format.lag
         if self.is_full:
             self.skipped = self.frames - self._packets
+
+    def _has_room(self, added: int, pts: int) -> bool:
+        """Return whether the finished file may have more bytes, with a last frame at a tick."""
+        container = self._format
+        end = container.at_end + container.per_key * (self._keys + 1) + container.per_tick * pts
+        return self._room(self.size + self.bytes_waiting + added + end)
 
     def _call(self, step: Callable[..., None], *arguments: Any) -> None:
         """Call FFmpeg and convert its errors."""

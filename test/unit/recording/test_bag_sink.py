@@ -41,7 +41,7 @@ from opencv_tools.image.cdr import (
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
-from opencv_tools.recording.errors import LimitReached, RecordingError
+from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
@@ -304,9 +304,12 @@ def test_ring_whose_oldest_bag_was_removed(tmp_path: Path) -> None:
 def test_frame_larger_than_the_ring(tmp_path: Path) -> None:
     bags = open_bags(tmp_path, limits=Limits(max_bytes=5000, ring=True))
     put(bags, frame(0, 500))
-    with pytest.raises(LimitReached, match='max_bytes is 5000, the next file has'):
+    with pytest.raises(UnwritableError, match='does not fit in the ring, whose max_bytes is 5000'):
         put(bags, frame(1, 6000))
+    put(bags, frame(2, 500))
     bags.close()
+    assert numbers(recorded_files(tmp_path)[-1]) == [2]
+    assert bags.counts.kept == 2
     assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 5000
 
 

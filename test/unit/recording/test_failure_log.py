@@ -145,7 +145,7 @@ def test_outage_is_logged_at_its_start_change_and_end() -> None:
     assert console.lines == [
         'error: full', 'error: gone', 'error: full',
         'info: Writing again; 4 frames were not written',
-        'error: full', 'info: Writing again; 1 frames were not written']
+        'error: full', 'info: Writing again; 1 frame was not written']
 
 
 @pytest.mark.parametrize('name', ['bad_frame', 'write_failed'])

@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from opencv_tools.recording.errors import LimitReached
+from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
@@ -132,7 +132,7 @@ def test_ring_deletes_as_many_files_as_necessary() -> None:
     assert fill(retention, entry('d')) == ['a']
     assert fill(retention, entry('large', 25)) == ['b', 'c', 'd']
     assert retention.count == 1
-    with pytest.raises(LimitReached, match='max_bytes is 30, the next file has 31 bytes'):
+    with pytest.raises(UnwritableError, match='a file of 31 bytes does not fit in the ring'):
         retention.make_room(entry('larger', 31), 0)
 
 

@@ -22,6 +22,7 @@ from dataclasses import replace
 import errno
 import os
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -521,39 +522,59 @@ def test_ring_deletes_videos_of_earlier_recordings_only(tmp_path: Path) -> None:
     assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
 
 
-def test_frame_larger_than_its_part_of_a_ring(tmp_path: Path) -> None:
-    videos = open_videos(tmp_path, limits=Limits(max_bytes=20_000, ring=True))
-    with pytest.raises(LimitReached, match='max_bytes is 20000'):
-        for number in range(5):
-            put(videos, noise(number, (200, 200)))
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+@pytest.mark.parametrize('frames', [4, 6, 15, 25])
+def test_frames_that_are_large_for_a_ring(tmp_path: Path, suffix: str, frames: int) -> None:
+    reference = open_videos(tmp_path / 'reference', f'video{suffix}')
+    for number in range(3):
+        put(reference, noise(number, (128, 128)))
+    reference.close()
+    size = (tmp_path / 'reference' / f'video{suffix}').stat().st_size // 3
+    folder = tmp_path / 'ring'
+    videos = open_videos(
+        folder, f'{{seq:03d}}{suffix}', limits=Limits(max_bytes=frames * size, ring=True))
+    for number in range(60):
+        put(videos, noise(number, (128, 128)))
+        assert sum(path.stat().st_size for path in recorded_files(folder)) <= frames * size
+    videos.close()
+    kept = kept_numbers(folder)
+    assert kept == [*range(kept[0], 60)]
+    assert frames // 2 <= len(kept) <= frames
+    assert (videos.counts.lost, videos.counts.skipped) == (0, 0)
+
+
+def test_frame_that_is_larger_than_the_ring(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=20_000, ring=True))
+    small = [replace(noise(number), image=np.zeros((64, 64), np.uint8)) for number in range(10)]
+    for frame in small[:5]:
+        put(videos, frame)
+    refused = 0
+    for number in range(5, 9):
+        try:
+            put(videos, noise(number, (400, 400)))
+        except UnwritableError as err:
+            assert re.fullmatch('a file of [0-9]{5,} bytes does not fit in the ring, whose '
+                                'max_bytes is 20000: give a larger max_bytes', str(err))
+            refused += 1
+    put(videos, small[9])
     videos.close()
     assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 20_000
-    assert videos.counts.kept + videos.counts.skipped + videos.counts.lost <= 5
-
-
-def test_frame_without_room_after_others_of_a_ring(tmp_path: Path) -> None:
-    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=200_000, ring=True))
-    assert put_all(videos, range(20)) == 0
-    with pytest.raises(LimitReached, match='max_bytes is 200000'):
-        for number in range(5):
-            put(videos, noise(20 + number, (600, 600)))
-    videos.close()
-    assert kept_numbers(tmp_path)[:20] == [*range(20)]
-    assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 200_000
+    counts = videos.counts
+    assert (counts.kept, counts.lost + refused, counts.skipped) == (6, 4, 0)
+    assert 'does not fit in the ring' in counts.reason
 
 
 def test_ring_continues_after_a_video_whose_last_frame_has_no_room(tmp_path: Path) -> None:
-    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=30_000, ring=True))
+    videos = open_videos(tmp_path, '{seq:03d}.mkv', limits=Limits(max_bytes=3000, ring=True))
     for _ in range(3):
         for number in range(3):
             put(videos, replace(noise(number), image=np.zeros((64, 64), np.uint8)))
         put(videos, noise(3, (64, 64)))  # waits in the encoder until the video ends
-        put(videos, noise(4, (48, 48)))
+        put(videos, replace(noise(4), image=np.zeros((48, 48), np.uint8)))
     videos.close()
     counts = videos.counts
-    assert counts.skipped > 0
-    assert (counts.kept + counts.skipped, counts.lost) == (15, 0)
-    assert sum(play(path) for path in recorded_files(tmp_path)) == counts.kept
+    assert (counts.kept, counts.lost, counts.skipped) == (12, 3, 0)
+    assert play(recorded_files(tmp_path)[-1]) == 1
 
 
 def test_ring_after_a_killed_recording(tmp_path: Path) -> None:

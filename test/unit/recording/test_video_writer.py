@@ -285,7 +285,7 @@ def test_no_file_is_larger_than_max_bytes(tmp_path: Path, height: int, suffix: s
     for max_bytes in (1, 1000, 6000, 20_001, 60_000, 10**6):
         pictures = [to_video_frame(draw(number, height), 'mono8', suffix) for number in range(60)]
         path = tmp_path / f'{max_bytes}{suffix}'
-        writer = VideoWriter(path, pictures[0], 0, max_bytes=max_bytes)
+        writer = VideoWriter(path, pictures[0], 0, room=max_bytes.__ge__)
         is_taken = [writer.write(picture, number * 50_000_000)
                     for number, picture in enumerate(pictures)]
         writer.close()
