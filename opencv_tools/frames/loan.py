@@ -152,7 +152,7 @@ class LoanedFrame:
                 image, slot = self._view(np.asarray(memory)), None
                 self._log.warning(
                     'a loaned frame is copied, because an array of it is in use after its block: '
-                    'write frame.image instead of a name of your own', once='loan')
+                    'write loan.image instead of a name of your own', once='loan')
         self._publish(image, self.source, slot)
 
     def _marked(self, image: NDArray[Any]) -> NDArray[np.uint8]:
