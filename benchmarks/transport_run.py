@@ -71,7 +71,7 @@ class Result:
     :param node_cpu: CPU time of the node in between, without that of the filter.
     :param filter_cpu: CPU time of the filter.
     :param subscriber_cpu: CPU time of one subscriber.
-    :param cpu: CPU time of all processes, without that of the filter.
+    :param cpu: CPU time of all processes, without that of the filter and of the filling.
     :param faults: page faults per frame of all processes.
     :param growth: MB of memory from frame 500 to the end, of the process with the most.
     :param stages: ms of each stage; empty if they are not known.
@@ -192,16 +192,15 @@ def _result(load: Load, received: list[dict[str, Any]], between: list[dict[str, 
                        if len(times) == len(STAGES)]) / 1e6
     every = *received, *between, sent
     filter_cpu = sum(measured['filter'] for measured in between)
-    publisher_cpu = sent['cpu'] - sent.get('filling', 0.0)
+    filling_cpu = sent.get('filling', 0.0)
     return Result(
         delivered=100 * min(
             len(set(measured['numbers'])) for measured in received) / sent['frames'],
         p50=float(np.percentile(ages, 50)), p99=float(np.percentile(ages, 99)),
-        publisher_cpu=publisher_cpu,
+        publisher_cpu=sent['cpu'] - filling_cpu,
         node_cpu=sum(measured['cpu'] for measured in between) - filter_cpu, filter_cpu=filter_cpu,
         subscriber_cpu=statistics.fmean(measured['cpu'] for measured in received),
-        cpu=sum(measured['cpu'] for measured in (*received, *between)) + publisher_cpu - (
-            filter_cpu),
+        cpu=sum(measured['cpu'] for measured in every) - filter_cpu - filling_cpu,
         faults=sum(measured['faults'] for measured in every),
         growth=max(measured['growth'] for measured in every),
         stages=tuple(np.median(stages, 0).tolist()) if len(stages) else ())

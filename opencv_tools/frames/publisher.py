@@ -128,7 +128,7 @@ class FramePublisher:
         slot: Slot | None = None,
     ) -> None:
         header = self._header_of(source)
-        if self._topics.compressed.get_subscription_count():
+        if slot and self._topics.compressed.get_subscription_count():
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         if slot is None:

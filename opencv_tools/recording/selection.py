@@ -65,12 +65,7 @@ class Limits:
         return Limits(
             -(-self.max_frames // _RING_FILES),
             _least(self.split_seconds, self.max_seconds / _RING_FILES),
-            _least(self.split_bytes, self.ring_part))
-
-    @property
-    def ring_part(self) -> int:
-        """Bytes of a video or bag of a ring, of which a ring has ten; 0 for no limit."""
-        return -(-self.max_bytes // _RING_FILES) if self.ring else 0
+            _least(self.split_bytes, -(-self.max_bytes // _RING_FILES)))
 
     @property
     def max_ns(self) -> int:

@@ -27,7 +27,6 @@ from opencv_tools.transport.shared_frames.writer import Slot
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
-
 #: Lends shared memory for a number of bytes, if it has readers.
 Lend = Callable[[int], Slot | None]
 

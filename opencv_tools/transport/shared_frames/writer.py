@@ -25,7 +25,6 @@ from opencv_tools.transport.shared_frames.header import FrameHeader, Pixels
 from opencv_tools.transport.shared_frames.pages import (
     allocate_pages, ServiceMemory, shared_memory_errors, SharedMemoryError)
 
-
 #: Slots that users may fill at once. One more is for frames that are copied.
 MAX_LOANS = 3
 
